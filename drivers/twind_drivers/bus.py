@@ -1,11 +1,12 @@
-"""The contract between the loop and every actuator driver: a reader, a writer, scripts, samples, errors.
+"""Bus contract between the loop and every actuator driver: reader, writer, scripts, samples, errors.
 
-A driver speaks ticks and registers; it knows no radians, no joint names, no files. Its time is an argument.
+A driver works in raw counts and registers. Radians, joint names and files do not occur in it. Time is an
+argument.
 
-A bus carries **one transaction at a time**. The loop begins one (`request` for the cyclic reading, `begin`
-for the rare path), lets `feed` take bytes until it says done or `deadline` passes, and ends it (`finish`,
-`answer`). What takes several transactions (identify, prepare, torque) is a **script**: a generator that
-yields one request and is sent its reply, so that the loop steps it, one transaction a tick.
+A bus carries **one transaction at a time**. The loop begins it: `request` for the cyclic reading, `begin` for
+the rare path. It calls `feed` until that returns True or `deadline` passes, then ends it: `finish`, `answer`.
+Work of several transactions (identify, prepare, torque) is a **script**: a generator that yields one request
+and is sent its reply. The loop steps it, one transaction per tick.
 
 The `BusReader` exists in mirror and live, the `BusWriter` in live only: a mirror has no object that could
 write.
@@ -78,7 +79,7 @@ def output_full(port: str, waiting: int, most: int) -> PortError:
 
 
 class NoReply(BusError):
-    """Devices that must answer did not answer."""
+    """Required replies of `ids` that did not come within `waited` s."""
 
     def __init__(self, port: str, ids: Sequence[int], waited: float, what: str = "request") -> None:
         super().__init__(f"{port}: no reply to {what} from {list(ids)} within {waited * 1e3:.1f} ms")
@@ -89,7 +90,7 @@ class NoReply(BusError):
 
 
 class DeviceRefused(BusError):
-    """A device answered with an error, or holds another value than was written."""
+    """Device that reported an error, or holds another value than was written."""
 
     def __init__(self, port: str, id: int, what: str, reason: str) -> None:
         super().__init__(f"{port}: id {id}: {what}: {reason}")
@@ -106,7 +107,7 @@ def unknown_register(device: str, name: str, near: Sequence[str] = ()) -> Invali
 
 
 class WireClamp(BusError):
-    """An encoded packet is outside its permitted range (WIRE_CLAMP). It was not sent: a defect of twind."""
+    """Encoded packet outside its permitted range (WIRE_CLAMP), not sent. It shows a defect of twind."""
 
     def __init__(
         self, port: str, id: int, value: float, lower: float, upper: float, what: str = "goal"
@@ -136,18 +137,18 @@ class BusSample:
     effort: Ints  # raw (current or load)
     error: NDArray[np.uint8]  # error byte of each status; bit 7 (0x80) = alert
     heard: Bools  # this device answered in this exchange
-    # False: parked. It stayed silent again and again, so it is left out and probed once a second.
+    # (m,) False: parked. Such a device missed several requests; it is left out and probed once a second.
     asked: Bools
     discarded: int  # bytes that were not the outstanding reply and were dropped (RX_SHAPE)
-    # Valid unrequested packets since the last sample (FOREIGN_TRAFFIC): of ids that are not ours, second
+    # Valid unrequested packets since the last sample (FOREIGN_TRAFFIC): of ids not on this bus, second
     # statuses of one device, another master's instructions, statuses while nothing was outstanding.
     foreign: int
-    effort_told: Bools | None = None  # who told an effort; None: everybody who was heard
+    effort_told: Bools | None = None  # (m,) devices that reported an effort; None: all with `heard`
     line: int = (
         0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (CAN_BUS_STATE)
     )
-    # Since the last sample: data bytes of each status, out of its turn, of a device that only tells. They are
-    # neither foreign nor discarded: what such a device does is no fault of the others.
+    # Since the last sample: data bytes of each status that a sensor sent out of its turn. They are neither
+    # foreign nor discarded: a sensor's delay is no fault of the servos.
     late: tuple[int, ...] = ()
 
 
@@ -166,7 +167,7 @@ class SlowRegisterValues:
 
     @classmethod
     def unknown(cls, count: int) -> "SlowRegisterValues":
-        """Nothing read yet of `count` devices."""
+        """Return the values of `count` devices before their first reading."""
         return cls(
             torque=np.full(count, -1, np.int8),
             fault=np.full(count, -1, np.int16),
@@ -190,12 +191,12 @@ class IdentifiedDevice:
     # register name in snake case -> value, signed where the register is: homing_offset, drive_mode,
     # operating_mode, min_position_limit, max_position_limit, return_delay_time, status_return_level, ...
     settings: Mapping[str, int] = field(default_factory=dict)
-    unique_id: str | None = None  # what no other device of its family has; None: it tells none
+    unique_id: str | None = None  # unique within its family; None: it reports none
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterAddress:
-    """One register of one device. `name` as the vendor's control table spells it."""
+    """Register of a device with its value. `name`: the spelling of the vendor's control table."""
 
     name: str
     address: int
@@ -209,7 +210,7 @@ class RestartResult:
     """Result of a restart for the settings of a device."""
 
     restored: tuple[RegisterAddress, ...] = ()  # the restart had changed them; they read back as before it
-    differing: tuple[tuple[RegisterAddress, int], ...] = ()  # what reads otherwise, and what it was before
+    differing: tuple[tuple[RegisterAddress, int], ...] = ()  # registers that differ, with their value before
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +222,7 @@ class PingRequest:
 
 @dataclass(frozen=True, slots=True)
 class ReadRequest:
-    """`size` bytes from `address` of each of `ids`, in one transaction. Read-only."""
+    """Read of `size` bytes from `address` of each of `ids`, in one transaction."""
 
     ids: tuple[int, ...]
     address: int
@@ -230,7 +231,7 @@ class ReadRequest:
 
 @dataclass(frozen=True, slots=True)
 class WriteRequest:
-    """Raw bytes to `address` of each id. One id: acknowledged. Several: one group packet, never answered."""
+    """Write of raw bytes to `address` of each id. One id: acknowledged. Several: one packet without reply."""
 
     data: Mapping[int, bytes]
     address: int
@@ -238,14 +239,17 @@ class WriteRequest:
 
 @dataclass(frozen=True, slots=True)
 class BurstWriteRequest:
-    """Group writes that leave in one system call, in this order. Never answered."""
+    """Group writes that leave in one system call, in this order, without reply.
+
+    One system call leaves no gap in which a device runs with only part of the registers written.
+    """
 
     writes: tuple[WriteRequest, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class RebootRequest:
-    """Restart one device: RAM back to defaults, torque lost."""
+    """Restart of one device: its RAM returns to defaults, its torque is lost."""
 
     id: int
 
@@ -257,7 +261,7 @@ Request = Query | Order
 
 @dataclass(frozen=True, slots=True)
 class RequestReply:
-    """Reply to one rare-path request. An id that is missing here did not answer."""
+    """Reply to one rare-path request. Ids that are missing here did not reply."""
 
     data: Mapping[int, bytes]  # id -> payload (empty for a write or reboot)
     error: Mapping[int, int]  # id -> error byte, for every id that answered
@@ -273,19 +277,19 @@ Script = Generator[Request, RequestReply, T]
 
 
 class PortHandle(ArrivalSource, Protocol):
-    """What the loop needs of the port under a bus: to wait for it, to name it, to let it go."""
+    """Port of a bus as the loop uses it: wait for it, name it, close it."""
 
-    name: str  # what an error message calls it
-    warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
+    name: str  # for error messages
+    warning: str  # a fault under which the port still works, with its remedy; empty: none
 
     def close(self) -> None:
-        """Let go of the port. May be called twice."""
+        """Release the port. May be called twice."""
 
 
 class ByteTransport(PortHandle, Protocol):
-    """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
+    """Byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
 
-    holds: bool  # what is written may wait in it, and `backlog` knows how much
+    holds: bool  # written bytes may wait in it, and `backlog` counts them
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send all of `data` in one system call. Raises PortError of kind LOST."""
@@ -294,7 +298,10 @@ class ByteTransport(PortHandle, Protocol):
         """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        """Throw away what has arrived; bytes thrown, put into `thrown` too. Called before each request."""
+        """Discard received bytes; return their number and copy them to `thrown`. Called before each request.
+
+        Without it a late reply would be taken for the reply to the next request.
+        """
 
     def backlog(self) -> int:
         """Bytes written that have not left yet; 0 where that is unknown. Raises PortError of kind LOST."""
@@ -304,41 +311,41 @@ class ByteTransport(PortHandle, Protocol):
 
 
 class BusReader(Protocol):
-    """The half of a driver that only reads, which a mirror has. `ids` fixes the order of every array."""
+    """Reading half of a driver, all that a mirror has. `ids` fixes the order of every array."""
 
     name: str
     ids: tuple[int, ...]
 
     @property
     def registers(self) -> SlowRegisterValues:
-        """The slowly read state of each device, as of now."""
+        """Slowly read state of each device, as last read."""
 
     @property
     def transport(self) -> PortHandle:
-        """The port under it: bytes, or frames."""
+        """Port of the bus, for bytes or frames."""
 
     @property
     def deadline(self) -> float:
-        """When the outstanding transaction ends at the latest, s."""
+        """Latest end of the outstanding transaction, s."""
 
     @property
     def earliest(self) -> float:
-        """Before this (s) it cannot be complete: to look sooner only costs. -inf: unknown."""
+        """Earliest possible end of the transaction, s; -inf: unknown. An earlier `feed` only costs time."""
 
     def request(self, now: float) -> None:
         """Begin the cyclic reading: pending goals and the read request leave in one write."""
 
     def feed(self, now: float) -> bool:
-        """Take what has arrived; True when the outstanding transaction is complete."""
+        """Process received bytes; return True when the outstanding transaction is complete."""
 
     def finish(self, now: float) -> BusSample:
-        """End the cyclic reading with the received answers. Never raises for a silent device."""
+        """End the cyclic reading with the received replies. Never raises for a silent device."""
 
     def begin(self, query: Query, now: float) -> None:
-        """Begin one rare-path transaction. Only queries: a reader cannot write."""
+        """Begin one rare-path transaction. Accepts queries only: a reader cannot write."""
 
     def answer(self, now: float) -> RequestReply:
-        """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
+        """End the transaction. Never raises for a silent device. Status registers read go to `registers`."""
 
     def upkeep(self, now: float) -> Query | None:
         """Return the request beside the cyclic reading; None: nothing in this turn.
@@ -347,83 +354,90 @@ class BusReader(Protocol):
         """
 
     def span(self, query: Request) -> float:
-        """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
 
     @property
     def lags(self) -> bool:
-        """As the devices are set, the cyclic reading takes longer than a cycle has."""
+        """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
 
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
-        """Ping every id and read its settings; devices that answer, in order of `ids`.
+        """Ping every id and read its settings; return the devices that reply, in order of `ids`.
 
-        `patient`: each answer may come as late as a device can be set to send it. The cyclic reading must
-        rest until it has ended.
+        `patient`: wait for each reply as long as the largest possible return delay. The cyclic reading must
+        rest until the script has ended.
         """
 
     def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
+        """Read one register by its name. Raises NoReply, DeviceRefused, KeyError (lists similar names)."""
 
     def keeps(self, id: int, name: str) -> bool:
         """Return whether a value written to that register survives power-off. Raises KeyError."""
 
 
 class BusWriter(Protocol):
-    """The half that exists in live only."""
+    """Writing half of a driver. It exists in live only."""
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
         """Set the range of the goals (m,) (WIRE_CLAMP); drop pending goals. Raises ValueError."""
 
     def goals(self, ticks: Ints) -> None:
-        """Goals (m,) for the next `request`. Raises WireClamp; then nothing is pending."""
+        """Set goals (m,), raw, for the next `request`. Raises WireClamp; then nothing is pending."""
 
     def cut(self) -> None:
-        """Torque off for all, in the next write of any kind, before anything else.
+        """Switch torque off on all devices, ahead of everything else in the next write of any kind.
 
-        Pending goals are dropped, and goals given before that write are not sent.
+        Pending goals are dropped, and so are goals given before that write: a goal behind the cut could
+        switch torque on again where a device's settings let goals do so.
         """
 
     def clear(self) -> None:
-        """Drop pending goals: after a fault nothing stale may leave. A pending cut stays."""
+        """Drop pending goals: after a fault no stale goal may leave. A pending cut stays."""
 
     def begin(self, order: Order, now: float) -> None:
         """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
 
     def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
-        """Before torque: device watchdogs cleared, armed and read back; gains and caps of the output, too.
-        Of `among` (m,) alone, None: all; nobody else gets a goal of any kind until prepared himself.
+        """Prepare devices for torque: clear, arm and read back their watchdogs; set gains and output caps.
 
-        `ticks` (m,), the present position, becomes the goal in the system call that clears the watchdogs: a
+        `among` (m,): the devices to prepare; None: all. No other device gets a goal until it is prepared.
+        `ticks` (m,), the present positions, become the goals in the system call that clears the watchdogs: a
         tripped servo whose torque is still on must not resume its old goal.
         """
 
     def write_goals(self, ticks: Ints) -> Script[None]:
-        """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs."""
+        """Write goals (m,), raw, and read them back. Raises DeviceRefused for the first that differs."""
 
     def read_goals(self) -> Script[Ints]:
-        """The goals (m,) that the devices hold now, in ticks. Writes nothing. Raises NoReply."""
+        """Read the goals (m,), raw, that the devices hold. Raises NoReply."""
 
     def torque(self, on: bool) -> Script[None]:
-        """Torque of all devices, read back. Off is written twice. Raises DeviceRefused, NoReply."""
+        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
+
+        Off is written twice: a group write has no reply, so a lost packet would leave torque on.
+        """
 
     def damp(self) -> Script[tuple[int, ...]]:
-        """Torque stays, soft: output capped, then stiffness down and damping up, read back. RAM only.
+        """Make the torque soft: cap the output, then lower stiffness and raise damping, read back. RAM only.
 
-        Ids of those that did not confirm it. A part of it leaves nobody stronger than before, and a silent
-        device holds nobody up: whoever asks for it goes on to torque off. `prepare` gives the strength back.
+        Returns the ids that did not confirm it. A partial result leaves no device stronger than before. The
+        caller goes on to torque off in any case. `prepare` restores the strength.
         """
 
     def begin_single_device(self, id: int, *, cap: int, profile: int) -> "SingleDeviceControl":
-        """One device by itself, `cap` its most current and `profile` its speed, raw. Until `together` nobody
-        else is given anything but torque off. Raises ValueError: it cannot be driven so."""
+        """Drive one device alone: `cap` is its largest current, `profile` its speed, raw.
+
+        Until `end_single_device` the other devices receive only torque off. Raises ValueError for a device
+        that cannot be driven in this way.
+        """
 
     def end_single_device(self) -> None:
-        """All devices again, as before `alone`."""
+        """Command all devices again, as before `begin_single_device`."""
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
-        """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
+        """Write one register, read it back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
 
     def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one device, wait until it answers, give its settings back. Its torque stays off.
+        """Restart one device, wait for its reply, restore its settings. Its torque stays off.
 
         Raises DeviceRefused while its torque is on, unless it is `shut_down` by its hardware error.
         """

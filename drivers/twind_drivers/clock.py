@@ -1,7 +1,7 @@
-"""Time, given and never taken: the one module below the edges that names `time.*`.
+"""Clock protocol, the monotonic clock and the fake clock: the one module of the core that uses `time.*`.
 
-`MonotonicClock` is the kernel's; `FakeClock` moves only when someone waits, so that an hour of robot is
-minutes of test. Both wait for bytes through one method, `wait`, so the loop has a single code path.
+`MonotonicClock` reads the kernel's clock. `FakeClock` advances only in a wait, so that a test runs an hour of
+the loop in minutes. Both wait for bytes through one method, `wait`, so the loop has a single code path.
 """
 
 import select
@@ -10,17 +10,17 @@ from collections.abc import Sequence
 from math import ceil
 from typing import Protocol
 
-ASK_MS = 1  # how often a source without descriptor is asked
+ASK_MS = 1  # ms between checks of a source without descriptor, which cannot wake a poll
 
 
 class ArrivalSource(Protocol):
-    """Something bytes arrive from: a port with a descriptor, or an in-process bus that knows when."""
+    """Source of bytes: a port with a descriptor, or an in-process bus that schedules their arrival."""
 
     def fileno(self) -> int:
-        """Descriptor to poll, -1 where there is none (then `arrival` tells)."""
+        """Return the descriptor to poll, -1 for none (then `arrival` gives the time)."""
 
     def arrival(self) -> float:
-        """Time (s) at which the next bytes can be read; `inf`: none are under way. In-process only."""
+        """Return the time (s) at which the next bytes can be read; `inf`: none pending. In-process only."""
 
 
 class Clock(Protocol):
@@ -30,7 +30,7 @@ class Clock(Protocol):
         """Monotonic time, s."""
 
     def suspended(self) -> float:
-        """How long the machine has slept since it started, s: monotonic time stands still meanwhile."""
+        """Time that the machine was suspended since it started, s. Monotonic time stands still meanwhile."""
 
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s) or later; at once if it has passed."""
@@ -38,12 +38,12 @@ class Clock(Protocol):
     def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding.
 
-        Places of the sources that have; none where it was the deadline.
+        Returns the indices of the ready sources; none at the deadline.
         """
 
 
 class MonotonicClock:
-    """CLOCK_MONOTONIC. `time.sleep` is clock_nanosleep on an absolute deadline since CPython 3.11."""
+    """Clock CLOCK_MONOTONIC. `time.sleep` is clock_nanosleep on an absolute deadline since CPython 3.11."""
 
     def __init__(self) -> None:
         # By descriptors: their poll, and the place of each.
@@ -64,13 +64,13 @@ class MonotonicClock:
             time.sleep(remaining)
 
     def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
-        """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is.
+        """Poll all descriptors once. Errors and hang-ups end the wait too; the next read reports them.
 
-        A source without one cannot wake anybody, so it is asked every millisecond what has arrived.
+        A source without descriptor cannot end a poll, so it is checked every millisecond.
         """
         key = tuple([source.fileno() for source in sources])
         if -1 in key:
-            return self._ask_and_wait(sources, deadline)
+            return self._poll_and_check(sources, deadline)
         found = self.polls.get(key)
         if found is None:
             if len(self.polls) > 64:  # descriptors of replugged ports: do not grow for ever
@@ -81,7 +81,7 @@ class MonotonicClock:
         poll, places = found
         return [places[fd] for fd, _ in poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))]
 
-    def _ask_and_wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
+    def _poll_and_check(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         poll = select.poll()
         places = {source.fileno(): place for place, source in enumerate(sources)}
         mute = [place for place, source in enumerate(sources) if source.fileno() < 0]
@@ -97,18 +97,18 @@ class MonotonicClock:
 
 
 class FakeClock:
-    """Time that moves only when someone waits. Deterministic: the same run gives the same times."""
+    """Clock that advances only in a wait. Deterministic: the same run gives the same times."""
 
     def __init__(self, time: float = 0.0) -> None:
         self.time = time
         self.slept = 0.0  # s that a test lets the machine sleep
 
     def now(self) -> float:
-        """The time set by the last wait, s."""
+        """Time set by the last wait, s."""
         return self.time
 
     def suspended(self) -> float:
-        """What the test said, s."""
+        """Suspended time that the test has set, s."""
         return self.slept
 
     def sleep_until(self, deadline: float) -> None:
@@ -116,7 +116,10 @@ class FakeClock:
         self.time = max(self.time, deadline)
 
     def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
-        """Jump to the next arrival or to `deadline`, whichever is first, never back; who has arrived."""
+        """Jump to the next arrival or to `deadline`, whichever is first, never back.
+
+        Returns the indices of the sources with bytes.
+        """
         arrivals = [source.arrival() for source in sources]
         self.time = max(self.time, min(*arrivals, deadline)) if arrivals else max(self.time, deadline)
         return [place for place, arrival in enumerate(arrivals) if arrival <= self.time]

@@ -1,4 +1,4 @@
-"""A script run to its end, for who owns a port alone."""
+"""Blocking run of a script, for tools that own a port alone."""
 
 from typing import Any, TypeVar
 

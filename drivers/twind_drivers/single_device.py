@@ -1,4 +1,7 @@
-"""One device of a bus driven by itself, weakly, to find a stop: part of the contract in `bus`."""
+"""Protocol for one device of a bus driven alone with little current, to find an endstop.
+
+It is part of the bus contract (`bus`).
+"""
 
 from typing import Any, Protocol
 
@@ -6,36 +9,40 @@ from twind_drivers.bus import RestartResult, Script
 
 
 class SingleDeviceControl(Protocol):
-    """One device of a bus; nobody else there has torque.
+    """One device of a bus that has torque while the others have none.
 
-    Counts are the device's own, as it tells them once it was entered: perhaps whole turns off those before.
-    In this order: `look`, `enter`, `bound`, `prepare`, `energise`, `goal` each tick; torque off by the
-    writer; `give_back`. All scripts raise DeviceRefused and NoReply.
+    Counts are those that the device reports in the current-limited mode. They may differ from earlier ones
+    by whole turns. Order of calls: `look`, `enter_current_mode`, `set_goal_limits`, `prepare`, `energise`,
+    `goal` in each tick; torque off by the writer; `give_back`. Torque before the cap would drive the joint
+    against its endstop with full force. All scripts raise DeviceRefused and NoReply.
     """
 
     id: int
-    watchdog: int  # what its watchdog reads while it has torque
+    watchdog: int  # raw value of its watchdog register while it has torque
 
     def set_goal_limits(self, lower: int, upper: int) -> None:
-        """Goals that may be sent from now on; none before (WIRE_CLAMP). Raises ValueError."""
+        """Set the range of goals that may be sent; none before the first call (WIRE_CLAMP).
+
+        Raises ValueError.
+        """
 
     def goal(self, tick: int) -> None:
-        """Goal for the next `request`. Raises WireClamp; then nothing is pending."""
+        """Set the goal (raw count) of the next `request`. Raises WireClamp; then nothing is pending."""
 
     def look(self) -> Script[Any]:
-        """What it is set to, to be given back. Refused while its torque is on, or with a hardware error."""
+        """Read the settings that `give_back` restores. Refused with torque on or a hardware error."""
 
     def describe_leftovers(self, kept: Any) -> str:
-        """What it is left with where it is not given back, in words."""
+        """Return a text of the settings that remain changed if `give_back` does not run."""
 
     def enter_current_mode(self, kept: Any) -> Script[None]:
-        """Into the mode in which it obeys a current cap, read back."""
+        """Switch to the mode in which a current cap acts, and read it back."""
 
     def prepare(self, kept: Any, tick: int) -> Script[None]:
-        """Cap, gains, slow profile, goal := `tick`, its watchdog: before torque, read back."""
+        """Write cap, gains, slow profile, goal `tick` and watchdog before torque, and read them back."""
 
     def energise(self) -> Script[None]:
-        """Torque on, read back; none where it is not in that mode any more."""
+        """Switch torque on and read it back; refused in any other mode."""
 
     def give_back(self, kept: Any) -> Script[RestartResult]:
-        """Torque off, everything as it was, read back. DeviceRefused names what differs."""
+        """Switch torque off, restore all settings and read them back. DeviceRefused names the difference."""

@@ -157,7 +157,7 @@ def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_reported() -> N
     started = bench.clock.now()
     list(scan(bench.at, tell=lambda baud, what: told.append((baud, what))))
     assert bench.clock.now() - started < 13.0
-    assert [baud for baud, what in told if what == "asking everybody"] == list(BAUDS)
+    assert [baud for baud, what in told if what == "broadcast ping"] == list(BAUDS)
     assert (MILLION, "reading id 4") in told
 
 

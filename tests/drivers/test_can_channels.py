@@ -323,6 +323,6 @@ def test_a_connected_adapter_is_present(terminal: Terminal) -> None:
 def test_an_unusable_serial_port_reports_the_cause(terminal: Terminal) -> None:
     with pytest.raises(PortError, match="no such port"):
         open_channel("can:slcan:/dev/ttyACM99", 1_000_000)
-    with pytest.raises(PortError, match="bitrate 123 is not one that slcan knows"):
+    with pytest.raises(PortError, match="bitrate 123 is not a bitrate of slcan"):
         open_channel(f"can:slcan:{terminal.path}", 123)
     SerialTransport(terminal.path, 115_200).close()  # and the port is free again

@@ -72,7 +72,7 @@ def test_a_rate_out_of_reach_is_refused_with_the_arithmetic() -> None:
     assert text is not None
     assert "200 Hz leaves 5000 us a cycle, the bus needs 7480 us (up to 123 Hz)" in text
     assert "commands to 12 damiao and their replies: 24 frames of at most 135 bits = 6480 us" in text
-    assert "upkeep: 1 registers, asked and answered, at most 1000 us" in text
+    assert "upkeep: 1 registers, request and reply, at most 1000 us" in text
     assert "together 3740 bits at 500000 bit/s = 7480 us" in text
     assert found.refusal(123.0) is None
 

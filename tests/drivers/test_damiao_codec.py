@@ -273,7 +273,7 @@ def test_indistinguishable_actuators_are_refused() -> None:
         ((1, 1), (0x11, 0x12), "twice"),
         ((0, 2), (0x11, 0x12), "outside"),
         ((1, 0x100), (0x11, 0x12), "outside"),
-        ((1, 0x11), (0x20, 0x20), "look alike"),
+        ((1, 0x11), (0x20, 0x20), "appear alike"),
         ((1, 2), (0x11, 1), "no id of its own"),
         ((1, 2), (0x11, 0x7FF), "no id of its own"),
         ((1, 2), (0x11,), "1 master ids for 2"),

@@ -368,7 +368,7 @@ def test_a_goal_register_of_another_mode_takes_no_byte(
         ({"modes": [5], "current_caps": [1194]}, "got 1194"),
         ({"modes": [3], "current_caps": [100]}, "belongs to mode 5, not to mode 3"),
         ({"modes": [1]}, r"bounds 1000\.\.3000 of mode 1 must hold 0"),
-        ({"modes": [1], "lower": np.array([-1024])}, r"leave -1023\.\.1023, what XM430-W350 takes"),
+        ({"modes": [1], "lower": np.array([-1024])}, r"leave -1023\.\.1023, the range of"),
         ({"modes": [0], "lower": np.array([-1]), "upper": np.array([1194])}, r"leave -1193\.\.1193"),
         ({"modes": [4], "upper": np.array([WIDE + 1])}, r"leave -1048575\.\.1048575"),
         ({"modes": [3], "accelerations": [5]}, "profile acceleration 5 belongs to mode 1"),

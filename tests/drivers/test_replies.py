@@ -299,7 +299,7 @@ def test_a_fast_reply_of_others_is_not_ours() -> None:
 
 def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
     for make in (StatusReply, FastSyncReadReply):
-        with pytest.raises(ValueError, match="ask fewer"):
+        with pytest.raises(ValueError, match="request fewer"):
             make(range(200), 35)
 
 

@@ -207,7 +207,7 @@ def test_the_channel_refuses_while_old_frames_wait_and_is_lost_after_a_second() 
             send(host, link)
         host.bus.take_host_frames(as_frames([CanMessage(1, LIMP)]), host.clock.now())
     host.clock.sleep_until(host.clock.now() + 0.11)
-    with pytest.raises(PortError, match="has taken nothing for 1") as lost:
+    with pytest.raises(PortError, match="has accepted nothing for 1") as lost:
         send(host, link)
     assert lost.value.lost
     assert link.condition.line == CanErrorState.OFF

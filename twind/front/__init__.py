@@ -1,1 +1,1 @@
-"""The front process: varlink server, telemetry fan-out, logs. Runs beside the loop, never in it."""
+"""Front process: varlink server, telemetry fan-out, logs. Runs beside the loop, never in it."""

@@ -1,7 +1,7 @@
 """Entry of the front process: `python -m twind.front --link FD --briefing FD [--control FD] [--observe FD]`.
 
 Started by the loop, with inherited descriptors, in a session of its own. It ends at end-of-file on the
-link and at nothing else: SIGTERM and SIGINT are the loop's to answer.
+link and at nothing else: the loop handles SIGTERM and SIGINT.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from twind.standard_streams import at_journal
 def main() -> int:
     """Serve until the loop is gone."""
     parser = argparse.ArgumentParser(prog="twind.front", description="Started by twind; not for people.")
-    parser.add_argument("--parent", type=int, help="process id of the loop, for who looks it up in /proc")
+    parser.add_argument("--parent", type=int, help="process id of the loop, for diagnosis in /proc")
     parser.add_argument("--link", type=int, required=True, help="SOCK_SEQPACKET socket to the loop")
     parser.add_argument("--briefing", type=int, required=True, help="sealed memfd")
     parser.add_argument("--control", type=int, help="listening socket for operators")

@@ -23,7 +23,7 @@ ASKED = ("start_in", "goal_time", "tolerances")  # what a trajectory has beside 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcceptedTrajectory:
-    """A path that is followed, or may be. `asked`: the fields of the request beside its points (`kept`)."""
+    """Accepted path with its result. `asked`: the fields of the request beside its points (`kept`)."""
 
     id: str
     holder: str

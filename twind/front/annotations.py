@@ -1,4 +1,4 @@
-"""What may be said by `Mark` of what the robot is doing. Front process; pure."""
+"""Annotations of `Mark`: their kinds and fields. Front process; pure."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,15 +14,15 @@ LONGEST = {"task": 100, "text": 500}  # characters
 def annotation(given: Mapping[str, Any]) -> Annotation:
     """What the parameters of a call say, whose `kind` is a key of KINDS. Raises InvalidInput."""
     kind = given["kind"]
-    said = {key: given[key] for key in ("task", "success", "text") if given.get(key) is not None}
-    for key in said:
+    fields = {key: given[key] for key in ("task", "success", "text") if given.get(key) is not None}
+    for key in fields:
         if key not in KINDS[kind]:
             raise InvalidInput(f"{kind} has none; it takes {' and '.join(KINDS[kind])}", where=key)
-    if kind in NEEDED and NEEDED[kind] not in said:
+    if kind in NEEDED and NEEDED[kind] not in fields:
         raise InvalidInput(f"is missing: {kind} says nothing without it", where=NEEDED[kind])
     for key, most in LONGEST.items():
-        text = said.get(key, "-")
+        text = fields.get(key, "-")
         if not text.strip() or len(text) > most or not text.isprintable():
             reason = f"expected 1 to {most} printable characters on one line, got {len(text)}"
             raise InvalidInput(f"{reason}{'' if text.isprintable() else ', some not printable'}", where=key)
-    return Annotation(kind, **said)
+    return Annotation(kind, **fields)

@@ -1,7 +1,7 @@
-"""One call of a client, and the calls of one connection in their order. Front process.
+"""Calls of one client connection, in their order. Front process.
 
 Answers leave in call order and a call begins when the one before it has ended. The exceptions are the
-stopping methods: they begin at once, wherever they stand, and only their answers wait.
+stopping methods: they begin at once, behind no other call, and only their answers wait.
 """
 
 from collections import deque
@@ -71,7 +71,7 @@ class ClientCall:
         self.error("Refused", {"findings": findings})
 
     def invalid(self, parameter: str, reason: str) -> None:
-        """`org.varlink.service.InvalidParameter`, with the reason beside the name."""
+        """Answer with `org.varlink.service.InvalidParameter`, with the reason beside the name."""
         self.error("InvalidParameter", {"parameter": parameter, "message": reason}, SERVICE)
 
     def _put(self, data: bytes, *, last: bool) -> None:

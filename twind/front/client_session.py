@@ -1,4 +1,7 @@
-"""One connection: bytes to calls, rights, limits. Front process. What goes wrong here ends here."""
+"""Session of one client: bytes to calls, rights, limits.
+
+Front process. A failure here ends only this session.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +32,13 @@ class ClientSession:
         self.caller = caller
         self.stream = stream
         self.calls = ConnectionCalls(caller, stream.send, self._begin)
-        self._heard = False
+        self._received_call = False
         self._deadline = now + HANDSHAKE
         self._strikes = self._too_fast = 0
         self._paused = self._done = False
-        self._told: set[str] = set()  # methods whose refusal for the role was told already
+        self._reported_refusals: set[str] = set()  # methods whose refusal for the role has been reported
 
-    # --------------------------------------------------------------------------- what the stream says
+    # --------------------------------------------------------------------------- events of the stream
 
     def message(self, data: bytes) -> bool:
         """One message: refused, or a call."""
@@ -80,12 +83,12 @@ class ClientSession:
             self.stream.close()
             return
         idle = not self.calls
-        too_late = now > self._deadline and idle and (self.caller.reserved or not self._heard)
+        too_late = now > self._deadline and idle and (self.caller.reserved or not self._received_call)
         if too_late or (self.stream.half_closed and (idle or self.stream.peer_gone())):
             self.stream.finish()
 
     def paced(self, *, in_time: bool) -> None:
-        """A call that may come so often came in time, or too soon: who never waits is hung up on."""
+        """Return True if a call of limited rate came in time; a client that never waits is disconnected."""
         self._too_fast = 0 if in_time else self._too_fast + 1
         self._done = self._too_fast >= STRIKES
 
@@ -117,7 +120,7 @@ class ClientSession:
         return ClientCall(self.calls, interface, method, parameters, more=more, oneway=oneway)
 
     def _begin(self, call: ClientCall) -> None:
-        """Do what a call asks. Whatever breaks ends this connection only."""
+        """Execute a call. A failure ends this connection only."""
         if self._done:  # read before that was known
             call.finished = True
             return
@@ -151,8 +154,8 @@ class ClientSession:
             return False
         if call.interface == CONTROL and call.method not in OBSERVER and self.caller.role != "operator":
             call.error("NotAllowed", {"role": self.caller.role, "method": call.method})
-            if call.method not in self._told:  # once a connection: nobody is flooded with it
-                self._told.add(call.method)
+            if call.method not in self._reported_refusals:  # once: no client can flood the log
+                self._reported_refusals.add(call.method)
                 self.front.not_allowed(call)
             return False
         if self.caller.reserved and call.method != "EStop":

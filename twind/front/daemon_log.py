@@ -1,9 +1,8 @@
-"""Logs of the daemon: structured lines, written by a thread of their own. Front process.
+"""Daemon log: structured lines, written by a separate thread. Front process.
 
-To the journal where standard error is the journal's, as datagrams of fields (`systemd_journal.py`); else
-lines to standard error for people. What cannot be written, because the reader is slow or gone or the disk
-full, blocks no client and ends nothing: it is dropped and counted, and the count told when lines are taken
-again.
+Where standard error is the journal's, lines go there as datagrams of fields (`systemd_journal.py`); else to
+standard error as text. A slow or absent reader or a full disk blocks no client and ends nothing: the lines
+are dropped and counted, and the count is reported with the next line that can be written.
 """
 
 import contextlib
@@ -45,7 +44,7 @@ class LogWriter:
         self._fd = fd
         self._partly = False
         self._lines: queue.Queue[LogLine | None] = queue.Queue(WAITING)
-        self.dropped = 0  # lines, in all, for which there was no room; counted by who puts
+        self.dropped = 0  # lines, in all, for which there was no room; counted by the caller
         self.failed = 0  # lines, in all, that could not be written; counted by the thread
         self._journal = journals.SystemdJournal(journal) if journal is not None else None
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
@@ -53,7 +52,7 @@ class LogWriter:
 
     @property
     def dropped_lines(self) -> int:
-        """Lines that nobody will ever read."""
+        """Number of lines that were lost."""
         return self.dropped + self.failed
 
     def put(self, line: LogLine | str) -> None:
@@ -81,7 +80,7 @@ class LogWriter:
             self._journal.close()
 
     def _write(self, line: LogLine) -> bool:
-        """To the journal, or else to the descriptor. False: neither took it."""
+        """Write to the journal, or else to the descriptor; return False if neither accepted the line."""
         if self._journal is not None and line.datagram and self._journal.send(line.datagram):
             return True
         begin = "\n" if self._partly else ""  # half a line stands there since the disk was full
@@ -109,9 +108,10 @@ def _loss(count: int) -> LogLine:
 
 
 class DaemonLog:
-    """What the daemon tells people. `event` names are ours; what clients say stands in fields only."""
+    """Log of the daemon. `event` names are fixed; text of clients goes to fields only."""
 
     def __init__(self, writer: LogWriter, level: str, *, journal: bool) -> None:
+        """Open the log; `journal`: path of its socket; lines that it does not accept go to `fd`."""
         self._writer = writer
         render = _for_journal if journal else _for_people
         stamp = [] if journal else [structlog.processors.TimeStamper("%H:%M:%S", utc=False, key="at")]
@@ -120,7 +120,7 @@ class DaemonLog:
         self._allowances = {kind: _LineBudget() for kind in ("client", "error", "other")}
 
     def level(self, level: str) -> None:
-        """From now on nothing below this level is said."""
+        """Drop lines below this level from now on."""
         self._logger = structlog.wrap_logger(
             _StructlogSink(self._writer.put),
             processors=self._processors,
@@ -130,12 +130,11 @@ class DaemonLog:
     def write(
         self, level: str, event: str, now: float, details: Mapping[str, Any] | None = None, **fields: Any
     ) -> None:
-        """One line. `details` are for machines: people have them in the message.
+        """Write one line. `details` are fields for programs; the message contains them as text.
 
-        At most `PER_SECOND` of its kind in a second of `now`; the next says how many it cost.
-
-        What clients cause (`holder`), errors and the rest are counted apart: whoever floods the one hides
-        nothing of the others.
+        At most `PER_SECOND` lines of a kind in a second of `now`; the next one reports the number dropped.
+        Lines caused by clients (`holder`), errors and the rest have separate budgets: a flood of one hides no
+        other.
         """
         kind = "client" if "holder" in fields else "error" if LEVELS.get(level, 20) >= _ERROR else "other"
         left_out = self._allowances[kind].take(now)
@@ -152,7 +151,7 @@ class DaemonLog:
 
 
 class _LineBudget:
-    """`PER_SECOND` lines in a second."""
+    """Budget of `PER_SECOND` lines in a second."""
 
     def __init__(self) -> None:
         self._second = 0.0
@@ -160,7 +159,7 @@ class _LineBudget:
         self._left_out = 0
 
     def take(self, now: float) -> int | None:
-        """How many lines went before this one without being said; None: this one is not said either."""
+        """Return the number of lines dropped before this one; None: this one is dropped, too."""
         if now - self._second >= 1.0:
             self._second = now
             self._count = 0
@@ -174,14 +173,14 @@ class _LineBudget:
 
 
 class _StructlogSink:
-    """What structlog logs to: every level is a line."""
+    """Sink of structlog: every level is a line."""
 
     def __init__(self, put: Callable[[LogLine | str], None]) -> None:
         self.debug = self.info = self.warning = self.error = self.critical = put
 
 
 def _escaped(_logger: Any, _method: str, fields: Fields) -> Fields:
-    """No control character, line break or text direction of a client's reaches a terminal or the journal."""
+    """Escape control characters, line breaks and text directions of clients for terminal and journal."""
     return {key: _harmless(value) for key, value in fields.items()}
 
 
@@ -224,7 +223,7 @@ def _for_people(_logger: Any, _method: str, fields: Fields) -> str:
 
 
 def _sentence(fields: Fields) -> str:
-    """`EVENT: message key=value ...`."""
+    """Format `EVENT: message key=value ...`."""
     head = fields.pop("event")
     message = fields.pop("message", None)
     fields.pop("level")

@@ -1,4 +1,4 @@
-"""What of the loop's news reaches the log: every event, a report each five seconds. Front process."""
+"""Log lines of the loop's news: every event, and a report each five seconds. Front process."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,7 +21,7 @@ class EventLogger:
     def event(
         self, event: Event, names: JointNames, buses: Sequence[str] = (), state: str | None = None
     ) -> None:
-        """One line per event. Of its findings the first is told in words: joint, value, bound, reason.
+        """Write one line per event, with the first finding as text: joint, value, bound, reason.
 
         `buses`: the bus of each joint; `state`: of the robot.
         """
@@ -30,12 +30,12 @@ class EventLogger:
         first = found[0]["message"] if found and spoken is None else None
         more = len(found) - 1 if len(found) > 1 else None
         fields = {"message": spoken or event.message, "finding": first, "more": more}
-        said = {key: value for key, value in fields.items() if value is not None}
-        said |= {"holder": event.holder} if event.holder else {}
-        self._log.write(event.level, event.code, event.time, _details(event, names, buses, state), **said)
+        kept = {key: value for key, value in fields.items() if value is not None}
+        kept |= {"holder": event.holder} if event.holder else {}
+        self._log.write(event.level, event.code, event.time, _details(event, names, buses, state), **kept)
 
     def overview(self, news: Overview, tick: Tick | None) -> None:
-        """Every five seconds: mode, state, rate, lateness, latency per hop."""
+        """Write every five seconds: mode, state, rate, lateness, latency per hop."""
         last = self._last
         if tick is None or (last is not None and news.time < last.time + EVERY):
             return
@@ -55,7 +55,7 @@ class EventLogger:
             "violations": news.violations,
         }
         for hop in news.latencies:
-            if hop.now_ms is None:  # none of late: a command's hops while nobody commands
+            if hop.now_ms is None:  # no recent value: hops of commands while none comes
                 continue
             summary[f"{hop.hop}_ms"] = round(hop.now_ms, 3)
             summary[f"{hop.hop}_p99_ms"] = None if hop.p99_ms is None else round(hop.p99_ms, 3)
@@ -65,7 +65,7 @@ class EventLogger:
 
 
 def _details(event: Event, names: JointNames, buses: Sequence[str], state: str | None) -> dict[str, Any]:
-    """What a machine looks for: state, and of the first finding its code, joint, bus, value and bound."""
+    """Return the fields for programs: state, and code, joint, bus, value and bound of the first finding."""
     if not event.findings:
         return {"state": state}
     first = event.findings[0]

@@ -1,4 +1,6 @@
-"""Writer of the flight recorder's files: at a fault, on request, when the loop is gone. Front process.
+"""Flight dumper: writes the flight recorder's files at a fault, on request, when the loop is gone.
+
+Front process.
 
 The ring is only read here, by its descriptor; a thread copies, packs and writes. A file that cannot be
 written adds a line to the log and is counted.
@@ -37,8 +39,8 @@ FAULTS = {
 }  # what an operator must acknowledge
 AFTERMATH = 2.0  # s after a fault that are in its file
 AGAIN = 10.0  # s between two files of faults
-CAUSE = 0.05  # s before a fault in which its cause was told
-LOOK = 1.0  # s between two looks at how much the ring holds
+CAUSE = 0.05  # s before a fault in which events count as its cause
+LOOK = 1.0  # s between two checks of the ring's fill
 ORPHANED = 0.3  # s after which a process whose parent has died has another one
 # to write a crash of before; s between them: a disk may have room by then
 WRECK_TRIES = 2
@@ -57,7 +59,7 @@ class RecorderHandover:
 
 @dataclass(frozen=True, slots=True)
 class _FlightRequest:
-    """A file that is to be written: of what ring, why, by what name, and who asked for it."""
+    """Flight file to write: its ring, reason and label, and the call that requested it."""
 
     ring: int
     reason: str
@@ -77,12 +79,12 @@ class FlightDumper:
         self._thread = ThreadPoolExecutor(1, "flight")
         self._causes: list[Event] = []
         self._due: float | None = None  # s, when the file of a fault is written
-        # of it: the state, and what was told just before
+        # of the fault: the state, and the events just before
         self._reason = ""
-        self._told = list[str]()
-        self._next = self._look = 0.0  # s, before which no other is; when the ring is looked at again
+        self._cause_codes = list[str]()
+        self._next = self._look = 0.0  # s, earliest time of the next file; time of the next check of the ring
         self._farewell = False
-        self._asked = 0  # calls that wait for their file
+        self._waiting_calls = 0  # number of calls that wait for their file
         self.last: str | None = None  # path of the last file
         self.failed = 0  # files that could not be written
         self._wreck_tries = 0
@@ -97,7 +99,7 @@ class FlightDumper:
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
         if event.code in FAULTS and self._due is None:
-            self._told = [each.code for each in self._causes if each.time >= event.time - CAUSE]
+            self._cause_codes = [each.code for each in self._causes if each.time >= event.time - CAUSE]
             self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
 
     def housekeep(self, now: float) -> None:
@@ -109,7 +111,7 @@ class FlightDumper:
             self._show(now)
 
     def _rescue(self, now: float) -> None:
-        """What a daemon before us left behind is written, and once more where that failed."""
+        """Write the ring that an earlier daemon left, with one more attempt after a failure."""
         if self._wreck_due is not None and now >= self._wreck_due and self._recorded.wreck is not None:
             self._wreck_due = None
             self._wreck_tries = self._wreck_tries + 1
@@ -127,19 +129,19 @@ class FlightDumper:
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
 
     def dump(self, call: ClientCall) -> None:
-        """`DumpRecorder`: now, by that name."""
+        """Execute `DumpRecorder`: write a file now, by that name."""
         name = call.parameters.get("name")
         if self._recorded.ring is None:
-            call.error("NotWritten", {"path": "", "message": "nothing is recorded: the log says why"})
+            call.error("NotWritten", {"path": "", "message": "nothing is recorded: the log has the reason"})
         elif name is not None and not NAME.fullmatch(name):
-            said = printable(name[:40])
-            call.invalid("name", f"{said!r} is no part of a file's name: 1 to 64 of A-Z a-z 0-9 _ -")
+            message = printable(name[:40])
+            call.invalid("name", f"{message!r} is no part of a file's name: 1 to 64 of A-Z a-z 0-9 _ -")
         elif name in (CRASH, FAILSAFE):
             call.invalid("name", f"{name} is what twind calls files of its own: choose another")
-        elif self._asked:
+        elif self._waiting_calls:
             call.error("Busy", {"what": "another call: its file is being written"})
         else:
-            self._asked += 1
+            self._waiting_calls += 1
             self._begin(_FlightRequest(self._recorded.ring, "dump", name or "DUMP", call))
 
     async def end(self) -> None:
@@ -150,13 +152,13 @@ class FlightDumper:
         elif self._due is not None:
             self._write_due()
         await self._front.loop.run_in_executor(None, self._thread.shutdown)
-        await asyncio.sleep(0)  # what became of it is told
+        await asyncio.sleep(0)  # the result is reported
         for fd in (self._recorded.ring, self._recorded.wreck):
             if fd is not None:
                 os.close(fd)
 
     async def _orphaned(self) -> bool:
-        """The loop has died; else it has only let go of us, and goes on with another front."""
+        """Return True if the loop has died, False if it goes on with another front."""
         await asyncio.sleep(ORPHANED)
         return os.getppid() != self._parent
 
@@ -174,11 +176,11 @@ class FlightDumper:
         """
         overview = self._front.world.overview
         latched = {finding.code.value for finding in overview.faults} if overview is not None else set()
-        last = self._told[-1] if self._told else self._reason.upper()
-        return next((code for code in self._told if code in latched), last)
+        last = self._cause_codes[-1] if self._cause_codes else self._reason.upper()
+        return next((code for code in self._cause_codes if code in latched), last)
 
     def _begin(self, wanted: _FlightRequest) -> None:
-        """Into the thread; what became of it is told from this one."""
+        """Start writing in the thread; the result is reported from this one."""
         briefing = self._front.world.briefing
         tick = None if wanted.wreck else self._front.world.tick
         state = () if tick is None else (tick.mode, tick.state)
@@ -202,7 +204,7 @@ class FlightDumper:
             future.add_done_callback(done)
 
     def _files(self, wreck: int) -> str:
-        """Whether the daemon that is gone began with the files and the version that the briefing has."""
+        """Return True if the daemon that ended began with the files and the version of the briefing."""
         signed = signature(wreck)
         briefing = self._front.world.briefing
         if not any(signed):
@@ -210,7 +212,7 @@ class FlightDumper:
         return "same" if signed == fingerprint(briefing.version, briefing.files) else "other"
 
     def _done(self, future: Future[Path | None], wanted: _FlightRequest) -> None:
-        """To the log, and to who asked."""
+        """Report the result to the log and to the caller."""
         error = future.exception()
         if error is not None:
             self._failed(error, wanted)
@@ -224,28 +226,28 @@ class FlightDumper:
             self.last = str(path)
             self._show(now)
             self._front.log.write("info", EventCode.FLIGHT_WRITTEN, now, message=f"{path} ({wanted.reason})")
-        self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
+        self._answer(wanted, None if path is None else encode({"path": str(path)}), message="it was left out")
         if wanted.wreck:
             self._front.link.owe(CrashRecordingDone())
 
     def _failed(self, error: BaseException, wanted: _FlightRequest) -> None:
-        """It could not be written. What a daemon before us left is kept, and tried once more."""
+        """Report a failed write. The ring of an earlier daemon is kept, and written in a second attempt."""
         self.failed += 1
         now = self._front.now()
         said = f"{self._folder.path}: {error}"
         self._front.log.write("error", EventCode.FLIGHT_NOT_WRITTEN, now, message=said, failed=self.failed)
-        self._answer(wanted, None, said=str(error))
+        self._answer(wanted, None, message=str(error))
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:
             self._wreck_due = now + WRECK_AGAIN
         elif wanted.wreck:
             self._front.link.owe(CrashRecordingDone())
 
-    def _answer(self, wanted: _FlightRequest, reply: bytes | None, *, said: str) -> None:
-        """Whoever asked for it has an answer, whatever became of it."""
+    def _answer(self, wanted: _FlightRequest, reply: bytes | None, *, message: str) -> None:
+        """Answer the caller, whatever the result."""
         if wanted.call is None:
             return
-        self._asked -= 1
+        self._waiting_calls -= 1
         if reply is not None:
             wanted.call.reply(reply)
         else:
-            wanted.call.error("NotWritten", {"path": str(self._folder.path), "message": said})
+            wanted.call.error("NotWritten", {"path": str(self._folder.path), "message": message})

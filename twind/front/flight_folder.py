@@ -1,7 +1,7 @@
-"""Flight files in their folder: names, how many are kept, no two of one crash. Front process, in a thread.
+"""Folder of flight files: their names and number, one per crash. Front process, in a thread.
 
-Several daemons may share a folder. A file is written beside and gets its name when it is whole: who is killed
-meanwhile leaves nothing that counts.
+Several daemons may share a folder. A file is written under a temporary name and renamed when it is whole: a
+process killed meanwhile leaves no file that counts.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ KEPT = 20
 MOST = 200 << 20
 CRASH = "CRASH"  # the label of files of daemons that are gone
 FAILSAFE = "FAILSAFE"  # and of those that lowered a robot
-APART = 60.0  # s between two files of crashes of one robot: who crashes again and again leaves one a minute
+APART = 60.0  # s between two files of crashes of one robot: without it a crash loop would fill the folder
 LEFT = 60.0  # s after which what a writer left unfinished is removed: it takes some 2 s
 
 
@@ -46,22 +46,22 @@ def meta_of(
 
 
 def plain(briefing: Briefing) -> bytes:
-    """A briefing for everybody: without the pickles, which only this daemon's own processes may open."""
+    """Return a briefing without the pickles, which only this daemon's own processes may open."""
     return msgspec.msgpack.encode(msgspec.structs.replace(briefing, binding=b"", described=b""))
 
 
 @dataclass(frozen=True, slots=True)
 class FlightFolder:
-    """`path` is made when the first file is written."""
+    """Folder of flight files. `path` is made when the first file is written."""
 
     path: Path
     kept: int = KEPT
     most: int = MOST
 
     def write(self, label: str, meta: dict[str, Any], briefing: bytes, packed: PackedFlight) -> Path | None:
-        """A new file, `flight-20261122T161500Z-LABEL.flight` by `meta["wall_ns"]`; older ones make room.
+        """Write `flight-20261122T161500Z-LABEL.flight`, named by `meta["wall_ns"]`; older files make room.
 
-        None: of a crash that is told already, or follows another too soon. Raises OSError.
+        Returns None for a crash that is already recorded, or follows another too soon. Raises OSError.
         """
         self.path.mkdir(mode=0o750, parents=True, exist_ok=True)
         if meta["reason"] == "crash" and self._is_crash_reported(meta):
@@ -80,7 +80,7 @@ class FlightFolder:
         return path
 
     def _publish(self, beside: Path, stem: str) -> Path:
-        """Under a name that nobody else has, also at the same second."""
+        """Rename to a name that no other file has, also at the same second."""
         for number in range(1, 1000):
             path = self.path / f"{stem}{f'-{number}' if number > 1 else ''}.flight"
             with contextlib.suppress(FileExistsError):
@@ -100,9 +100,9 @@ class FlightFolder:
         return False
 
     def _make_room(self, newest: Path | None = None) -> None:
-        """Remove the oldest beyond what is kept, and what was begun and never finished.
+        """Remove the oldest files beyond the limit, and unfinished ones.
 
-        `newest` stays, whatever the clock says: of a machine that keeps no time it may be the oldest.
+        `newest` stays, whatever the clock shows: on a machine without a clock battery it may appear oldest.
         """
         found = []
         for path in self.path.glob("flight-*.flight"):

@@ -1,4 +1,7 @@
-"""Accepts clients on both sockets, carries calls to the loop and its news to them. Front process."""
+"""Front server: accepts clients on both sockets, passes calls to the loop and its news to them.
+
+Front process.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ TEND = 0.25  # s between two rounds of housekeeping, and heartbeats
 
 
 class FrontServer:
-    """Everything the front process keeps. `ended` is set when the loop has gone."""
+    """State of the front process. `ended` is set when the loop has gone."""
 
     CALLS_PER_SECOND = 20  # of one peer and kind: trajectories, marks
 
@@ -50,7 +53,7 @@ class FrontServer:
         log: DaemonLog,
         recorded: RecorderHandover | None = None,
     ) -> None:
-        """`recorded`: the flight recorder; None: there is none."""
+        """Make the server; `recorded`: the flight recorder; None: there is none."""
         loop = asyncio.get_running_loop()
         self.loop = loop
         self.log = log
@@ -86,7 +89,7 @@ class FrontServer:
     # ----------------------------------------------------------------------------- clients
 
     def part(self) -> None:
-        """Let go of every client: the loop is gone, and they know at once, whatever is to be written yet."""
+        """Close every connection at once: the loop is gone, and pending files are written later."""
         for session in list(self.sessions.values()):
             session.stream.close()
 
@@ -138,11 +141,11 @@ class FrontServer:
         if reserved:
             reserved[0].stream.close()
             return True
-        self.listening.rest(listener)  # it stays readable: to be asked again and again helps nobody
+        self.listening.rest(listener)  # it stays readable: polling it further would only cost CPU
         return False
 
     def on_disconnect(self, session: ClientSession) -> None:
-        """A connection closed: if the loop has heard of it, it must know, and its lease lapses."""
+        """Report a closed connection to the loop if it had a command from it: its lease lapses."""
         number = session.caller.number
         if self.sessions.pop(number, None) is not None:
             self.telemetry.forget(number)
@@ -174,19 +177,19 @@ class FrontServer:
         return in_time
 
     def refuse(self, call: ClientCall, findings: list[Finding]) -> None:
-        """The error `Refused`, readable; told to the log and to whoever watches verdicts too."""
+        """Answer with the error `Refused`, readable; report it to the log and to subscribers of verdicts."""
         named = self.world.names.findings(findings)
         call.refuse(named)
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
     def not_allowed(self, call: ClientCall) -> None:
-        """AUTH_ROLE, for the log and whoever watches; the caller has the error `NotAllowed`."""
+        """Report AUTH_ROLE to the log and to subscribers; the caller gets the error `NotAllowed`."""
         reason = f"{call.method} is not for an {call.caller.role}: control.sock takes it"
         named = self.world.names.findings([Finding(ReasonCode.AUTH_ROLE, message=reason)])
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
     def judged(self, call: ClientCall, verdict: dict[str, list[dict[str, Any]]]) -> None:
-        """The front's own verdict, for whoever watches. Its sequence is 0: the loop counts only its own."""
+        """Report the front's own verdict to subscribers. Its sequence is 0: the loop counts only its own."""
         self.telemetry.verdict(VerdictReport(time=self.now(), sequence=0, id="", verdict=verdict))
         self._tell_refusal(call.caller, verdict["refusals"])
 
@@ -198,12 +201,12 @@ class FrontServer:
         )
 
     def broken(self, caller: Caller, method: str, error: Exception) -> None:
-        """A call broke: a bug of ours, in the log with its place."""
+        """Log a failed call, a defect of the front, with its place."""
         fields = {**_place(error), "method": method, "holder": caller.holder}
         self.log.write("error", EventCode.CALL_BROKE, self.now(), **fields)
 
     def unexpected(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Something broke that belongs to no call: told by our log, since asyncio's own may block."""
+        """Log a failure outside any call here, since the log of asyncio may block."""
         error = context.get("exception")
         fields = _place(error) if error is not None else {"message": str(context.get("message"))}
         self.log.write("error", EventCode.FRONT_BROKE, self.now(), **fields)
@@ -221,7 +224,7 @@ class FrontServer:
             self.foreseen.replace(foresight)
 
     def handle_loop_message(self, news: Outward) -> None:
-        """Something the loop says."""
+        """Process a message of the loop."""
         if isinstance(news, Tick | Overview):
             self._state(news)
         elif isinstance(news, Reply):
@@ -278,7 +281,7 @@ class FrontServer:
 
 
 def _place(error: BaseException) -> dict[str, Any]:
-    """What broke, and where."""
+    """Return exception type and source line of an error."""
     place = error.__traceback__
     while place is not None and place.tb_next is not None:
         place = place.tb_next

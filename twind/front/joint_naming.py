@@ -1,4 +1,4 @@
-"""Puts names where the loop says indices, and words where a finding says numbers. Front process."""
+"""Joint names for the loop's indices, and sentences for the numbers of findings. Front process."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -98,7 +98,7 @@ def describe_finding(
     bound: float | None,
     message: str,
 ) -> str:
-    """`l_knee, point 3 (0.40 s): position 2.9 rad, bound 2.5 rad; <message>`."""
+    """Format `l_knee, point 3 (0.40 s): position 2.9 rad, bound 2.5 rad; <message>`."""
     where = [] if joint is None else [joint]
     if point is not None:
         where.append(f"point {point}" + ("" if time is None else f" ({time:.3g} s)"))
@@ -108,8 +108,8 @@ def describe_finding(
     numbers = "" if value is None else f"{what or 'value'} {_number(value)} {unit}".rstrip()
     if bound is not None:
         numbers += f"{', ' if numbers else ''}bound {_number(bound)} {unit}".rstrip()
-    said = "; ".join(part for part in (numbers, message) if part) or code
-    return f"{', '.join(where)}: {said}" if where else said
+    text = "; ".join(part for part in (numbers, message) if part) or code
+    return f"{', '.join(where)}: {text}" if where else text
 
 
 def _number(value: float) -> str:

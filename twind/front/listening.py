@@ -1,4 +1,4 @@
-"""The listening sockets of a front: accepting from them, and whether clients still find them. Front process.
+"""Listening sockets of a front: accepting clients, and the check that clients reach them. Front process.
 
 A socket whose file was removed or replaced takes the e-stop away from every new client. It is bound again
 where that is possible; else the loop receives the reason, holds and refuses motion.
@@ -35,7 +35,7 @@ class _Door:
 
 
 class Listening:
-    """Every listening socket, by its name."""
+    """Listening sockets by their names."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class Listening:
         link: LoopConnection,
         accept: Callable[[socket.socket, str], None],
     ) -> None:
-        """`accept` is called with a socket that has a client, and the role that it gives."""
+        """Make the sockets; `accept` is called with a client's socket, and the role that it gives."""
         self._loop = loop
         self._link = link
         self._accept = accept
@@ -75,7 +75,7 @@ class Listening:
                 self._unwatch(door)
 
     def close(self) -> None:
-        """Accept no more clients. Those who connect now wait for the next front."""
+        """Accept no more clients. New connections wait for the next front."""
         for door in self._doors:
             self._unwatch(door)
             door.listener.close()
@@ -95,7 +95,7 @@ class Listening:
             self._rebound = []
 
     def _wrong(self, door: _Door) -> str:
-        """Why no client reaches this socket; "": it is in place, or bound again."""
+        """Return why no client reaches this socket; "": it is in place, or bound again."""
         path = door.listener.path
         if not door.checked or path is None or door.listener.in_place:
             return ""
@@ -122,7 +122,7 @@ class Listening:
 
 
 def _by_manager(path: Path) -> str:
-    """What brings back a socket of the service manager: the units of this daemon, and of no other robot."""
+    """Return the command that restores a socket of the service manager: the units of this daemon alone."""
     at = f"@{path.parent.name}" if str(path.parent.parent) == SYSTEM else ""
     units = f"twind-control{at}.socket twind-observe{at}.socket twind{at}.service"
     return (

@@ -1,4 +1,7 @@
-"""The front's end of the link to the loop: commands out, news in, never blocking. Front process."""
+"""Connection to the loop, the front's end of the link: commands out, news in, never blocking.
+
+Front process.
+"""
 
 import asyncio
 import select
@@ -29,13 +32,13 @@ class LoopConnection:
         self._owed: deque[bytes] = deque()
         self._buffer = bytearray(DATAGRAM)
         self._hung_up = select.poll()
-        self._hung_up.register(sock, 0)  # nothing but its end is told, whatever is still to be read (poll(2))
+        self._hung_up.register(sock, 0)  # reports only the end, whatever is still to be read (poll(2))
         sock.setblocking(False)
         loop.add_reader(sock, self._readable)
 
     @property
     def is_closed(self) -> bool:
-        """The loop has closed its end, or is dead; what it said last may still be unread."""
+        """Return True if the loop has closed its end, or is dead; its last messages may still be unread."""
         return bool(self._hung_up.poll(0))
 
     def send(self, command: Inward, fd: int | None = None) -> bool:
@@ -54,7 +57,7 @@ class LoopConnection:
             self._loop.add_writer(self._sock, self._pay)
 
     def heartbeat(self) -> None:
-        """The front lives. A full pipe says so too."""
+        """Send a heartbeat. A full pipe shows the same."""
         self.send(Heartbeat())
 
     def _pay(self) -> None:

@@ -1,9 +1,9 @@
-"""One connection's bytes: messages in, a bounded queue out. Front process; knows no method and no robot.
+"""Message stream of one connection: messages in, a bounded queue out. Front process; no methods, no robot.
 
-The first terminator seen (NUL or newline) decides for the connection, and answers end with the same one.
-Telemetry that a slow reader leaves lying is dropped oldest first and counted; answers are never dropped,
-so no more messages are taken while too many of them wait. A long path is many times the queue: it would throw
-out all that waits, and be thrown out by what comes next. So such messages are counted by themselves.
+The first terminator received (NUL or newline) decides for the connection, and answers end with the same one.
+Telemetry that a slow reader leaves waiting is dropped oldest first and counted. Answers are never dropped, so
+no further messages are read while too many of them wait. A long path is many times the queue: it would push
+out all that waits, and be pushed out by the next one. Such messages are counted separately.
 """
 
 import asyncio
@@ -54,7 +54,7 @@ class MessageStream:
         self._large = 0  # bytes of what is queued that are a large message of telemetry
         self._answers = 0  # bytes of what is queued that are answers
         self._over: float | None = None  # s, since when too many answers wait
-        self._declined = False  # by the owner, until it says `resume`
+        self._declined = False  # by the owner, until it calls `resume`
         self._rest = memoryview(b"")
         self._progress = 0.0
         self._reading = self._closing = False
@@ -152,14 +152,14 @@ class MessageStream:
         return place
 
     def _end_of_file(self) -> None:
-        """The peer is gone, or has only said all it has to say (socat, nc)."""
+        """Handle end-of-file: the peer is gone, or has only sent its last request (socat, nc)."""
         self._read_off()
         self.half_closed = True
         if self.peer_gone():
             self.close()
 
     def peer_gone(self) -> bool:
-        """Nobody reads any more: a hang-up, not just the end of what the peer sends."""
+        """Return True if the peer has closed both directions, not only its sending one."""
         poll = select.poll()
         poll.register(self._sock, 0)
         return bool(poll.poll(0))
@@ -211,7 +211,7 @@ class MessageStream:
         self._queue.extendleft(reversed(kept))
 
     def _gone(self, telemetry: bytes) -> None:
-        """It waits no longer."""
+        """Remove a message that no longer waits."""
         self._queued -= len(telemetry)
         if len(telemetry) > LARGE:
             self._large -= len(telemetry)

@@ -1,4 +1,4 @@
-"""What each method does: an answer from what the front knows, or a command to the loop. Front process."""
+"""Methods of the interface: an answer from the front's state, or a command to the loop. Front process."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def forward(
     fd: int | None = None,
     **fields: Any,
 ) -> bool:
-    """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full.
+    """Send a command; the loop's answer goes to the caller. Stops are queued, others may find the pipe full.
 
-    False: it was not sent, and the caller knows.
+    Returns False if it was not sent; the caller has the error then.
     """
     caller = call.caller
     now = front.now()
@@ -160,8 +160,8 @@ def _estop(front: FrontServer, call: ClientCall) -> None:
     if front.tickets.stopping(call, level):
         call.error("Busy", {"what": f"{ESTOPS} e-stops of this connection; the stop is under way"})
         return
-    said = printable(reason[:REASON])[:REASON]  # others read it in their terminals
-    forward(front, call, link.EStop, level=level, reason=said, more=call.more)
+    checked = printable(reason[:REASON])[:REASON]  # shown in terminals of other users
+    forward(front, call, link.EStop, level=level, reason=checked, more=call.more)
 
 
 def _scan(front: FrontServer, call: ClientCall) -> None:
@@ -263,16 +263,16 @@ def _mark(front: FrontServer, call: ClientCall) -> None:
         name = printable(call.parameters["kind"][:40])
         call.error("NotFound", {"what": "kind", "name": name, "known": list(marks.KINDS)})
         return
-    said = marks.annotation(call.parameters)
+    checked = marks.annotation(call.parameters)
     if front.in_time(call, "marks", "wait: they are for people"):  # each is remembered by all that record
-        forward(front, call, link.Mark, annotation=said)
+        forward(front, call, link.Mark, annotation=checked)
 
 
 def _report_stream(front: FrontServer, call: ClientCall) -> None:
     found = find_invalid_number(call.parameters["stream"])
     if found is not None:
         call.invalid(f"stream.{found[0]}", found[1])
-    elif front.in_time(call, "reports of streams", "one a second says enough"):
+    elif front.in_time(call, "reports of streams", "one a second is enough"):
         front.streams.take(call.caller.number, call.parameters["stream"], front.now())
         call.reply(b"{}")
 
@@ -282,7 +282,7 @@ def _reload(front: FrontServer, call: ClientCall) -> None:
 
 
 def _set_parameters(front: FrontServer, call: ClientCall) -> None:
-    """Not persistent; a client may only tighten what the owner of the file allows."""
+    """Set parameters until the next start; a client may only tighten the limits of the robot file."""
     given = call.parameters["parameters"]
     now = front.world.briefing.parameters
     if not given:
@@ -340,7 +340,7 @@ METHODS: dict[str, Method] = {
 
 
 def service(front: FrontServer, call: ClientCall) -> None:
-    """`org.varlink.service`: who this is and what it speaks."""
+    """Answer a call of `org.varlink.service`: product, version, interfaces."""
     if call.method == "GetInfo":
         call.reply(
             encode(

@@ -14,7 +14,7 @@ from twind.front.message_stream import MessageStream
 from twind.front.state_cache import StateCache, encode
 from twind.link import Event, Overview, Tick, VerdictReport
 
-# topic -> Hz where the call does not say
+# topic -> default rate, Hz
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
 HISTOGRAMS = "histograms"  # of topic latency, due once a second
 TOPICS = (*PERIODIC, "events", "verdicts", "trajectories", "stream")
@@ -33,7 +33,7 @@ class MonitorSubscriber:
     status: bytes | None = None  # that it was sent last
 
     def wants(self, topic: str, now: float, slack: float) -> bool:
-        """It is time for a message of a periodic topic; `slack` s too early is in time."""
+        """Return True if a message of a periodic topic is due; `slack` s too early counts as due."""
         if topic not in self.topics:
             return False
         due = self.due.get(topic, now)
@@ -65,7 +65,7 @@ def by_histograms(wanting: list[MonitorSubscriber], now: float) -> dict[bool, li
 
 
 class SubscriberRegistry:
-    """All subscribers."""
+    """Subscribers of all connections."""
 
     def __init__(self, world: StateCache) -> None:
         self._world = world
@@ -95,16 +95,16 @@ class SubscriberRegistry:
             self._send(wanting, topic, key, piece, time, number)
 
     def _status(self, tick: Tick) -> None:
-        """To whom it is time to tell another status than the last: most ticks have none."""
-        asking = [watcher for watcher in self._watchers if "status" in watcher.topics]
-        if not asking:
+        """Send a changed status to the subscribers that are due; most ticks have none."""
+        due = [watcher for watcher in self._watchers if "status" in watcher.topics]
+        if not due:
             return
-        told = self._world.status()
-        other = [watcher for watcher in asking if watcher.status is not told]
+        status = self._world.status()
+        other = [watcher for watcher in due if watcher.status is not status]
         wanting = [watcher for watcher in other if watcher.wants("status", tick.time, self._slack)]
         for watcher in wanting:
-            watcher.status = told
-        self._send(wanting, "status", b"status", lambda: told, tick.time, tick.sequence)
+            watcher.status = status
+        self._send(wanting, "status", b"status", lambda: status, tick.time, tick.sequence)
 
     def overview(self, overview: Overview) -> None:
         """Send the topics that follow the overview."""
@@ -125,7 +125,7 @@ class SubscriberRegistry:
         )
 
     def accepted(self, accepted: AcceptedTrajectory, moment: VerdictReport) -> None:
-        """To all who watch trajectories."""
+        """Send an accepted path to all subscribers of trajectories."""
         self._at_once(
             "trajectories",
             b"accepted",
@@ -135,7 +135,7 @@ class SubscriberRegistry:
         )
 
     def stream(self, streaming: dict[str, Any], time: float) -> None:
-        """To all who watch streamers."""
+        """Send a report to all subscribers of streamers."""
         sequence = 0 if self._world.tick is None else self._world.tick.sequence
         self._at_once("stream", b"stream", lambda: encode(streaming), time, sequence)
 
@@ -165,5 +165,5 @@ class SubscriberRegistry:
         )
         for watcher in to:
             watcher.send(body)
-        # Who was answered for good, or hung up meanwhile: that has changed the list already.
+        # A subscriber that ended meanwhile has changed the list already.
         self._watchers = [watcher for watcher in self._watchers if not watcher.call.finished]

@@ -1,4 +1,4 @@
-"""The briefing that holds once settings or files are others. Pure; for the front, and whoever reads files."""
+"""Next briefing after a change of settings or files. Pure; for the front and for readers of files."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ BY_CLIENT = "SetParameters"  # where such a value comes from
 
 
 def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -> Briefing:
-    """The next briefing, with what the files say by now; limits and gains of the robot stay as they are."""
+    """Return the next briefing with the present content of the files; limits and gains stay as they are."""
     return msgspec.structs.replace(
         briefing,
         parameters=then.settings.parameters(),

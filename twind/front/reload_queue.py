@@ -1,7 +1,7 @@
-"""Changes while the daemon runs, the front's side: asked for, read, sent to the loop, in force on both sides.
+"""Queue of changes while the daemon runs, the front's side: request, reading, sending, taking effect.
 
-One at a time, in the order they were asked for. The loop decides whether a change may be made now; with its
-word the front takes the same values, and until then both go on by the old ones. Front process.
+They run one at a time, in order of the requests. The loop decides whether a change may be made now. At its
+reply the front takes the same values; until then both use the old ones. Front process.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PARAMETERS = {"log_level": LEVEL, "latency_warn_ms": WARN, "latency_block_ms": B
 
 @dataclass(slots=True)
 class ReloadRequest:
-    """One wish: the files read again, or settings by a client's word. `call` None: SIGHUP told the loop."""
+    """Request to read the files again, or of settings by a client. `call` None: the loop received SIGHUP."""
 
     call: ClientCall | None
     changes: dict[str, Any] | None = None  # None: read the files
@@ -66,29 +66,29 @@ class ReloadQueue:
         if call is not None and len(self._waiting) >= WAITING:
             call.error("Busy", {"what": "reloads wait for each other: try again"})
             return
-        if call is None and any(asked.call is None for asked in self._waiting):
-            return  # two signals, and the files are not looked at yet
+        if call is None and any(request.call is None for request in self._waiting):
+            return  # two signals before the files are read: one reading serves both
         self._waiting.append(ReloadRequest(call, changes))
         self._next()
 
     def _next(self) -> None:
         if self._now is not None or not self._waiting:
             return
-        asked = self._now = self._waiting.popleft()
+        request = self._now = self._waiting.popleft()
         briefing = self._front.world.briefing
-        if asked.changes is None:
+        if request.changes is None:
             self._front.link.owe(link.ReloadStarted())
             working = self._front.loop.run_in_executor(None, self._work, briefing)
-            working.add_done_callback(lambda done: self._read(asked, done.result()))
+            working.add_done_callback(lambda done: self._read(request, done.result()))
             return
         from twind.front.next_config import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
 
         try:
-            made = with_settings(briefing, asked.changes)
+            made = with_settings(briefing, request.changes)
         except ValueError as error:  # InvalidInput: a value that may not change
-            self._read(asked, ReloadResult(error=str(error)))
+            self._read(request, ReloadResult(error=str(error)))
         else:
-            self._read(asked, ReloadResult(changes=asked.changes, briefing=made))
+            self._read(request, ReloadResult(changes=request.changes, briefing=made))
 
     def _work(self, briefing: Briefing) -> ReloadResult:
         """Run in a thread, which waits for the process that reads the files."""
@@ -97,55 +97,55 @@ class ReloadQueue:
         try:
             with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe) as self._reader:
                 try:
-                    told, said = self._reader.communicate(msgspec.msgpack.encode(briefing), READING)
+                    output, errors = self._reader.communicate(msgspec.msgpack.encode(briefing), READING)
                 except subprocess.TimeoutExpired:
                     self._reader.kill()
                     return ReloadResult(error=f"reading the files took longer than {READING:g} s")
             if self._reader.returncode != 0:
-                last = said.decode(errors="replace").strip().rpartition("\n")[2]
+                last = errors.decode(errors="replace").strip().rpartition("\n")[2]
                 return ReloadResult(error=f"reading the files broke ({self._reader.returncode}): {last}")
-            return msgspec.msgpack.decode(told, type=ReloadResult)
+            return msgspec.msgpack.decode(output, type=ReloadResult)
         except (OSError, msgspec.MsgspecError) as error:
             return ReloadResult(error=f"reading the files broke: {error}")
         finally:
             self._reader = None
 
-    def _read(self, asked: ReloadRequest, reading: ReloadResult) -> None:
+    def _read(self, request: ReloadRequest, reading: ReloadResult) -> None:
         """The files are read, and checked."""
         if reading.error or reading.briefing is None:
-            if asked.changes is None:
+            if request.changes is None:
                 self._front.link.owe(link.ReloadFailed(message=reading.error))
-            self._report_refusal(asked, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
+            self._report_refusal(request, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
             return
-        asked.reading = reading
+        request.reading = reading
         if not of_robot(reading.changes):
-            self._send(asked)
+            self._send(request)
             return
         made = self._front.loop.run_in_executor(None, _foresight, reading.briefing)
-        made.add_done_callback(lambda done: self._foreseen(asked, done.result()))
+        made.add_done_callback(lambda done: self._foreseen(request, done.result()))
 
-    def _foreseen(self, asked: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
+    def _foreseen(self, request: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
         if isinstance(made, str):
-            self._read(asked, ReloadResult(error=made))
+            self._read(request, ReloadResult(error=made))
             return
-        asked.foresight = made
-        self._send(asked)
+        request.foresight = made
+        self._send(request)
 
-    def _send(self, asked: ReloadRequest) -> None:
-        """To the loop, which decides."""
+    def _send(self, request: ReloadRequest) -> None:
+        """Send a request to the loop, which decides."""
         front = self._front
-        reading = asked.reading
+        reading = request.reading
         assert reading is not None
         assert reading.briefing is not None
-        asked.ticket = front.tickets.number()
-        asked.deadline = front.now() + ANSWER
+        request.ticket = front.tickets.number()
+        request.deadline = front.now() + ANSWER
         command = link.ApplyChanges(
-            ticket=asked.ticket,
-            client=NOBODY if asked.call is None else asked.call.caller.number,
+            ticket=request.ticket,
+            client=NOBODY if request.call is None else request.call.caller.number,
             generation=reading.briefing.generation,
             changes=reading.changes,
             needs_restart=reading.needs_restart,
-            reread=asked.changes is None,
+            reread=request.changes is None,
         )
         fd = seal("twind-briefing", msgspec.msgpack.encode(reading.briefing))
         try:
@@ -153,32 +153,32 @@ class ReloadQueue:
         finally:
             os.close(fd)
         if not sent:
-            front.loop.call_later(0.05, self._restart_worker, asked)
+            front.loop.call_later(0.05, self._restart_worker, request)
 
-    def _restart_worker(self, asked: ReloadRequest) -> None:
-        if self._now is asked and self._front.now() < asked.deadline:
-            deadline = asked.deadline
-            self._send(asked)
-            asked.deadline = deadline
+    def _restart_worker(self, request: ReloadRequest) -> None:
+        if self._now is request and self._front.now() < request.deadline:
+            deadline = request.deadline
+            self._send(request)
+            request.deadline = deadline
 
     # ------------------------------------------------------------------------------- the loop's word
 
     def answer(self, reply: link.Reply) -> bool:
         """The loop's answer to what is under way: True when it was that."""
-        asked = self._now
-        if asked is None or asked.ticket == NOBODY or reply.ticket != asked.ticket:
+        request = self._now
+        if request is None or request.ticket == NOBODY or reply.ticket != request.ticket:
             return False
         named = self._front.world.names.reply(reply.parameters)
         if reply.error is not None:
             self._finish_reload(lambda call: call.error(reply.error or "Busy", named))
             return True
-        assert asked.reading is not None
-        assert asked.reading.briefing is not None
-        self._front.adopt(asked.reading.briefing, asked.foresight)
-        if asked.changes is None:
+        assert request.reading is not None
+        assert request.reading.briefing is not None
+        self._front.adopt(request.reading.briefing, request.foresight)
+        if request.changes is None:
             self._finish_reload(lambda call: call.reply(encode(named)))
         else:
-            shown = {"parameters": asked.reading.briefing.parameters, "needs_restart": []}
+            shown = {"parameters": request.reading.briefing.parameters, "needs_restart": []}
             self._finish_reload(lambda call: call.reply(encode(shown)))
         return True
 
@@ -190,22 +190,22 @@ class ReloadQueue:
             self._front.log.write("error", EventCode.LOOP_SILENT, now, method="Reload")
             self._front.ended.set()
 
-    def _report_refusal(self, asked: ReloadRequest, findings: list[Finding]) -> None:
+    def _report_refusal(self, request: ReloadRequest, findings: list[Finding]) -> None:
         self._finish_reload(lambda call: self._front.refuse(call, findings))
 
     def _finish_reload(self, answer: Any) -> None:
-        asked = self._now
+        request = self._now
         self._now = None
-        if asked is not None and asked.call is not None:
-            answer(asked.call)
+        if request is not None and request.call is not None:
+            answer(request.call)
         self._front.soon(self._next)
 
 
 def _foresight(briefing: Briefing) -> TrajectoryPrecheck | str:
-    """In a thread. A text: why there is none."""
+    """Load the look-ahead in a thread. Returns a text with the reason if there is none."""
     from twind.twin.binding_transfer import foresight  # noqa: PLC0415  as in `foreseen`
 
     try:
         return foresight(briefing.binding, 1.0 / briefing.rate_hz)
     except Exception as error:  # noqa: BLE001  whatever it is: nothing is changed
-        return f"no look-ahead by the new limits: {type(error).__name__}: {error}"
+        return f"no look-ahead with the new limits: {type(error).__name__}: {error}"

@@ -1,8 +1,8 @@
-"""The files read again: `python -m twind.front.reload_worker`, a process of its own; a briefing on standard
-input.
+"""Reload worker: reads the files again in a separate process, with a briefing on standard input.
 
-Started by the front, which goes on serving: reading YAML and compiling a model takes long, and what breaks
-the compiler breaks nobody else. Checks everything as a start does, changes nothing.
+Started by the front as `python -m twind.front.reload_worker`; the front goes on serving. Reading YAML and
+compiling a model takes long, and a failure of the compiler ends only this process. It checks everything as a
+start does, and changes nothing.
 """
 
 import sys
@@ -21,7 +21,7 @@ from twind.twin.simulation import hush
 
 
 def read_again(briefing: Briefing) -> ReloadResult:
-    """What of the files differs from `briefing`, and the next briefing, with the hot part in force."""
+    """Return the differences of the files from `briefing`, and the next briefing with their hot part."""
     try:
         sources, old = config_files.unpacked(briefing.described)
         new = describe(sources)
@@ -29,28 +29,28 @@ def read_again(briefing: Briefing) -> ReloadResult:
         bind(new.robot, new.calibration)
         found = reload_plan.difference(old, new)
         then = reload_plan.in_force(old, new, found)
-        told = with_files(briefing, sources, then)
-        told = msgspec.structs.replace(
-            told,
+        following = with_files(briefing, sources, then)
+        following = msgspec.structs.replace(
+            following,
             description=msgspec.to_builtins(then.robot, enc_hook=str),
             calibration=msgspec.to_builtins(then.calibration, enc_hook=str),
         )
         if of_robot(found.changes):
             binding = rebound(binding_transfer.unpacked(briefing.binding), then.robot, then.calibration)
-            told = _with_robot(told, binding)
+            following = _with_robot(following, binding)
     except (ConfigError, ValueError, OSError) as error:
         return ReloadResult(error=str(error))
-    return ReloadResult(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
+    return ReloadResult(changes=dict(found.changes), needs_restart=found.restart, briefing=following)
 
 
-def _with_robot(told: Briefing, binding: Binding) -> Briefing:
+def _with_robot(briefing: Briefing, binding: Binding) -> Briefing:
     limits = binding.limits
     joints = [
         msgspec.structs.replace(joint, lower=float(lower), upper=float(upper))
-        for joint, lower, upper in zip(told.joints, limits.lower, limits.upper, strict=True)
+        for joint, lower, upper in zip(briefing.joints, limits.lower, limits.upper, strict=True)
     ]
     return msgspec.structs.replace(
-        told,
+        briefing,
         joints=joints,
         binding=binding_transfer.packed(binding),
     )

@@ -1,6 +1,6 @@
-"""Places for clients, and the descriptors that a front needs for them. Front process; knows no client.
+"""Reserved descriptors of a front, for clients that stop the robot. Front process; independent of clients.
 
-Some descriptors are kept back, so that a client that stops the robot is accepted when all others are used up.
+They are kept back, so that such a client is accepted when all other descriptors are used up.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ NEEDED = _STANDING + sum(PLACES.values()) + RESERVED * (len(PLACES) + 1) + _PASS
 
 
 class ReservedDescriptors:
-    """At most `most` descriptors that are good for nothing but to be given up."""
+    """Reserve of at most `most` descriptors, which are closed to accept a client."""
 
     def __init__(self, most: int) -> None:
         self._most = most

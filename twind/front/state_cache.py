@@ -1,6 +1,6 @@
-"""What the front knows of the robot now, and the JSON made of it: each piece is encoded once per news.
+"""State cache of the front: the robot's state, and its JSON, where each piece is encoded once per news.
 
-Front process. Reads the loop's news, knows no client.
+Front process. Reads the loop's news, independent of clients.
 """
 
 from math import isfinite
@@ -71,7 +71,7 @@ class StateCache:
         self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
         self.streams: list[dict[str, Any]] = []  # `[]Streaming`
         self._cache: dict[str, bytes] = {}
-        self._told: tuple[Any, Any, bytes] | None = None  # what the last status was made of, and it
+        self._last_status: tuple[Any, Any, bytes] | None = None  # last status: content, encoding
         self._slow: dict[str, msgspec.Raw] = {}
         self._histograms: dict[str, LatencyInfo] = {}  # of each hop the last with its histogram
         self._lateness: LoopInfo | None = None  # the same
@@ -111,11 +111,11 @@ class StateCache:
     # ------------------------------------------------------------------------------ pieces of answers
 
     def status(self) -> bytes:
-        """`Status` of the interface, encoded; the same object for as long as it says the same."""
+        """Return `Status` of the interface, encoded; the same object until its content changes."""
         return self._once("status", self._kept_status)
 
     def joints(self) -> bytes:
-        """`[]Joint` of the interface, encoded."""
+        """Return `[]Joint` of the interface, encoded."""
         return self._once("joints", self._joints)
 
     def state(self) -> bytes:
@@ -124,9 +124,9 @@ class StateCache:
         The skew is the time between the readings of the buses, ms.
         """
         assert self.tick is not None
-        told = self.joints() + b',"mode":' + encode(self.tick.mode)
-        told += b',"skew_ms":' + encode(self.tick.skew * 1e3)
-        return told + b',"imu":' + encode(_imu(self.tick)) if self.tick.imu else told
+        parts = self.joints() + b',"mode":' + encode(self.tick.mode)
+        parts += b',"skew_ms":' + encode(self.tick.skew * 1e3)
+        return parts + b',"imu":' + encode(_imu(self.tick)) if self.tick.imu else parts
 
     def raw(self) -> bytes:
         """Return topic `raw`, encoded: the values on the wire of every actuator.
@@ -147,10 +147,10 @@ class StateCache:
         )
 
     def latency(self, *, whole: bool = False) -> bytes:
-        """`[]Latency` of the interface, encoded. `whole`: with the histograms as they were told last."""
+        """Return `[]Latency` of the interface, encoded. `whole`: with the histograms as last reported."""
         assert self.overview is not None
-        told = [self._hop(hop, whole=whole) for hop in self.overview.latencies]
-        return encode(told)
+        hops = [self._hop(hop, whole=whole) for hop in self.overview.latencies]
+        return encode(hops)
 
     def robot(self) -> bytes:
         """The reply's parameters of GetRobot, encoded."""
@@ -158,7 +158,7 @@ class StateCache:
         return encode({"robot": b.description, "calibration": b.calibration, "mjcf": b.mjcf})
 
     def event(self, event: Event) -> bytes:
-        """`Event` of the interface, encoded."""
+        """Return `Event` of the interface, encoded."""
         return encode(
             {
                 "time": event.time,
@@ -199,11 +199,11 @@ class StateCache:
         tick = self.tick
         assert tick is not None
         held = self.overview, self.flight, self.streams, self.briefing
-        said = (tick.mode, tick.state, tick.motion)
-        of = (*map(id, held), *said, tick.armed, tick.inherited)
-        if self._told is None or self._told[0] != of:
-            self._told = of, held, self._status()  # what is held has its id for itself
-        return self._told[2]
+        modes = (tick.mode, tick.state, tick.motion)
+        of = (*map(id, held), *modes, tick.armed, tick.inherited)
+        if self._last_status is None or self._last_status[0] != of:
+            self._last_status = of, held, self._status()  # the held objects keep their ids unique
+        return self._last_status[2]
 
     def _status(self) -> bytes:
         tick = self.tick
@@ -297,6 +297,6 @@ def _faults(bits: int) -> list[str]:
 
 
 def _imu(tick: Tick) -> dict[str, Any]:
-    """`Imu` of the interface."""
+    """Build `Imu` of the interface."""
     numbers = _floats(tick.imu)
     return {key: numbers[first:end] for key, first, end in IMU} | {"age_ms": tick.imu_age * 1e3}

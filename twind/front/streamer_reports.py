@@ -11,12 +11,12 @@ from twind.front.monitor_subscribers import SubscriberRegistry
 from twind.front.state_cache import StateCache
 
 TEXT = 200  # characters of each text that are kept
-MOST_HZ = 1e6  # samples a second that anybody measures
+MOST_HZ = 1e6  # samples a second, upper bound of a report
 MOST = 2**53  # of messages; beyond it JSON's readers round
 COUNTS = ("sent", "waiting", "dropped", "dead", "failures")
 SILENCE = 10.0  # s without another report after which a streamer counts as gone
 GONE = "the streamer is gone"
-HANGS = f"the streamer has said nothing for {SILENCE:g} s"
+HANGS = f"the streamer has sent no report for {SILENCE:g} s"
 
 
 class StreamerReports:
@@ -27,14 +27,14 @@ class StreamerReports:
         self._telemetry = telemetry
         self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> when it came (s), what
 
-    def take(self, client: int, told: Mapping[str, Any], now: float) -> None:
+    def take(self, client: int, report: Mapping[str, Any], now: float) -> None:
         """A report, as the interface has it. Its texts reach terminals: short, no control characters."""
-        kept = {key: _shorten(value) if isinstance(value, str) else value for key, value in told.items()}
+        kept = {key: _shorten(value) if isinstance(value, str) else value for key, value in report.items()}
         self._reports[client] = now, kept
         self._publish_report(kept, now)
 
     def forget(self, client: int, now: float, why: str = GONE) -> None:
-        """That connection ended; nothing where it never reported."""
+        """Remove the report of a connection that ended."""
         report = self._reports.pop(client, None)
         if report is not None:
             self._publish_report({**report[1], "error": why}, now)
@@ -44,16 +44,16 @@ class StreamerReports:
         for client in [client for client, (at, _) in self._reports.items() if now - at > SILENCE]:
             self.forget(client, now, HANGS)
 
-    def _publish_report(self, said: dict[str, Any], now: float) -> None:
+    def _publish_report(self, report: dict[str, Any], now: float) -> None:
         self._world.stream([report for _, report in self._reports.values()])
-        self._telemetry.stream(said, now)
+        self._telemetry.stream(report, now)
 
 
-def find_invalid_number(told: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Which number of a report is none that can be measured or counted, and why; None: all are."""
-    if not 0.0 <= told["rate_hz"] <= MOST_HZ:
+def find_invalid_number(report: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the first invalid number of a report, with the reason; None: all are valid."""
+    if not 0.0 <= report["rate_hz"] <= MOST_HZ:
         return "rate_hz", f"0 to {MOST_HZ:.0f} samples a second"
-    return next(((key, f"0 to {MOST} messages") for key in COUNTS if not 0 <= told[key] <= MOST), None)
+    return next(((key, f"0 to {MOST} messages") for key in COUNTS if not 0 <= report[key] <= MOST), None)
 
 
 def _shorten(text: str) -> str:

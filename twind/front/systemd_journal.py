@@ -1,4 +1,4 @@
-"""The system's journal: entries with fields, as datagrams (systemd's "Native Journal Protocol")."""
+"""Journal of systemd: entries with fields, as datagrams ("Native Journal Protocol")."""
 
 import socket
 import struct
@@ -33,7 +33,7 @@ def _is_name(name: str) -> bool:
 
 
 def _field(name: str, value: Any) -> bytes:
-    """`NAME=value`; a value of several lines with its length before it."""
+    """Encode `NAME=value`; a value of several lines with its length before it."""
     data = str(value).encode("utf-8", "backslashreplace")
     if b"\n" not in data:
         return name.encode() + b"=" + data + b"\n"
@@ -41,7 +41,7 @@ def _field(name: str, value: Any) -> bytes:
 
 
 class SystemdJournal:
-    """Its socket, opened when it is needed. Used by one thread."""
+    """Socket of the journal, opened when it is needed. Used by one thread."""
 
     def __init__(self, path: str = SOCKET) -> None:
         self._path = path
@@ -59,7 +59,7 @@ class SystemdJournal:
         return True
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -1,4 +1,4 @@
-"""Calls that wait for the loop: each has a ticket and a time by which it is answered. Front process."""
+"""Table of calls that wait for the loop: each has a ticket and a deadline of its answer. Front process."""
 
 from dataclasses import dataclass
 
@@ -29,13 +29,13 @@ class _PendingCall:
 
 
 class TicketTable:
-    """Every command under way. `first` is the first ticket: no other front may have used it."""
+    """Commands under way. `first` is the first ticket: no other front may have used it."""
 
     def __init__(self, names: JointNames, first: int) -> None:
         self._names = names
         self._next = first
         self._waiting: dict[int, _PendingCall] = {}
-        self._heard: set[int] = set()  # connections of which the loop knows
+        self._known_to_loop: set[int] = set()  # connections with a command sent to the loop
 
     def number(self) -> int:
         """A fresh ticket that is none of a call's."""
@@ -45,7 +45,7 @@ class TicketTable:
     def open(self, call: ClientCall, now: float) -> int:
         """A fresh ticket for a call."""
         self._next += 1
-        self._heard.add(call.caller.number)
+        self._known_to_loop.add(call.caller.number)
         patience = PATIENCE_BY_METHOD.get(call.method, PATIENCE)
         self._waiting[self._next] = _PendingCall(call, patience, now + patience)
         return self._next
@@ -62,9 +62,9 @@ class TicketTable:
         return len(own) >= OUTSTANDING
 
     def stopping(self, call: ClientCall, level: str) -> bool:
-        """Enough e-stops of this connection are unanswered, and one of them asked for `level` already.
+        """Return True if enough e-stops of this connection are unanswered, and one of them requested `level`.
 
-        A level that none of them asked for adds to the stop, so it is never one too many.
+        A level that none of them requested adds to the stop, so it is never one too many.
         """
         levels = [c.parameters.get("level") or "settle" for c in self._own(call) if c.method == call.method]
         return len(levels) >= ESTOPS and level in levels
@@ -74,7 +74,7 @@ class TicketTable:
         return [w.call for w in self._waiting.values() if w.call.caller.number == number]
 
     def answer(self, reply: Reply, now: float) -> None:
-        """Hand a reply of the loop to whoever waits for it, with joints named; late ones go nowhere."""
+        """Pass a reply of the loop to its caller, with joints named; late ones are dropped."""
         waiting = self._waiting.get(reply.ticket)
         if waiting is None:
             return
@@ -101,10 +101,10 @@ class TicketTable:
         return methods
 
     def forget(self, client: int) -> bool:
-        """A connection is gone: its tickets are void. True when the loop has heard of it."""
+        """Void the tickets of a closed connection. Returns True if the loop had a command from it."""
         gone = [ticket for ticket, w in self._waiting.items() if w.call.caller.number == client]
         for ticket in gone:
             del self._waiting[ticket]
-        heard = client in self._heard
-        self._heard.discard(client)
-        return heard
+        known = client in self._known_to_loop
+        self._known_to_loop.discard(client)
+        return known

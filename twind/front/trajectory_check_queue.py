@@ -1,4 +1,4 @@
-"""Trajectories between their call and the loop: checked one at a time, in slices, so that other calls go on.
+"""Queue of trajectory checks before the loop: one at a time, in slices, so that other calls go on.
 
 Front process. The model is loaded once clients are served, in a thread; until then paths wait. The findings
 travel with the path (`Submit.refused`, `Submit.warned`): the loop adds its own share and answers. A caller so
@@ -31,7 +31,7 @@ Forward = Callable[[Verdict, float], None]  # what was found, and when the state
 KEPT = (
     10.0  # s that a path which waits here keeps its client's lease: on a slow machine the model loads as long
 )
-NOBODY = 0  # the ticket of a command whose answer nobody waits for
+NOBODY = 0  # the ticket of a command without a waiting caller
 
 
 @dataclass(slots=True)
@@ -43,7 +43,7 @@ class TrajectoryCheck:
     append_stop: bool
     moves: bool  # it will be followed if nothing is wrong; False: `Check`
     forward: Forward
-    asked: float  # s, when it was called for
+    asked: float  # s, time of the call
     begun: Tick | None = None
 
 
@@ -69,7 +69,7 @@ class TrajectoryCheckQueue:
         loading.add_done_callback(lambda done: self._ready(done.result()))
 
     def replace(self, foresight: TrajectoryPrecheck) -> None:
-        """From now on paths are judged by other limits; those begun, or waiting, must be sent again."""
+        """Check paths with other limits from now on; paths begun or waiting must be sent again."""
         self._foresight = foresight
         self._loaded = True
         self._steps = None
@@ -85,7 +85,7 @@ class TrajectoryCheckQueue:
 
             briefing = self._front.world.briefing
             return foresight(briefing.binding, 1.0 / briefing.rate_hz)
-        except Exception as error:  # noqa: BLE001  whatever it is: no look-ahead, and every path is refused
+        except Exception as error:  # noqa: BLE001  any failure: no look-ahead, and every path is refused
             self._why = f"{type(error).__name__}: {error}"
             return None
 
@@ -120,9 +120,9 @@ class TrajectoryCheckQueue:
             self._next()
 
     def keep(self) -> None:
-        """A motion call renews the lease when it comes, and it does not lapse while we are not done with it.
+        """Renew the lease for paths still under check: a motion call renews it when it comes.
 
-        Called with every heartbeat. The loop refuses it to whoever does not hold the lease.
+        Called with every heartbeat. The loop refuses it to a client that does not hold the lease.
         """
         since = self._front.now() - KEPT
         waiting = {
@@ -160,7 +160,7 @@ class TrajectoryCheckQueue:
         job = self._jobs[0]
         job.begun = self._front.world.tick
         if self._foresight is None or job.begun is None:
-            reason = f"no look-ahead, so nothing may move: {self._why}"
+            reason = f"no look-ahead, so no motion is accepted: {self._why}"
             self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
             return
         reference = standing(job.begun)
@@ -196,7 +196,7 @@ class TrajectoryCheckQueue:
             self._front.soon(self._next)
 
     def _as_of(self, begun: Tick | None) -> float:
-        """When the robot last stood where the verdict begins (s): now, if it has held there all the time."""
+        """Return the time (s) of the state under a verdict: now, if the robot has held since it began."""
         now = self._front.world.tick
         if begun is None or now is None:
             return self._front.now() if begun is None else begun.time
@@ -205,7 +205,7 @@ class TrajectoryCheckQueue:
 
 
 def standing(tick: Tick) -> Reference:
-    """Where a path begins: at the goal; where there is none, where whoever is commanded is. NaN: unknown."""
+    """Return where a path begins: at the goal, else at the position of the commanded target. NaN: unknown."""
     goal = _floats(tick.goal)
     place = _floats(tick.position if tick.mode == Mode.LIVE else tick.simulated)
     still = np.zeros(len(goal))

@@ -1,6 +1,6 @@
-"""The front's share of the gate for a trajectory: CMD_EXPIRED to TIME_ORDER. Front process.
+"""Trajectory submission, the front's share of the gate: CMD_EXPIRED to TIME_ORDER. Front process.
 
-What is wrong is said all at once; what passes travels as arrays in a sealed memfd.
+All errors are reported at once; an accepted path travels as arrays in a sealed memfd.
 """
 
 import os
@@ -132,7 +132,7 @@ def fields(message: TrajectoryMessage, path: Trajectory, names: JointNames) -> d
         for tolerance in message.tolerances or ()
     ]
     return {
-        "id": secrets.token_hex(4),  # told apart from those of an earlier front
+        "id": secrets.token_hex(4),  # distinct from those of an earlier front
         "points": int(path.time.size),
         "commanded": np.flatnonzero(path.commanded).tolist(),
         "velocity": path.velocity is not None,

@@ -23,7 +23,7 @@ class WritableProber(Prober):
 
     def write(self, id: int, address: int, data: bytes) -> ProbeWindow:
         """`data` to `address` of one device; what came back."""
-        return self._ask(packet.write(id, address, data), 0)
+        return self._exchange(packet.write(id, address, data), 0)
 
 
 class ServoConfigurator:

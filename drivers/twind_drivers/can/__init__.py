@@ -1,1 +1,1 @@
-"""CAN actuators: codecs of their families, channels to the wire, and the bus that the loop drives."""
+"""Driver of CAN actuators: codecs of their families, channels to the wire, and the bus of the loop."""

@@ -1,4 +1,4 @@
-"""One actuator of a CAN bus, as described when the bus is opened. Pure."""
+"""Description of one actuator of a CAN bus, as given when the bus is opened. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ class CanActuator:
     """Identity and field ranges of an actuator; ranges that it reports at identification replace these."""
 
     id: int
-    feedback_id: int  # what it speaks on (Damiao: master id, register 7); the same as `id` for the others
+    feedback_id: int  # id of its replies (Damiao: master id, register 7); the same as `id` for the others
     model: str  # a name of `can_models.py`
     position: float  # rad, symmetric about 0
     velocity: float  # rad/s

@@ -1,9 +1,9 @@
-"""What the bus needs of a family of actuators: its frames, both ways. Pure: no I/O, no clock.
+"""Interface of an actuator family to the bus: its frames, both ways. Pure: no I/O, no clock.
 
-A family object speaks for the k actuators of one bus that are of this family, in the order of `ids`. Arrays
+A family object represents the k actuators of one bus that are of this family, in the order of `ids`. Arrays
 are (k,) and SI: rad, rad/s, N·m at the output, N·m/rad, N·m·s/rad, °C, V. An encoder **raises** `WireClamp`
-for what its fields cannot hold; it never clamps. A decoder takes untrusted frames: what is not exactly of one
-of these actuators is left alone, and nothing raises.
+for a value outside its field; it never clamps. A decoder takes untrusted frames: it ignores frames of other
+devices, and nothing raises.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ class ValuelessCommand(Enum):
 
 
 class RegisterType(Enum):
-    """How a register's four bytes are to be read, little-endian."""
+    """Encoding of a register's four bytes, little-endian."""
 
     U8 = "<B"
     U16 = "<H"
@@ -39,7 +39,7 @@ class RegisterType(Enum):
 
 
 class FamilyRegister(NamedTuple):
-    """One register of a family."""
+    """Register of a family."""
 
     name: str  # snake case
     address: int
@@ -64,46 +64,49 @@ class FieldRanges:
 class ActuatorFeedback:
     """Feedback in a batch of frames, of the actuators in it. Arrays (j,), in order of arrival."""
 
-    rows: Ints  # which of the k; one may stand there several times, the last is the newest
-    position: Floats  # rad; NaN: this frame does not say
+    rows: Ints  # row of the k; of several entries of one row the last is the newest
+    position: Floats  # rad; NaN: not in this frame
     velocity: Floats
     effort: Floats
-    enabled: Ints  # 1 torque on, 0 off, -1 this frame does not say
-    fault: Ints  # bits above; 0: none; -1: this frame does not say
-    temperature: Floats  # °C, the hottest that is told; NaN unknown
+    enabled: Ints  # 1 torque on, 0 off, -1 not in this frame
+    fault: Ints  # bits above; 0: none; -1: not in this frame
+    temperature: Floats  # °C, the hottest reported; NaN unknown
     voltage: Floats  # V; NaN unknown
 
 
 class RegisterReply(NamedTuple):
-    """A register's value, or the acknowledgement of its writing."""
+    """Value of a register, or the acknowledgement of a write."""
 
     row: int
     address: int
     data: bytes  # 4, little-endian; of an acknowledgement what was written, or empty
-    written: bool = False  # it acknowledges a write: no word of what the register holds
+    written: bool = False  # an acknowledgement, which does not prove the register's value
 
 
 class ActuatorFamily(Protocol):
-    """One family on one bus."""
+    """Family of actuators on one bus."""
 
     name: str
     ids: tuple[int, ...]
     ranges: FieldRanges
     parameters: Mapping[str, FamilyRegister]
-    # What identification reads of each, beside being there; the names are those of `parameters`.
+    # Registers that identification reads of each; the names are those of `parameters`.
     identity: Sequence[str]
     watchdog: FamilyRegister | None  # None: it has none that can be read back over this bus
-    # Frames that one actuator answers `question` with. 0: it tells nothing but in answer to a command
+    # Frames that one actuator sends in reply to a position request. 0: it reports only in reply to a command
     # (CubeMars in MIT mode) or by itself.
     answers: int
-    claims: frozenset[int]  # 11-bit ids that it hears or speaks on: nobody else of that bus may have them
+    claims: frozenset[int]  # 11-bit ids that it receives or sends; no other device of that bus may have them
     replies: Bools  # (k,) True: it answers every command with feedback
 
     def make_position_request(self) -> Frames:
         """Return frames that request the position of all; moves nothing, changes no torque. May be empty."""
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
-        """One command each. Raises WireClamp naming id, field, value and range; then nothing is made."""
+        """Encode one command each.
+
+        Raises WireClamp naming id, field, value and range; then nothing is made.
+        """
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
         """Return the frames needed before torque where `command` carries no stiffness and damping (k,).
@@ -116,10 +119,10 @@ class ActuatorFamily(Protocol):
         """Return the frame of one order. Raises ValueError where the family has no such order."""
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Asks for one register. Raises ValueError where the family cannot (see each family)."""
+        """Encode the read of one register. Raises ValueError where the family cannot (see each family)."""
 
     def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
-        """Writes one register, `data` of 4 bytes; RAM alone. Raises ValueError where it cannot."""
+        """Encode the write of one register in RAM, `data` of 4 bytes. Raises ValueError where it cannot."""
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode all feedback among `frames`; also return which frames were feedback (len(frames),)."""
@@ -141,7 +144,7 @@ class ActuatorFamily(Protocol):
         """
 
     def commanded_rows(self, frames: Frames) -> Ints:
-        """Row that each frame commands, enables or writes; -1: none of these. For the last check."""
+        """Return the row that each frame commands, enables or writes; -1: none. For the last check."""
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position (len(frames),) rad that each frame commands; NaN: none of ours, or no motion command."""
+        """Return the position (len(frames),) rad that each frame commands; NaN: none, or not to these ids."""

@@ -1,7 +1,7 @@
-"""All actuators of one bus, of however many families, behind one set of arrays. Pure.
+"""Actuators of one bus, of any number of families, behind one set of arrays. Pure.
 
-Rows are places on the bus, in the order of the ids; a family has its own rows among them. What a family
-decodes is untrusted and sorted here: feedback, register answers, orders of another master, and strangers.
+Rows are indices on the bus, in the order of the ids; a family has its own rows among them. Decoded frames are
+untrusted and sorted here: feedback, register replies, orders of another master, unknown devices.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,8 +43,8 @@ class GroupFeedback:
     enabled: Ints
     fault: Ints
     answers: list[RegisterReply] = field(default_factory=list)  # registers, rows of the bus
-    masters: int = 0  # frames that order something of ours: another master's
-    strangers: int = 0  # frames of nobody on this bus
+    masters: int = 0  # frames that command an actuator of this bus: another master's
+    strangers: int = 0  # frames of no device on this bus
 
     @classmethod
     def nothing(cls, m: int) -> "GroupFeedback":
@@ -62,7 +62,7 @@ class GroupFeedback:
 
 
 class ActuatorGroup:
-    """The families of one bus. Ids are distinct over all of them."""
+    """Families of one bus. Ids are distinct over all of them."""
 
     def __init__(
         self,
@@ -70,9 +70,9 @@ class ActuatorGroup:
         actuators: Sequence[CanActuator],
         families: Sequence[tuple[ActuatorFamily, Sequence[int]]],
     ) -> None:
-        """`families`: each with the rows of its actuators, in the order of its ids.
+        """Make the group; `families`: each with the rows of its actuators, in the order of its ids.
 
-        Raises ValueError for no actuators, for ids given twice, and for rows that are not each there once.
+        Raises ValueError for no actuators, for ids given twice, and for rows that do not occur exactly once.
         """
         self.name = name
         self.actuators = tuple(actuators)
@@ -137,20 +137,20 @@ class ActuatorGroup:
 
         Also returns the number of frames that each of the m actuators answers with.
         """
-        asked = [
+        requested = [
             (family, own)
             for family, own in self.families
             if family.answers and (rows is None or rows[own].any())
         ]
         expect = np.zeros(len(self.ids), np.int64)
-        for family, own in asked:
+        for family, own in requested:
             expect[own] = family.answers
-        return joined([family.make_position_request() for family, _ in asked]), expect
+        return joined([family.make_position_request() for family, _ in requested]), expect
 
     def command(self, values: Floats, rows: Bools | None = None) -> Frames:
-        """Commands of `values` (5, m): position, velocity, kp, kd, torque; of `rows` alone, if given.
+        """Encode commands of `values` (5, m): position, velocity, kp, kd, torque; `rows` (m,): these alone.
 
-        Raises WireClamp for what a field cannot hold.
+        Raises WireClamp for a value outside its field.
         """
         if self._alone is not None:
             made = self._alone.command(*values)
@@ -164,17 +164,17 @@ class ActuatorGroup:
         return made if rows is None else self._only(made, rows)
 
     def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
-        """One order. Raises ValueError where its family has none."""
+        """Encode one order. Raises ValueError if its family lacks it."""
         family, place = self._of[row]
         return family.encode_valueless_command(place, what)
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Asks for one register. Raises ValueError where its family cannot."""
+        """Encode the read of one register. Raises ValueError if its family cannot."""
         family, place = self._of[row]
         return family.read(place, parameter)
 
     def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
-        """Writes one register. Raises ValueError where its family cannot."""
+        """Encode the write of one register. Raises ValueError if its family cannot."""
         family, place = self._of[row]
         return family.write(place, parameter, data)
 
@@ -186,7 +186,7 @@ class ActuatorGroup:
     # --------------------------------------------------------------------------- the last check
 
     def commanded_rows(self, frames: Frames) -> Ints:
-        """Row (k,) that each frame commands, enables or writes; -1: none."""
+        """Return the row (k,) that each frame commands, enables or writes; -1: none."""
         if self._alone is not None:
             return self._alone.commanded_rows(frames)
         to = np.full(len(frames), -1, np.int64)
@@ -197,7 +197,7 @@ class ActuatorGroup:
         return to
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position (k,) in rad that each frame commands; NaN: it commands none."""
+        """Return the position (k,) in rad that each frame commands; NaN: none."""
         if self._alone is not None:
             return self._alone.decode_commanded_position(frames)
         place = np.full(len(frames), np.nan)
@@ -216,52 +216,52 @@ class ActuatorGroup:
             usual = self._usual(self._alone, frames)
             if usual is not None:
                 return usual
-        heard = GroupFeedback.nothing(len(self.ids))
+        feedback = GroupFeedback.nothing(len(self.ids))
         known = np.zeros(len(frames), np.bool_)
         for family, own in self.families:
-            told, mine = family.feedback(frames)
+            reported, mine = family.feedback(frames)
             answers, answered = family.decode_register_replies(frames)
             known |= mine | answered
-            _keep(heard, told, own)
-            heard.answers += [each._replace(row=int(own[each.row])) for each in answers]
+            _keep(feedback, reported, own)
+            feedback.answers += [each._replace(row=int(own[each.row])) for each in answers]
         if not known.all():
             rest = frames[~known]
-            heard.masters = int(np.count_nonzero(self.commanded_rows(rest) >= 0))
-            heard.strangers = len(rest) - heard.masters
-        return heard
+            feedback.masters = int(np.count_nonzero(self.commanded_rows(rest) >= 0))
+            feedback.strangers = len(rest) - feedback.masters
+        return feedback
 
     def _usual(self, family: ActuatorFamily, frames: Frames) -> GroupFeedback | None:
-        """The healthy case: one frame of feedback of each, in whatever order; None: it is another."""
-        told, _ = family.feedback(frames)
-        rows = told.rows.tolist()
-        if rows != self._rows:  # not in the order in which they were asked
+        """Decode the healthy case, one frame of feedback of each, in any order; return None for any other."""
+        reported, _ = family.feedback(frames)
+        rows = reported.rows.tolist()
+        if rows != self._rows:  # not in the order of the requests
             if len(rows) != len(self.ids) or len(set(rows)) != len(rows):
                 return None
-            told = _ordered(told)
+            reported = _ordered(reported)
         return GroupFeedback(
             self._once,
-            told.position,
-            told.velocity,
-            told.effort,
-            told.temperature,
-            told.voltage,
-            told.enabled,
-            told.fault,
+            reported.position,
+            reported.velocity,
+            reported.effort,
+            reported.temperature,
+            reported.voltage,
+            reported.enabled,
+            reported.fault,
         )
 
 
-def _ordered(told: ActuatorFeedback) -> ActuatorFeedback:
+def _ordered(feedback: ActuatorFeedback) -> ActuatorFeedback:
     """Return the feedback in order of the rows."""
-    order = told.rows.argsort()
+    order = feedback.rows.argsort()
     return ActuatorFeedback(
-        told.rows[order],
-        told.position[order],
-        told.velocity[order],
-        told.effort[order],
-        told.enabled[order],
-        told.fault[order],
-        told.temperature[order],
-        told.voltage[order],
+        feedback.rows[order],
+        feedback.position[order],
+        feedback.velocity[order],
+        feedback.effort[order],
+        feedback.enabled[order],
+        feedback.fault[order],
+        feedback.temperature[order],
+        feedback.voltage[order],
     )
 
 
@@ -274,14 +274,14 @@ def joined(parts: Sequence[Frames]) -> Frames:
     return full[0] if full else NOTHING
 
 
-def _keep(heard: GroupFeedback, told: ActuatorFeedback, own: Ints) -> None:
-    rows = own[told.rows]
-    np.add.at(heard.count, rows, 1)
+def _keep(feedback: GroupFeedback, reported: ActuatorFeedback, own: Ints) -> None:
+    rows = own[reported.rows]
+    np.add.at(feedback.count, rows, 1)
     for name in ("position", "velocity", "effort", "temperature", "voltage"):
-        values = getattr(told, name)
-        says = ~np.isnan(values)
-        getattr(heard, name)[rows[says]] = values[says]  # of several the last stays
+        values = getattr(reported, name)
+        known = ~np.isnan(values)
+        getattr(feedback, name)[rows[known]] = values[known]  # of several frames the last is the newest
     for name in ("enabled", "fault"):
-        values = getattr(told, name)
-        says = values >= 0
-        getattr(heard, name)[rows[says]] = values[says]
+        values = getattr(reported, name)
+        known = values >= 0
+        getattr(feedback, name)[rows[known]] = values[known]

@@ -1,7 +1,7 @@
-"""What comes before torque over CAN, each step read back; and damping. Scripts.
+"""Preparation for torque over CAN, each step read back; and damping. Scripts.
 
-Modes are looked at, never written: an actuator may restart in another one. The watchdog is written to RAM
-and is gone with the power, so it is written before every torque.
+Modes are read, never written: an actuator may restart in another one. The watchdog is in RAM and lost with
+the power, so it is written before each torque-on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,11 +23,11 @@ from twind_drivers.can.actuator_family import FamilyRegister
 from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE, decode, encode
 
-WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself ...
-BEATS = 2  # ... so this many commands must come in that time
-MODES = ("mode", "run_mode")  # registers that tell what an actuator takes
+WATCHDOG = 0.1  # s without a command after which an actuator releases by itself; none: it holds for ever ...
+BEATS = 2  # ... commands due in that time, so that one lost command does not release the joint
+MODES = ("mode", "run_mode")  # registers of the commands that an actuator accepts
 LIMIT = "torque_limit"
-TRIES = 3
+TRIES = 3  # requests before NoReply: one lost frame is no missing actuator
 UNWATCHED = (
     "ids {}: no watchdog that can be read back over this bus: without one set in the vendor's tool they "
     "hold their last command for ever when this daemon dies"
@@ -37,17 +37,17 @@ UNWATCHED = (
 def prepare(
     own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, among: Bools | None = None
 ) -> Script[None]:
-    """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
+    """Read the modes; hold and clear faults in one send; write limits, watchdogs, gains.
 
-    `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none. `among` (m,): who is prepared,
-    None: all; the others are barred.
+    `required` (m,): actuators that must have a watchdog. `limits` (m,), N·m, NaN none. `among` (m,): the
+    actuators to prepare, None: all; the others are barred.
 
-    NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones. Who is
-    silent stays as it was: soft if it was soft, without commands if it was barred.
+    NoReply is raised after all other actuators are prepared: a robot can be lowered without the silent ones.
+    A silent actuator keeps its state: soft if it was soft, without commands if it was barred.
     """
     there = np.ones(len(ticks), np.bool_) if among is None else among.copy()
     own.cyclic.barred = own.cyclic.barred | ~there
-    own.order(ticks, there)  # judged before anything is sent
+    own.order(ticks, there)  # raises WireClamp before any frame leaves
     own.aim = ticks.copy()
     soft = own.soft.copy()
     barred = own.cyclic.barred.copy()
@@ -68,13 +68,13 @@ def prepare(
 def _prepared(
     own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, there: Bools
 ) -> Script[None]:
-    """All of that, of those `there` (m,) alone."""
+    """Run all steps of `prepare` on the actuators `there` (m,) alone."""
     yield from _require_modes(own, there)
     own.soft &= ~there
     own.cyclic.barred = own.cyclic.barred & ~there
     yield from _clear_faults(own, ticks, there)
     yield from _limit(own, np.where(there, limits, np.nan))
-    own.hold(ticks)  # from here on it is fed
+    own.hold(ticks)  # commands from here on, else the watchdog armed next would run out at once
     watched = yield from _watch(own, required, there)
     own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
     if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
@@ -83,14 +83,14 @@ def _prepared(
 
 
 def damp(own: CanCommandEncoder, ticks: Ints) -> Script[tuple[int, ...]]:
-    """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
-    everybody = np.ones(len(ticks), np.bool_)
-    own.soft = everybody.copy()
+    """Command no stiffness and more damping from now on; return the ids without acknowledgement."""
+    every_row = np.ones(len(ticks), np.bool_)
+    own.soft = every_row.copy()
     own.line.goals = None
-    soft = own.order(ticks, everybody)
+    soft = own.order(ticks, every_row)
     missing = set(own.reader.ids)
     for _ in range(TRIES):
-        reply = yield BurstWriteRequest((own.gains(everybody), soft))
+        reply = yield BurstWriteRequest((own.gains(every_row), soft))
         missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
         if not missing:
             break
@@ -106,9 +106,9 @@ def _require_modes(own: CanCommandEncoder, there: Bools) -> Script[None]:
             if name not in family.identity:
                 continue
             parameter = family.parameters[name]
-            asked = [own.fleet.ids[row] for row in rows if there[row]]
-            found = yield from collect(own, asked, parameter)
-            for id in asked:
+            requested = [own.fleet.ids[row] for row in rows if there[row]]
+            found = yield from collect(own, requested, parameter)
+            for id in requested:
                 mode = family.operating_mode({name: decode(parameter, found[id])})
                 if mode != 1:
                     reason = (
@@ -121,17 +121,17 @@ def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[N
     state = own.reader.registers
     faulty = there & (state.fault > 0)
     yield BurstWriteRequest((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
-    told = np.zeros(len(there), np.bool_)
+    replied = np.zeros(len(there), np.bool_)
     waited = 0.0
     for _ in range(TRIES):
         if not (state.fault[faulty] > 0).any():
             return
         reply = yield ReadRequest(tuple(own.by_id(faulty)), STATE, 3)
-        told = told | own.rows(reply.data)
+        replied = replied | own.rows(reply.data)
         waited = waited + reply.waited
     left = faulty & (state.fault > 0)
-    if (left & ~told).any():
-        raise NoReply(own.reader.name, own.by_id(left & ~told), waited, "read of its faults")
+    if (left & ~replied).any():
+        raise NoReply(own.reader.name, own.by_id(left & ~replied), waited, "read of its faults")
     row = int(np.argmax(left))
     reason = (
         f"fault bits {int(state.fault[row]):#x} stay though cleared: find the cause, switch it off and on"
@@ -140,8 +140,10 @@ def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[N
 
 
 def _watch(own: CanCommandEncoder, required: Bools, there: Bools) -> Script[Bools]:
-    """Watchdogs of those `there` (m,) armed and read back; who (m,) has one now. Raises NoReply, and
-    DeviceRefused where one is required."""
+    """Arm the watchdogs of the actuators `there` (m,) and read them back; return those (m,) that have one.
+
+    Raises NoReply, and DeviceRefused where one is required and missing.
+    """
     watched = np.zeros(len(required), np.bool_)
     for family, rows in own.fleet.families:
         if family.watchdog is not None:
@@ -201,7 +203,10 @@ def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
 def collect(
     own: CanCommandEncoder, ids: Sequence[int], parameter: FamilyRegister
 ) -> Script[dict[int, bytes]]:
-    """One register of several of a family, some at once. Raises NoReply naming the silent."""
+    """Read one register of several actuators of a family, some at once.
+
+    Raises NoReply naming the silent ones.
+    """
     found: dict[int, bytes] = {}
     waited = 0.0
     count = own.reader.at_once
@@ -220,7 +225,7 @@ def collect(
 def write_and_read_back(
     own: CanCommandEncoder, data: Mapping[int, bytes], parameter: FamilyRegister
 ) -> Script[None]:
-    """One register of several of a family, read back; what was lost is written again.
+    """Write one register of several actuators of a family and read it back; lost writes are repeated.
 
     Raises DeviceRefused for the first that reads otherwise, NoReply.
     """

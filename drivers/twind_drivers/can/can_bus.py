@@ -1,4 +1,4 @@
-"""The CAN bus as the loop sees it: a reader, a writer, and how an actuator is described."""
+"""CAN bus of the loop: reader, writer, and the description of an actuator."""
 
 from twind_drivers.can.actuator import CanActuator
 from twind_drivers.can.can_reader import CanReader

@@ -1,7 +1,7 @@
-"""What a cycle costs on a CAN wire: bits, seconds, reachable rate, refusal with the arithmetic. Pure.
+"""Cost of a cycle on a CAN wire: bits, seconds, reachable rate, refusal with the arithmetic. Pure.
 
 Frames are those of CAN 2.0 (ISO 11898-1): 47 bits and the payload with an id of 11 bits, 67 with one of 29,
-the pause of three bits between frames included. Each is counted with all the stuff bits that it can have.
+the pause of three bits between frames included. Each is counted with the most stuff bits that it can have.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ STANDARD = 47
 EXTENDED = 67
 STUFFED = {STANDARD: 34, EXTENDED: 54}  # of these bits those that are stuffed, before the payload's own
 WITH_29_BITS = ("robstride",)  # families whose ids are extended
-# Frames of 8 bytes that one actuator sends a second whoever asks: estimates each 10 ms, a heartbeat each 100.
+# Frames of 8 bytes that one actuator sends a second by itself: estimates each 10 ms, a heartbeat each 100.
 BY_ITSELF: Mapping[str, float] = {"odrive": 110.0}
 # s, and of a period: the bus time that one transaction beside the cycle may take
 SLICE = 0.002
@@ -38,7 +38,7 @@ class CanCycleBudget:
     lines: tuple[str, ...]
 
     def refusal(self, rate_hz: float) -> str | None:
-        """Why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
+        """Return the reason why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
         if self.reachable_hz >= rate_hz:
             return None
         return (
@@ -49,14 +49,15 @@ class CanCycleBudget:
 
 
 def registers_at_once(bitrate: int, rate_hz: float) -> int:
-    """Registers that one turn of upkeep asks for: what fits into its share with the answers, one at least."""
+    """Return the registers per turn of upkeep: those that fit with their replies, at least one."""
     return max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * frame_bits(extended=True))))
 
 
 def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleBudget:
-    """The cycle of so many actuators of each family: commands, replies, upkeep, and what is sent unasked.
+    """Return the budget of a cycle of the actuators by family.
 
-    Raises ValueError for no actuators, no bitrate or no rate.
+    It contains commands, replies, upkeep, and frames that devices send by themselves. Raises ValueError for
+    no actuators, no bitrate or no rate.
     """
     if sum(counts.values()) < 1 or bitrate < 1 or not rate_hz > 0.0:
         given = f"{dict(counts)}, {bitrate} and {rate_hz}"
@@ -67,38 +68,39 @@ def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleB
     for family, count in counts.items():
         bits = frame_bits(extended=family in WITH_29_BITS)
         cycle = 2 * count
-        unasked = count * BY_ITSELF.get(family, 0.0) / rate_hz
+        unrequested = count * BY_ITSELF.get(family, 0.0) / rate_hz
         lines.append(
             f"commands to {count} {family} and their replies: {cycle} frames of at most {bits} bits "
             f"= {_us(cycle * bits, bitrate)}"
         )
-        if unasked:
-            lines.append(f"sent unasked: {unasked:.3g} frames = {_us(unasked * bits, bitrate)}")
-        frames = frames + cycle + unasked
-        total = total + (cycle + unasked) * bits
-    asked = min(registers_at_once(bitrate, rate_hz), sum(counts.values()))
+        if unrequested:
+            lines.append(f"unrequested: {unrequested:.3g} frames = {_us(unrequested * bits, bitrate)}")
+        frames = frames + cycle + unrequested
+        total = total + (cycle + unrequested) * bits
+    requested = min(registers_at_once(bitrate, rate_hz), sum(counts.values()))
     upkeep = _upkeep(counts, bitrate, rate_hz)
-    lines.append(f"upkeep: {asked} registers, asked and answered, at most {_us(upkeep, bitrate)}")
-    frames = frames + 2 * asked
+    lines.append(f"upkeep: {requested} registers, request and reply, at most {_us(upkeep, bitrate)}")
+    frames = frames + 2 * requested
     total = total + upkeep
     lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
     return CanCycleBudget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
 
 
 def _upkeep(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> float:
-    """Bits that are kept free for it: its share of the period, or one register where that is longer."""
+    """Return the bits kept free for upkeep: its share of the period, or one register where that is longer."""
     one = 2 * frame_bits(extended=any(family in WITH_29_BITS for family in counts))
     return max(one, min(SLICE, SHARE / rate_hz, sum(counts.values()) * one / bitrate) * bitrate)
 
 
 def _reachable(counts: Mapping[str, int], bitrate: int) -> float:
-    """The highest rate (Hz) at which a cycle fits into its period; 0 where none does."""
+    """Return the highest rate (Hz) at which a cycle fits into its period; 0 where none does."""
 
     def fits(rate_hz: float) -> bool:
+        """Return True if a cycle fits into its period at `rate_hz`."""
         bits = _upkeep(counts, bitrate, rate_hz)
         for family, count in counts.items():
-            unasked = BY_ITSELF.get(family, 0.0) / rate_hz
-            bits += count * (2 + unasked) * frame_bits(extended=family in WITH_29_BITS)
+            unrequested = BY_ITSELF.get(family, 0.0) / rate_hz
+            bits += count * (2 + unrequested) * frame_bits(extended=family in WITH_29_BITS)
         return bits * rate_hz <= bitrate
 
     low = 0.0

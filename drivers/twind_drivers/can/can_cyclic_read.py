@@ -3,7 +3,7 @@
 A commanded actuator answers the command, where its family does so; all others are requested separately.
 Silent actuators are not waited for (`DevicePresence`), but further requested: that costs no time-out.
 
-Late answers: an answer has no number of its request, so that of the last cycle looks like that of this one.
+Late answers: an answer has no number of its request, so that of the last cycle has the form of one of this.
 An actuator that missed an answer is suspect. It is not believed until three requests in a row brought exactly
 the requested number of frames, in time. A pile of late answers brings too many or none. One case stays
 possible: an actuator whose every answer suddenly is late by the same whole number of cycles. Its position is
@@ -20,9 +20,10 @@ from twind_drivers.can.can_units import COUNT, EFFORT
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.device_presence import DevicePresence
 
-SURE = 3  # requests in a row, each answered as it should be, after which a suspect is believed
+SURE = 3  # requests in a row with exactly their replies that clear a suspect; fewer could all be late ones
 ALERT = np.uint8(0x80)  # of a sample's error byte: the actuator has a fault
-KNOCK = 1.0  # s of silence before whoever answers commands alone is knocked at: its own watchdog has run out
+# s of silence before an actuator that replies only to commands gets a soft one: its watchdog has run out then
+KNOCK = 1.0
 
 
 class CanCyclicRead:
@@ -41,18 +42,18 @@ class CanCyclicRead:
         self.attendance = DevicePresence(m)
         self.energised, self.watched, self.barred, self.limp = (np.zeros(m, np.bool_) for _ in range(4))
         self._mute: Bools = fleet.replies & (fleet.answers == 0)
-        self.place: Floats = np.full(m, np.nan)  # rad, where each said that it is, last
-        # Sent to those who answer commands alone while nobody commands them; made by the writer.
+        self.place: Floats = np.full(m, np.nan)  # (m,) rad, last reported positions
+        # Sent to actuators that reply only to commands, while none commands them; made by the writer.
         self.knock: tuple[Frames, Bools] = (NOTHING, np.zeros(m, np.bool_))
-        self.proven: Bools = np.ones(m, np.bool_)  # believed, if it answered
-        self._clean = np.full(m, SURE, np.int64)  # requests in a row with exactly its answers
-        self._heard_at = np.full(m, -np.inf)
+        self.proven: Bools = np.ones(m, np.bool_)  # (m,) replies of these are believed
+        self._clean = np.full(m, SURE, np.int64)  # (m,) requests in a row with exactly their replies
+        self._received_at = np.full(m, -np.inf)
         self._first = np.inf  # s, of the first request
-        self.cycle = 0  # how many requests there were
-        self._sure = False  # nobody is suspected or parked
+        self.cycle = 0  # number of requests
+        self._sure = False  # no actuator is suspect or parked
         self._everyone: Bools = np.ones(m, np.bool_)
         self._everyone.setflags(write=False)
-        self._everybody = CanTransaction(*fleet.make_position_request())
+        self._request_all = CanTransaction(*fleet.make_position_request())
         self.nothing = CanTransaction(NOTHING, np.zeros(m, np.int64))
 
     # --------------------------------------------------------------------------- out
@@ -70,14 +71,16 @@ class CanCyclicRead:
         """Return a request for the positions of at least the actuators `silent` (m,)."""
         if not silent.any():
             return self.nothing
-        asked = self._everybody if silent.all() else CanTransaction(*self.fleet.make_position_request(silent))
+        request = (
+            self._request_all if silent.all() else CanTransaction(*self.fleet.make_position_request(silent))
+        )
         frames, rows = self.knock
         knocked = rows & silent & ~self.energised
         if not knocked.any() or not now - self._first >= KNOCK:
-            return asked
+            return request
         own = frames if knocked.all() else frames[knocked[self.fleet.commanded_rows(frames)]]
         return CanTransaction(
-            joined([asked.frames, own]), asked.expect + np.where(self.fleet.replies, knocked, 0)
+            joined([request.frames, own]), request.expect + np.where(self.fleet.replies, knocked, 0)
         )
 
     # --------------------------------------------------------------------------- in
@@ -85,63 +88,63 @@ class CanCyclicRead:
     def sample(self, now: float) -> BusSample:
         """Build the sample from the answers to the last, ended request. Zero where no answer is believed."""
         line = self._line
-        heard = self._line.heard
-        if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
+        feedback = self._line.heard
+        if line.exact and self._sure and not np.isnan(feedback.velocity + feedback.position).any():
             believed = self._everyone
-            asked = self.attendance.asked
-            self._take_complete_reading(heard, now)
+            waited = self.attendance.asked
+            self._take_complete_reading(feedback, now)
         else:
-            believed, asked = self._look(heard, now)
+            believed, waited = self._look(feedback, now)
         foreign = line.foreign
         line.foreign = 0
-        efforts = believed & (heard.effort == heard.effort)  # NaN: not told
+        efforts = believed & (feedback.effort == feedback.effort)  # NaN: not reported
         known = bool(efforts.any())
-        faulty = heard.fault.any()
+        faulty = feedback.fault.any()
         return BusSample(
             sent=line.sent,
             received=line.received,
-            position=_raw(heard.position, believed, COUNT),
-            velocity=_raw(heard.velocity, believed, COUNT),
-            effort=_raw(heard.effort, efforts, EFFORT) if known else np.zeros(len(believed), np.int64),
-            error=(believed & alert(heard.fault)) * ALERT if faulty else np.zeros(len(believed), np.uint8),
+            position=_raw(feedback.position, believed, COUNT),
+            velocity=_raw(feedback.velocity, believed, COUNT),
+            effort=_raw(feedback.effort, efforts, EFFORT) if known else np.zeros(len(believed), np.int64),
+            error=(believed & alert(feedback.fault)) * ALERT if faulty else np.zeros(len(believed), np.uint8),
             heard=believed,
-            asked=asked,
+            asked=waited,
             discarded=line.strays,
             foreign=foreign,
             effort_told=None if efforts.all() else efforts,
             line=int(line.condition(now)),
         )
 
-    def _take_complete_reading(self, heard: GroupFeedback, now: float) -> None:
+    def _take_complete_reading(self, feedback: GroupFeedback, now: float) -> None:
         """Update the state after a healthy reading: one answer of each, none suspect or parked before."""
         self.attendance.record_complete_reply()
         if self.energised.any():
             self._bar(now)
-        self.place = heard.position
-        self._heard_at[:] = now
+        self.place = feedback.position
+        self._received_at[:] = now
         self._line.spoke.fill(False)
 
-    def _look(self, heard: GroupFeedback, now: float) -> tuple[Bools, Bools]:
+    def _look(self, feedback: GroupFeedback, now: float) -> tuple[Bools, Bools]:
         """Return the actuators (m,) whose answer is believed, and those that the reading waited for."""
         expect = self._line.expect
-        answered = (expect > 0) & (heard.count >= expect)
-        spoke = (heard.count > 0) & ((expect == 0) | ~self.fleet.replies)  # of itself
-        there = (answered | spoke) & ~np.isnan(heard.position) & ~np.isnan(heard.velocity)
-        self._prove(heard, expect, there)
+        answered = (expect > 0) & (feedback.count >= expect)
+        spoke = (feedback.count > 0) & ((expect == 0) | ~self.fleet.replies)  # sent by itself
+        there = (answered | spoke) & ~np.isnan(feedback.position) & ~np.isnan(feedback.velocity)
+        self._prove(feedback, expect, there)
         believed: Bools = there & self.proven
         self._bar(now)
-        self.place = np.where(believed, heard.position, self.place)
-        self._heard_at[self._line.spoke | believed] = now
-        asked = self._attend(believed, expect > 0, now)
+        self.place = np.where(believed, feedback.position, self.place)
+        self._received_at[self._line.spoke | believed] = now
+        waited = self._attend(believed, expect > 0, now)
         self._sure = bool(self.proven.all()) and not self.attendance.parked
-        return believed, asked
+        return believed, waited
 
-    def _prove(self, heard: GroupFeedback, expect: Ints, there: Bools) -> None:
+    def _prove(self, feedback: GroupFeedback, expect: Ints, there: Bools) -> None:
         """Update which actuators (m,) are proven, i.e. answer the present request.
 
         After a missed answer an actuator is proven only by `SURE` clean requests in a row.
         """
-        exact = there & ((heard.count == expect) | ~self.fleet.replies)
+        exact = there & ((feedback.count == expect) | ~self.fleet.replies)
         missed = (expect > 0) & ~there
         messy = there & ~exact & (self._clean < SURE)
         self._clean = np.where(missed | messy, 0, np.minimum(self._clean + exact, SURE))
@@ -152,8 +155,8 @@ class CanCyclicRead:
 
         A late answer is no reading, but its sender does not count as silent.
         """
-        if now - self._heard_at.min() >= DEAD:
-            away = self.energised & (now - self._heard_at >= DEAD)
+        if now - self._received_at.min() >= DEAD:
+            away = self.energised & (now - self._received_at >= DEAD)
             self.barred |= away & self.watched
             self.limp |= away & self._mute
         if self._line.dead(now):
@@ -161,31 +164,31 @@ class CanCyclicRead:
 
     def _attend(self, believed: Bools, could: Bools, now: float) -> Bools:
         """Return the actuators (m,) that this reading waited for; update the presence for the next one."""
-        asked: Bools = self.attendance.asked & (could | believed | (self.fleet.answers > 0))
-        heard = self._line.heard.count > 0
-        self.attendance.record_missing_reply(heard, could & self.attendance.asked, now)
+        waited: Bools = self.attendance.asked & (could | believed | (self.fleet.answers > 0))
+        replied = self._line.heard.count > 0
+        self.attendance.record_missing_reply(replied, could & self.attendance.asked, now)
         if self.attendance.parked:
             for row in np.flatnonzero(self._line.spoke & ~self.attendance.asked).tolist():
                 self.attendance.back(row, now)
-        elif could.any() and heard[could].all():
+        elif could.any() and replied[could].all():
             self.attendance.record_complete_reply()
         self._line.asked = self.attendance.asked
         self._line.spoke.fill(False)
-        return asked
+        return waited
 
-    def note(self, heard: GroupFeedback, now: float) -> Bools:
-        """Take the additional feedback of a rare transaction; return the believed actuators (m,) in it."""
-        told: Bools = (heard.count > 0) & self.proven
-        placed = told & ~np.isnan(heard.position)
-        self.place = np.where(placed, heard.position, self.place)
-        self._heard_at[placed] = now
-        return told
+    def note(self, feedback: GroupFeedback, now: float) -> Bools:
+        """Take the feedback of a rare transaction; return the actuators (m,) with proven replies."""
+        fresh: Bools = (feedback.count > 0) & self.proven
+        placed = fresh & ~np.isnan(feedback.position)
+        self.place = np.where(placed, feedback.position, self.place)
+        self._received_at[placed] = now
+        return fresh
 
     def energise(self, rows: Bools, now: float) -> None:
         """Mark the torque of `rows` (m,) as controlled by this bus; their silence counts from now on."""
         self.energised = rows.copy()
         self.limp = self.limp & ~rows
-        self._heard_at[rows] = np.maximum(self._heard_at[rows], now)
+        self._received_at[rows] = np.maximum(self._received_at[rows], now)
 
 
 def alert(fault: Ints) -> Bools:
@@ -197,8 +200,8 @@ def alert(fault: Ints) -> Bools:
     return faulty
 
 
-def _raw(values: Floats, told: Bools, unit: float) -> Ints:
+def _raw(values: Floats, reported: Bools, unit: float) -> Ints:
     """Return whole raw units (m,); 0 where the value is unknown."""
     exact = np.rint(values * (1.0 / unit))
-    whole: Ints = (exact if told.all() else np.where(told, exact, 0.0)).astype(np.int64)
+    whole: Ints = (exact if reported.all() else np.where(reported, exact, 0.0)).astype(np.int64)
     return whole

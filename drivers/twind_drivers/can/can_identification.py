@@ -10,9 +10,13 @@ from twind_drivers.can.can_models import model
 from twind_drivers.can.can_units import counts
 from twind_drivers.can.register_access import STATE, decode
 
-TRIES = 2  # that are not answered, after which somebody is silent, or does not have a register
-CHIP = ("mcu_high", "mcu_low")  # halves of its processor's number, where it tells it: no two have the same
-TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_range": "tmax_milli"}
+TRIES = 2  # requests before a device counts as silent or without the register; one may be lost
+CHIP = ("mcu_high", "mcu_low")  # halves of the unique number of its processor, where it reports it
+REPORTED_RANGES = {
+    "position_range": "pmax_milli",
+    "velocity_range": "vmax_milli",
+    "torque_range": "tmax_milli",
+}
 
 
 def identify(fleet: ActuatorGroup, count: int) -> Script[tuple[IdentifiedDevice, ...]]:
@@ -56,7 +60,9 @@ def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> Ident
     row = fleet.row(id)
     family, place = fleet.family_of_row(row)
     known = {name: value for name, value in values.items() if isfinite(value)}
-    fleet.learn(row, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
+    fleet.learn(
+        row, {name: value for name, value in known.items() if name not in REPORTED_RANGES or value > 0.0}
+    )
     span = float(family.ranges.position[place])
     edge = int(counts(span)) if isfinite(span) else 0
     settings = {
@@ -66,11 +72,17 @@ def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> Ident
         "min_position_limit": -edge,
         "max_position_limit": edge,
     }
-    settings |= {TOLD[name]: round(value * 1e3) for name, value in known.items() if name in TOLD}
-    whole = {name: int(value) for name, value in known.items() if value == int(value) and name not in TOLD}
+    settings |= {
+        REPORTED_RANGES[name]: round(value * 1e3) for name, value in known.items() if name in REPORTED_RANGES
+    }
+    whole = {
+        name: int(value)
+        for name, value in known.items()
+        if value == int(value) and name not in REPORTED_RANGES
+    }
     described = model(fleet.actuators[row].model)
     firmware = int(known.get("firmware", 0)) & 0xFF
     chip = [known[half] for half in CHIP if half in known]
     unique = "".join(f"{int(half):08x}" for half in chip) if len(chip) == len(CHIP) else None
-    # Which model it is no actuator tells: number and name are those that it is described as.
+    # No actuator reports its model: number and name are those of the robot file.
     return IdentifiedDevice(id, described.number, described.name, firmware, {**whole, **settings}, unique)

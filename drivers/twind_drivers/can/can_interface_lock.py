@@ -1,8 +1,8 @@
-"""One owner of a CAN interface of the kernel, which itself lets anybody open it beside anybody.
+"""Exclusive ownership of a CAN interface of the kernel, which itself permits several owners.
 
-The sign is a name in the abstract namespace of Unix sockets (unix(7)): bound by one socket at a time, seen in
-its network namespace alone, as the interface is, and gone with the process that has it. It keeps out those
-who look at it, which are this driver's own; `candump` and `cansend` do not.
+The lock is a name in the abstract namespace of Unix sockets (unix(7)). One socket at a time can bind it, it
+is visible only in its network namespace, like the interface, and it ends with its process. It excludes other
+instances of this driver, not `candump` and `cansend`, which do not use it.
 """
 
 import errno
@@ -21,7 +21,7 @@ PATH = 7
 
 
 class CanInterfaceLock:
-    """That this process has the interface; until `close`."""
+    """Lock of an interface by this process, until `close`."""
 
     def __init__(self, interface: str) -> None:
         """Raises PortError: of kind IN_USE with the owner, or where no sign can be set."""
@@ -38,7 +38,7 @@ class CanInterfaceLock:
             raise PortError(interface, reason) from error
 
     def close(self) -> None:
-        """Let go of it. May be called twice."""
+        """Release the lock. May be called twice."""
         self._sign.close()
 
 

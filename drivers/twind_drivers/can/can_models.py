@@ -1,13 +1,13 @@
-"""What a CAN actuator is by its name in a robot file: family, ranges of its fields, what it stands. Pure.
+"""CAN actuator models by their names in a robot file: family, field ranges, supply and heat limits. Pure.
 
-Sources. Damiao: ranges as lerobot's table has them, supply and heat as the vendor's table of motors and its
-debugging tool recommend (Seeed wiki, Damiao series). The two disagree on DM3507 and the 48 V types; every
-motor tells its own ranges, which win. CubeMars: AK manual V1.0.8 for AK70-10 and AK80-64, public drivers for
-the others (TMotorCANControl); those know 120 N·m for AK80-64, where the manual has 144. RobStride: vendor's
-sample program for RS01, lerobot for the others; its speeds of RS02 to RS04 are doubtful, so is its position
-range of RS06, which is left out. Gains of RS03, RS04 and RS06 from takarakasai/robstride-driver, which takes
-them from the manual: were they 500 and 5, the joint would be softer than asked, not stiffer. CubeMars and
-RobStride tell no ranges: confirm them by moving. ODrive: what the fields hold.
+Sources. Damiao: ranges from lerobot's table, supply and heat from the vendor's table of motors and its
+debugging tool (Seeed wiki, Damiao series). The two disagree on DM3507 and the 48 V types; every motor reports
+its own ranges, which take precedence. CubeMars: AK manual V1.0.8 for AK70-10 and AK80-64, public drivers for
+the others (TMotorCANControl); those give 120 N·m for AK80-64, the manual 144. RobStride: vendor's sample
+program for RS01, lerobot for the others. Its speeds of RS02 to RS04 are doubtful, so is its position range of
+RS06, which is left out. Gains of RS03, RS04 and RS06 from takarakasai/robstride-driver, which cites the
+manual: if they were 500 and 5, the joint would be softer than requested, not stiffer. CubeMars and RobStride
+report no ranges: confirm them by moving. ODrive: ranges of the fields.
 """
 
 import math
@@ -26,7 +26,7 @@ class CanActuatorModel:
     """One model. Ranges are symmetric about 0; NaN: no source gives it, so the robot file must."""
 
     name: str
-    number: int  # ours and for ever: what a calibration records. Beyond 16 bits, so it is no serial servo's
+    number: int  # assigned here, never changed: calibrations record it. Beyond 16 bits: no serial servo's
     family: str  # damiao, cubemars, robstride, odrive
     position: float  # rad
     velocity: float  # rad/s

@@ -18,7 +18,7 @@ FORM = "a CAN port is can:INTERFACE:CHANNEL, such as can:socketcan:can0 or can:s
 
 
 class CanPort(NamedTuple):
-    """What a port's name says."""
+    """Parsed name of a CAN port."""
 
     interface: str  # socketcan, slcan, or another of python-can's
     channel: str  # can0, /dev/ttyACM0; may contain colons
@@ -26,7 +26,7 @@ class CanPort(NamedTuple):
 
 
 def is_can(port: str) -> bool:
-    """Is this the name of a CAN port, right or wrong?"""
+    """Return True for the name of a CAN port, valid or not."""
     return port.startswith(PREFIX)
 
 
@@ -47,7 +47,7 @@ def parse(port: str) -> CanPort:
 
 
 def present(port: str) -> bool:
-    """Is its device there now? Where nobody can say, True. Raises ValueError."""
+    """Return True if its device is present, or if that cannot be determined. Raises ValueError."""
     interface, channel, _ = parse(port)
     if interface == "slcan":
         return Path(channel).exists()
@@ -55,13 +55,13 @@ def present(port: str) -> bool:
 
 
 def open_channel(port: str, bitrate: int) -> CanChannel:
-    """Open a port by its name, at `bitrate` (bit/s). Raises PortError that says what to do."""
+    """Open a port by its name, at `bitrate` (bit/s). Raises PortError with the remedy."""
     try:
         interface, channel, baud = parse(port)
     except InvalidInput as error:
         raise PortError(port, error.reason) from None
     if interface != "slcan":
-        # python-can costs a tenth of a second: only who has such an adapter pays it.
+        # Importing python-can takes 0.1 s, so it is done only for its adapters.
         from twind_drivers.can.python_can_channel import PythonCanChannel  # noqa: PLC0415
 
         return PythonCanChannel(interface, channel, bitrate)

@@ -1,4 +1,4 @@
-"""The reading half of a CAN bus: cyclic reading, upkeep of the slow registers, identification.
+"""Reader of a CAN bus: cyclic reading, slow registers, identification.
 
 Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write. Raw units are
 those of `can_units.py` for every family.
@@ -50,23 +50,23 @@ from twind_drivers.can.register_access import (
 )
 from twind_drivers.slow_read_rate import upkeep_stride
 
-# s that an answer may take beyond its wire time, at most half a period of the loop. USB adapters hand frames
-# on in batches; with 2 ms a machine at its limit lost one reading in ten (2026-11-22, 24 virtual actuators).
-# a rare transaction ends the tick, so it waits for less
+# s that a reply may take beyond its wire time, at most half a period of the loop. USB adapters deliver frames
+# in batches; with 2 ms a machine at its limit lost one reading in ten (2026-11-22, 24 virtual actuators).
+# A rare transaction ends the tick, so it waits less.
 SLACK = 0.0035
 RARE_SLACK = 0.002
-SLICE = 0.002  # s of bus time that one transaction of a script or of upkeep may take at most ...
-SHARE = 0.2  # ... and of a period
-ROUND = 0.04  # s in which every watchdog is read once
-TRIES = 3  # of a read that nobody answers
-FAULTS = "hardware_error_status"  # the name under which the loop asks what is wrong
+SLICE = 0.002  # s, largest bus time of a transaction of a script or of upkeep; more would delay the tick ...
+SHARE = 0.2  # ... and its share of a period
+ROUND = 0.04  # s in which every watchdog is read once: 25 Hz, since 20 Hz are required
+TRIES = 3  # requests before NoReply: one lost frame is no missing device
+FAULTS = "hardware_error_status"  # name under which the loop reads the fault bits
 
 
 class CanReader:
-    """A bus by its actuators. Arrays are in the order of `ids`, raw units of `can_units.py`.
+    """Reader of the actuators of one bus. Arrays are (m,), in the order of `ids`, in units of `can_units.py`.
 
-    An actuator that tells where it is only in answer to a command (CubeMars in MIT mode) is not heard by a
-    reader alone.
+    An actuator that reports its position only in reply to a command (CubeMars in MIT mode) stays silent
+    towards a reader alone.
     """
 
     def __init__(
@@ -79,10 +79,12 @@ class CanReader:
         rate_hz: float = 100.0,
         slack: float | None = None,
     ) -> None:
-        """`bitrate`: bit/s of the wire. `rate_hz`: how often the loop calls. `slack` (s): what an answer may
-        take beyond its wire time; None: 3.5 ms, or half a period where that is less.
+        """Make the reader; `bitrate`: bit/s. `rate_hz`: rate of the loop.
 
-        Raises ValueError for no ids, ids given twice or that look alike on the wire; KeyError for an unknown
+        `slack` (s): time that a reply may take beyond its wire time; None: 3.5 ms, or half a period where
+        that is less.
+
+        Raises ValueError for no ids, ids given twice or ids with the same frame ids; KeyError for an unknown
         model.
         """
         self.name = name
@@ -97,45 +99,45 @@ class CanReader:
         )
         self.cyclic = CanCyclicRead(self.fleet, self.line)
         self.slow = CanSlowRegisters(self.fleet)
-        # Registers that fit beside a cycle, asked and answered.
+        # Registers whose requests and replies fit beside a cycle.
         self.at_once = max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * EXTENDED_BITS)))
         self.slow.schedule(self.at_once, turns=int(ROUND * rate_hz / upkeep_stride(rate_hz)))
-        self._asked: dict[Query, CanTransaction] = {}  # of upkeep: its slices come again and again
+        self._upkeep_transactions: dict[Query, CanTransaction] = {}  # upkeep repeats its slices
         self._query: Request | None = None
 
     @property
     def transport(self) -> PortHandle:
-        """The channel under it."""
+        """Channel of the bus."""
         return self.channel
 
     @property
     def registers(self) -> SlowRegisterValues:
-        """The slowly read state, in the order of `ids`."""
+        """Slowly read state, in the order of `ids`."""
         return self.slow.registers
 
     @property
     def deadline(self) -> float:
-        """When the outstanding transaction ends at the latest, s."""
+        """Latest end of the outstanding transaction, s."""
         return self.line.deadline
 
     @property
     def earliest(self) -> float:
-        """When our frames and all their answers can have left the wire: each of them wakes whoever waits."""
+        """Earliest time (s) of all frames and replies on the wire; each wake before it costs CPU."""
         return self.line.earliest
 
     # --------------------------------------------------------------------------- the cyclic reading
 
     def request(self, now: float) -> None:
-        """Begin the cyclic reading: pending goals and questions leave together. Raises PortError."""
+        """Begin the cyclic reading: pending goals and requests leave together. Raises PortError."""
         self.line.send(self.cyclic.next(self.line.commanded_rows(now), now), now, goals=True)
-        self._overhear(now)
+        self._take_unrequested(now)
 
     def feed(self, now: float) -> bool:
-        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        """Process received frames; return True when the transaction is complete. Raises PortError."""
         return self.line.feed(now)
 
     def finish(self, now: float) -> BusSample:
-        """End the cyclic reading with what was heard; zeros where an actuator stayed silent."""
+        """End the cyclic reading with the received replies; zeros for silent actuators."""
         if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
         sample = self.cyclic.sample(now)
@@ -150,110 +152,110 @@ class CanReader:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
-        self.start(query, self._asking(query, now), now)
+        self.start(query, self._transaction(query, now), now)
 
-    def _asking(self, query: Query, now: float) -> CanTransaction:
+    def _transaction(self, query: Query, now: float) -> CanTransaction:
         if isinstance(query, PingRequest) or asks_state(query):
             rows = rows_of(self.fleet, query)
             if not rows.any():
                 return self.cyclic.nothing
             return replace(self.cyclic.make_cyclic_request(rows, now), states=rows & ~self.fleet.replies)
-        found = self._asked.get(query)
+        found = self._upkeep_transactions.get(query)
         return asking(self.fleet, query) if found is None else found
 
     def start(self, request: Request, exchange: CanTransaction, now: float) -> None:
-        """Begin a transaction whose frames are made. Raises PortError."""
+        """Begin a transaction with encoded frames. Raises PortError."""
         self._query = None
         self.line.send(exchange, now, order=not isinstance(request, PingRequest | ReadRequest))
-        self._overhear(now)
+        self._take_unrequested(now)
         self._query = request
 
     def answer(self, now: float) -> RequestReply:
-        """End it. What was told of the slow registers is kept, of those whose answers are believed."""
+        """End the transaction. Slow registers of actuators with proven replies are kept."""
         exchange = self.line.end()
         request = self._query
         self._query = None
         waited = now - self.line.sent
         if exchange is None or self.line.idle:
             return RequestReply({}, {}, waited, self.line.strays)
-        heard = self.line.heard
-        told = self.cyclic.note(heard, now)
-        if heard.answers or told.any():
-            self._keep(told)
-        spoke = heard.count > 0
-        spoke[[each.row for each in heard.answers]] = True
-        alerted = alert(heard.fault)
+        feedback = self.line.heard
+        proven = self.cyclic.note(feedback, now)
+        if feedback.answers or proven.any():
+            self._keep(proven)
+        spoke = feedback.count > 0
+        spoke[[each.row for each in feedback.answers]] = True
+        alerted = alert(feedback.fault)
         error = {self.ids[row]: int(ALERT) if alerted[row] else 0 for row in np.flatnonzero(spoke).tolist()}
         return RequestReply(self._replies_by_id(request, exchange), error, waited, self.line.strays)
 
-    def _overhear(self, now: float) -> None:
-        """What was told between two transactions, by those who tell it of themselves (ODrive's heartbeat)."""
+    def _take_unrequested(self, now: float) -> None:
+        """Keep slow registers that actuators sent by themselves between transactions (ODrive's heartbeat)."""
         if self.line.aside is not None:
-            tell = (self.line.aside.count > 0) & ~self.fleet.replies
+            reporting = (self.line.aside.count > 0) & ~self.fleet.replies
             self.slow.update_from_feedback(
-                self.line.aside, tell, self.cyclic.barred & self.cyclic.watched, now
+                self.line.aside, reporting, self.cyclic.barred & self.cyclic.watched, now
             )
 
     def _keep(self, rows: Bools) -> None:
-        heard = self.line.heard
+        feedback = self.line.heard
         at = self.line.received
-        self.slow.update_from_feedback(heard, rows, self.cyclic.barred & self.cyclic.watched, at)
-        if heard.answers:
+        self.slow.update_from_feedback(feedback, rows, self.cyclic.barred & self.cyclic.watched, at)
+        if feedback.answers:
             self.slow.update_from_replies(
-                heard, self.cyclic.proven, self.cyclic.barred & self.cyclic.watched, at
+                feedback, self.cyclic.proven, self.cyclic.barred & self.cyclic.watched, at
             )
 
     def _replies_by_id(self, request: Request | None, exchange: CanTransaction) -> dict[int, bytes]:
-        """By id: the bytes asked for; of an order nothing, from whoever answered it."""
-        heard = self.line.heard
+        """Return the requested bytes by id; for an order, an empty entry for each id that replied."""
+        feedback = self.line.heard
         if isinstance(request, PingRequest | ReadRequest) and asks_state(request):
-            there = rows_of(self.fleet, request) & ~np.isnan(heard.position)
+            there = rows_of(self.fleet, request) & ~np.isnan(feedback.position)
             return {
-                self.ids[row]: state(int(heard.enabled[row]), int(heard.fault[row]))
+                self.ids[row]: state(int(feedback.enabled[row]), int(feedback.fault[row]))
                 for row in np.flatnonzero(there).tolist()
             }
         if isinstance(request, ReadRequest):
             return {
                 self.ids[each.row]: each.data
-                for each in heard.answers
+                for each in feedback.answers
                 if (each.row, each.address) in exchange.registers and not each.written
             }
-        spoke = (heard.count > 0) & (heard.count >= exchange.expect)
-        spoke[[each.row for each in heard.answers]] = True
+        spoke = (feedback.count > 0) & (feedback.count >= exchange.expect)
+        spoke[[each.row for each in feedback.answers]] = True
         return {self.ids[row]: b"" for row in np.flatnonzero(spoke).tolist()}
 
     def upkeep(self, now: float) -> Query | None:
-        """The next slice of the slow registers, round robin; None where nothing must be asked.
+        """Return the next slice of the slow registers, round robin; None: no request is due.
 
-        Who is parked goes on being asked by the cyclic reading itself.
+        Parked actuators stay in the cyclic request.
         """
         query = self.slow.next()
-        if query is not None and query not in self._asked:
-            self._asked[query] = asking(self.fleet, query)
+        if query is not None and query not in self._upkeep_transactions:
+            self._upkeep_transactions[query] = asking(self.fleet, query)
         return query
 
     def span(self, query: Request) -> float:
-        """Bus time (s) that a transaction takes at most, its timeout excluded."""
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
         try:
             if isinstance(query, PingRequest | ReadRequest):
-                return self.line.span(self._asking(query, -inf))
+                return self.line.span(self._transaction(query, -inf))
             return self.line.span(ordering(self.fleet, query))
-        except (BusError, ValueError, KeyError):  # told when it is begun
+        except (BusError, ValueError, KeyError):  # `begin` raises it to the caller
             return 0.0
 
     # --------------------------------------------------------------------------- scripts
 
     @property
     def lags(self) -> bool:
-        """Never: no setting of these devices delays their answers."""
+        """Return False: no setting of these devices delays their replies."""
         return False
 
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
-        """Ask everybody where he is and read his registers; devices that answer, in order of `ids`."""
+        """Request position and registers of all devices; return those that reply, in order of `ids`."""
         return identify(self.fleet, self.at_once)
 
     def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """One register by its name; a float in thousandths of its unit.
+        """Read one register by its name; a float in thousandths of its unit.
 
         `hardware_error_status`: the fault bits of the contract. Raises NoReply, DeviceRefused, KeyError.
         """
@@ -271,7 +273,7 @@ class CanReader:
         raise NoReply(self.name, [id], waited, f"read of {parameter.name}")
 
     def keeps(self, id: int, name: str) -> bool:
-        """Never: what is written here is RAM, and nothing orders it to be saved."""
+        """Return False: writes go to RAM, and no code here orders to save it."""
         return False
 
     def _readable(self, row: int, id: int, parameter: FamilyRegister) -> None:
@@ -292,17 +294,17 @@ class CanReader:
         for _ in range(TRIES):
             reply = yield ReadRequest((id,), STATE, 3)
             waited += reply.waited
-            _, bits, told = reply.data.get(id, bytes(3))
-            if told:
+            _, bits, reported = reply.data.get(id, bytes(3))
+            if reported:
                 return RegisterAddress(FAULTS, STATE, 1, bits)
         known = int(self.registers.fault[self.fleet.row(id)])
-        if known >= 0:  # its family tells faults unasked only
+        if known >= 0:  # its family reports faults only by itself
             return RegisterAddress(FAULTS, STATE, 1, known)
         raise NoReply(self.name, [id], waited, f"read of {FAULTS}")
 
 
 def _families(name: str, actuators: Sequence[CanActuator]) -> list[tuple[ActuatorFamily, list[int]]]:
-    """The actuators' families in order of their first, each with its rows."""
+    """Return the actuators' families in order of their first, each with its rows."""
     kinds: dict[str, list[int]] = {}
     for row, each in enumerate(actuators):
         kinds.setdefault(model(each.model).family, []).append(row)

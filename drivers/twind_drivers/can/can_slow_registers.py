@@ -1,7 +1,7 @@
-"""The slowly changing state of each actuator: what feedback tells of it by itself, and what must be asked.
+"""Slow registers of each actuator: from feedback, and from registers read in turn.
 
 Torque, fault and temperature come with the readings. Watchdog and supply voltage are registers where a family
-has them, asked in turn: all watchdogs, slice by slice, then one slice of voltages.
+has them, read in turn: all watchdogs, slice by slice, then one slice of voltages.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,63 +16,63 @@ from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback
 from twind_drivers.can.register_access import decode
 
 VOLTAGE = "bus_voltage"  # the register's name in every family that has it
-# ms: what a watchdog reads as after it ran out, and at most before
+# value of `watchdog` after it ran out; largest value (ms) before
 TRIPPED = 255
 LONGEST = 254
 
 
 @dataclass(frozen=True, slots=True)
 class PolledRegister:
-    """A register that is read in turn: of which rows, and how many fit into one slice."""
+    """Register that is read in turn, with its rows."""
 
     parameter: FamilyRegister
     rows: tuple[int, ...]
 
     def slices(self, ids: Sequence[int], size: int) -> list[ReadRequest]:
-        """Reads of at most `size` actuators each."""
+        """Return reads of at most `size` actuators each."""
         parts = (self.rows[first : first + size] for first in range(0, len(self.rows), size))
         return [ReadRequest(tuple(ids[row] for row in part), self.parameter.address, 4) for part in parts]
 
 
 class CanSlowRegisters:
-    """State of m actuators, each group with the time of its reading.
+    """Slow registers of m actuators, each group with the time of its reading.
 
-    `watchdog` is in ms, 1 to 254 (longer ones too), 0 off, 255 where the actuator says that it lost its
-    master, or is `barred`: it has not been heard for as long. -1: its family cannot tell. `tick` is never
-    known. `status_time`: of the older of feedback and, where there is one, the watchdog's register.
-    `health_time`: of temperature and voltage, of those that the actuator tells at all; of its feedback where
-    it tells neither: nobody waits for what never comes.
+    `watchdog` is in ms, 1 to 254 (longer ones too), 0 off. It is 255 where the actuator reports a lost master
+    or is `barred`, since it has been silent for as long. -1: its family cannot report it. `tick` is always
+    unknown. `status_time`: the older of feedback and the watchdog's register, where there is one.
+    `health_time`: of temperature and voltage where the actuator reports them, else of its feedback: values
+    that never come must not count as stale.
     """
 
     def __init__(self, fleet: ActuatorGroup) -> None:
         m = len(fleet)
         self._state: SlowRegisterValues = SlowRegisterValues.unknown(m)
-        self._barred: Bools | None = np.zeros(m, np.bool_)  # None: what follows from them is settled
+        self._barred: Bools | None = np.zeros(m, np.bool_)  # None: `_state` is up to date
         self._fleet = fleet
         self._period = np.full(m, -1, np.int16)  # of the watchdog's register
-        self._lost = np.zeros(m, np.bool_)  # says that it lost its master
-        self._mute = np.zeros(m, np.bool_)  # does not tell its torque: that is what it was ordered last
+        self._lost = np.zeros(m, np.bool_)  # (m,) reports a lost master
+        self._mute = np.zeros(m, np.bool_)  # (m,) never reports torque: the last acknowledged order counts
         self._state_time, self._watch_time, self._heat_time, self._volt_time = np.full((4, m), -inf)
         self._watch = _watched(fleet, lambda family: family.watchdog)
         self._volts = _watched(fleet, lambda family: family.parameters.get(VOLTAGE))
-        self._watch_time[~_rows(self._watch, m)] = inf  # what is not told is never old
-        self._tells_volts = _rows(self._volts, m)
+        self._watch_time[~_rows(self._watch, m)] = inf  # a value that never comes is never stale
+        self._reports_volts = _rows(self._volts, m)
         self.schedule(len(fleet), turns=1)
 
     @property
     def registers(self) -> SlowRegisterValues:
-        """All of it, as of what was told last; the same object every time."""
+        """Values as last reported; the same object every time."""
         if self._barred is not None:
             self._settle(self._barred)
             self._barred = None
         return self._state
 
-    # --------------------------------------------------------------------------- whose turn it is
+    # --------------------------------------------------------------------------- schedule
 
     def schedule(self, size: int, *, turns: int) -> None:
-        """From now on slices of at most `size` actuators come round robin, a round in so many `turns`.
+        """Schedule slices of at most `size` actuators round robin, one round in `turns`.
 
-        Slices are few and long, and turns are left out: what one costs hardly grows with its frames.
+        Slices are few and long, and some turns are empty: the cost of a slice hardly grows with its frames.
         """
         ids = self._fleet.ids
         status: list[ReadRequest | None] = [read for each in self._watch for read in each.slices(ids, size)]
@@ -85,7 +85,7 @@ class CanSlowRegisters:
         self._turn = self._slot = 0
 
     def next(self) -> ReadRequest | None:
-        """The slice whose turn it is; None: nothing need be asked in this turn."""
+        """Return the next slice; None: no request in this turn."""
         if not self._slots:
             return None
         slot = self._slot
@@ -96,45 +96,45 @@ class CanSlowRegisters:
         self._turn = (self._turn + 1) % len(self._health)
         return self._health[turn]
 
-    # --------------------------------------------------------------------------- what was told
+    # --------------------------------------------------------------------------- updates
 
-    def update_from_feedback(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
-        """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
+    def update_from_feedback(self, feedback: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
+        """Store the feedback of `rows` (m,). `barred` (m,): actuators that get no commands."""
         state = self._state
-        everybody = bool(rows.all())
-        told = heard.enabled >= 0
-        faulty = heard.fault >= 0
-        if everybody and told.all() and faulty.all():
-            state.torque[:] = heard.enabled
-            state.fault[:] = heard.fault
+        complete = bool(rows.all())
+        reported = feedback.enabled >= 0
+        faulty = feedback.fault >= 0
+        if complete and reported.all() and faulty.all():
+            state.torque[:] = feedback.enabled
+            state.fault[:] = feedback.fault
             self._state_time[:] = time
         else:
-            told = rows & told
+            reported = rows & reported
             faulty = rows & faulty
-            np.copyto(state.torque, heard.enabled, where=told, casting="unsafe")
-            np.copyto(state.fault, heard.fault, where=faulty, casting="unsafe")
-            self._state_time[(told | (rows & self._mute)) & faulty] = time
-        if heard.fault.any() or self._lost.any():
-            self._lost[faulty] = heard.fault[faulty] & SILENCE != 0
+            np.copyto(state.torque, feedback.enabled, where=reported, casting="unsafe")
+            np.copyto(state.fault, feedback.fault, where=faulty, casting="unsafe")
+            self._state_time[(reported | (rows & self._mute)) & faulty] = time
+        if feedback.fault.any() or self._lost.any():
+            self._lost[faulty] = feedback.fault[faulty] & SILENCE != 0
         for source, store, when in (
-            (heard.temperature, state.temperature, self._heat_time),
-            (heard.voltage, state.voltage, self._volt_time),
+            (feedback.temperature, state.temperature, self._heat_time),
+            (feedback.voltage, state.voltage, self._volt_time),
         ):
-            says = source == source  # NaN: not told
-            if not says.any():
+            known = source == source  # NaN: not reported
+            if not known.any():
                 continue
-            if everybody and says.all():
+            if complete and known.all():
                 store[:] = source
                 when[:] = time
             else:
-                says &= rows
-                store[says] = source[says]
-                when[says] = time
+                known &= rows
+                store[known] = source[known]
+                when[known] = time
         self._barred = barred
 
-    def update_from_replies(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
-        """Keep what register answers of `rows` (m,) say."""
-        for row, address, data, written in heard.answers:
+    def update_from_replies(self, feedback: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
+        """Store the register replies of `rows` (m,)."""
+        for row, address, data, written in feedback.answers:
             family, _ = self._fleet.family_of_row(row)
             if written or not rows[row]:
                 continue
@@ -148,16 +148,16 @@ class CanSlowRegisters:
         self._barred = barred
 
     def doubt(self, rows: Bools) -> None:
-        """What was read of the torque of `rows` (m,) says nothing of it any more."""
+        """Set the torque of `rows` (m,) to unknown: an earlier reading must not pass for the new state."""
         self._state.torque[rows] = -1
 
     def assume(self, rows: Bools, on: bool) -> None:
-        """`rows` (m,) acknowledged an order of torque, and do not tell what it is (CubeMars)."""
+        """Set the torque of `rows` (m,), which acknowledged an order and never report it (CubeMars)."""
         self._mute |= rows
         self._state.torque[rows] = on
 
     def forget(self, row: int) -> None:
-        """An actuator that restarted: what was read of it no longer holds."""
+        """Reset the values of a restarted actuator to unknown."""
         state = self._state
         for store in (state.torque, state.fault, self._period):
             store[row] = -1
@@ -177,12 +177,12 @@ class CanSlowRegisters:
             state.watchdog[tripped] = TRIPPED
         np.minimum(self._state_time, self._watch_time, out=state.status_time)
         heat = np.where(self._heat_time > -inf, self._heat_time, inf)
-        volts = np.where(self._tells_volts | (self._volt_time > -inf), self._volt_time, inf)
+        volts = np.where(self._reports_volts | (self._volt_time > -inf), self._volt_time, inf)
         np.minimum(heat, volts, out=heat)
         np.copyto(state.health_time, heat)
-        tells = heat < inf
-        if not tells.all():
-            np.copyto(state.health_time, self._state_time, where=~tells)
+        reported = heat < inf
+        if not reported.all():
+            np.copyto(state.health_time, self._state_time, where=~reported)
 
 
 def _watched(

@@ -1,11 +1,11 @@
 """Torque on and off over CAN, read back. Scripts.
 
-On: enabled, and in the same send commanded without stiffness, so that an actuator that changes its turn as it
-is enabled (known of some Damiao firmwares) does not run after a place of another turn; once it has said that
-its torque is on and where it is, it is held. Off: ordered twice, then again until each says so.
+On: in one send the actuators are enabled and commanded without stiffness. Some Damiao firmwares change the
+turn at enable; with stiffness such an actuator would run towards a position of another turn. Once it reports
+torque and position, it is held. Off: ordered twice, since one frame may be lost, then again until each
+actuator reports it.
 
-What an actuator says of its torque comes with feedback. A CubeMars never says it: its torque counts as what
-it was ordered last and acknowledged.
+Torque is reported by feedback. A CubeMars never reports it: the last acknowledged order counts as its torque.
 """
 
 import numpy as np
@@ -25,23 +25,25 @@ from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE
 
-TRIES = 3  # orders that must be acknowledged
-BEATS = 60  # looks at what is told unasked, ten times a second (ODrive's heartbeat)
-# rad that a place may differ after enabling. A turn of an encoder before the gear is a part of one here.
+TRIES = 3  # orders before the torque counts as refused or silent
+BEATS = 60  # reads of unrequested reports: ODrive's heartbeat comes only ten times a second
+# rad that a position may change at enable; a turn of the motor's encoder is more, behind any gear.
 MOVED = 0.05
 
 
 def energise(own: CanCommandEncoder) -> Script[None]:
-    """Torque on and read back, held where it was aimed. Raises DeviceRefused, NoReply."""
+    """Switch torque on, read it back, and hold the aimed goals. Raises DeviceRefused, NoReply."""
     if own.aim is None:
-        raise DeviceRefused(own.reader.name, own.reader.ids[0], "torque", "prepare and aim come first")
+        raise DeviceRefused(
+            own.reader.name, own.reader.ids[0], "torque", "prepare it and write its aim (goal) first"
+        )
     state = own.reader.registers
-    everybody = np.ones(len(own.lower), np.bool_)
+    every_row = np.ones(len(own.lower), np.bool_)
     limp = state.torque != 1
     before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, own.aim * COUNT)
     own.hold(own.aim, soft=bool(limp.any()))
-    own.reader.slow.doubt(everybody)
-    own.cyclic.energise(everybody, own.line.sent)
+    own.reader.slow.doubt(every_row)
+    own.cyclic.energise(every_row, own.line.sent)
     yield BurstWriteRequest(
         (
             own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
@@ -52,7 +54,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     try:
         yield from _wait_for_torque_state(own, True, before)
     except (DeviceRefused, NoReply):
-        own.cut(limp)  # who had torque before keeps it: he may carry a load
+        own.cut(limp)  # actuators that had torque before keep it: they may carry a load
         yield BurstWriteRequest(
             (
                 own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
@@ -61,19 +63,19 @@ def energise(own: CanCommandEncoder) -> Script[None]:
         )
         raise
     own.hold(own.aim)
-    yield BurstWriteRequest((own.order(own.aim, everybody),))
+    yield BurstWriteRequest((own.order(own.aim, every_row),))
 
 
 def release(own: CanCommandEncoder) -> Script[None]:
-    """Torque off, ordered twice, and read back. Raises DeviceRefused, NoReply."""
-    everybody = np.ones(len(own.lower), np.bool_)
+    """Switch torque off, ordered twice, and read it back. Raises DeviceRefused, NoReply."""
+    every_row = np.ones(len(own.lower), np.bool_)
     own.line.goals = None
     own.cyclic.energised = np.zeros(len(own.lower), np.bool_)
-    own.reader.slow.doubt(everybody)
+    own.reader.slow.doubt(every_row)
     yield BurstWriteRequest(
         (
-            own.encode_valueless_command(ValuelessCommand.DISABLE, everybody),
-            own.encode_valueless_command(ValuelessCommand.DISABLE, everybody),
+            own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
+            own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
         )
     )
     yield from _wait_for_torque_state(own, False, None)
@@ -92,10 +94,10 @@ def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | No
         wrong = state.torque != on
         if not wrong.any():
             return
-        asked = wrong & answering
-        if asked.any() and look < TRIES:
-            again = own.order(own.aim, asked, soft=True) if on and own.aim is not None else None
-            yield BurstWriteRequest((again,) if again is not None else _off(own, asked))
+        pending = wrong & answering
+        if pending.any() and look < TRIES:
+            again = own.order(own.aim, pending, soft=True) if on and own.aim is not None else None
+            yield BurstWriteRequest((again,) if again is not None else _off(own, pending))
         elif (wrong & ~answering).any():
             yield ReadRequest(tuple(own.by_id(wrong & ~answering)), STATE, 3)
         else:
@@ -137,7 +139,7 @@ def _require_turn(own: CanCommandEncoder, before: Floats) -> None:
     if (moved > MOVED).any():
         row = int(np.nanargmax(moved))
         reason = (
-            f"said {before[row]:.3f} rad before torque and {own.cyclic.place[row]:.3f} rad with it: its turn "
-            "changed; torque is off again. Identify, calibrate its zero anew if it stays so"
+            f"was at {before[row]:.3f} rad before torque and is at {own.cyclic.place[row]:.3f} rad with it: "
+            "its turn changed; torque is off again. Identify, calibrate its zero anew if it stays so"
         )
         raise DeviceRefused(own.reader.name, own.reader.ids[row], "position at torque-on", reason)

@@ -1,7 +1,8 @@
-"""One wire of frames: one transaction at a time, what is pending before it, its deadline.
+"""Transactor of a CAN bus: one transaction at a time, pending frames ahead of it, its deadline.
 
-I/O through a `CanChannel`; time is an argument. It judges unrequested frames (FOREIGN_TRAFFIC), and what
-silence means: frames that nobody acknowledges wait in the adapter, and must not leave when somebody is back.
+I/O goes through a `CanChannel`; time is an argument. It classifies unrequested frames (FOREIGN_TRAFFIC) and
+detects a dead line. Frames without acknowledgement wait in the adapter, and must not leave when another node
+returns: an arm would snap to its old goals (axol #311).
 """
 
 from dataclasses import dataclass
@@ -14,67 +15,70 @@ from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
-LATE = 1.0  # s that an answer may be late and is still known as one
-DEAD = 0.1  # s without anybody: what the actuators' watchdogs are set to; whatever was given before is void
-# of a frame of 8 bytes, stuffed as badly as can be ...
+LATE = 1.0  # s after a missed reply during which a surplus frame counts as late, not as foreign
+DEAD = 0.1  # s of silence of all actuators: their watchdogs have run out, so earlier goals are void
+# bits of a frame of 8 bytes with the most stuff bits (ISO 11898-1) ...
 STANDARD_BITS = 135
 EXTENDED_BITS = 160
-NAP = 0.00015  # s at least between two looks at answers that are coming
-# s by which the first look at an answer is moved where it came too soon, or not; and at most. So two looks of
-# three find the answer whole: adapters, their USB frames, stuffed bits take a time that no table knows.
+NAP = 0.00015  # s, shortest time between two receive calls: each costs CPU
+# s by which the first receive call of a reply moves later or sooner, and at most. In two of three cases it
+# then finds the whole reply: the time of adapters, USB frames and stuff bits is in no table.
 LATER = 0.00006
 SOONER = 0.00003
 LATEST = 0.001
-# ... of a frame beside its payload, and of the shortest answer (6 bytes), not stuffed
+# ... of a frame beside its payload, and of the shortest reply (6 bytes), without stuff bits
 AROUND = 47
 LEAST = 95
 
 
 @dataclass(frozen=True, slots=True)
 class CanTransaction:
-    """Frames to send, and what should come back. Arrays (m,)."""
+    """Frames to send, and the expected replies. Arrays (m,)."""
 
     frames: Frames
     expect: Ints  # frames of feedback
-    registers: frozenset[tuple[int, int]] = frozenset()  # row and address of each register that is asked for
-    acks: Bools | None = None  # who must say anything at all: who was written to
-    states: Bools | None = None  # who must say whether its torque is on
+    registers: frozenset[tuple[int, int]] = frozenset()  # row and address of each requested register
+    acks: Bools | None = None  # actuators that were written to and must reply
+    states: Bools | None = None  # actuators that must report their torque
 
     @property
     def waits(self) -> bool:
-        """Something should come back."""
+        """Return True if any reply is expected."""
         some = self.acks is not None or self.states is not None
         return some or bool(self.registers) or bool(self.expect.any())
 
 
 @dataclass(slots=True)
 class PendingCanGoals:
-    """Commands that wait for the next cyclic request, and whom (m,) they command."""
+    """Commands that wait for the next cyclic request, and the actuators (m,) that they command."""
 
     frames: Frames
     rows: Bools
-    ticks: Ints  # (m,) where to
-    until: float = inf  # s: not sent later than that
-    kept: bool = False  # sent again with each request, until others come
+    ticks: Ints  # (m,) goals, counts
+    until: float = inf  # s: not sent after this time, when they would be stale
+    kept: bool = False  # repeated with each request until other goals come
 
 
 class CanTransactor:
-    """The wire of one bus.
+    """Transactor of one bus.
 
     `goals` leave with the next cyclic request; `urgent` with the next write of any kind, and goals set before
-    it left are dropped. Until an answer shows that it left, it is sent again when the queue was thrown away.
+    that are dropped. `urgent` is sent again if the queue is discarded before a reply shows that it has left.
 
-    `epoch` counts what makes every goal given before void: a full port, a line that is off, silence of
-    everybody for 0.1 s. A dead line is purged, and asked ten times a second; no goal leaves on it.
+    `epoch` counts the events that make all earlier goals void: a full port, a line that is off, silence of
+    all actuators for 0.1 s. A dead line is purged and probed ten times a second; no goal leaves on it.
 
-    `foreign` counts frames that nobody asked for: of nobody here, of another master, second answers. An
-    answer of an actuator that missed one within the last second is not among them.
+    `foreign` counts unrequested frames: of unknown devices, of another master, second replies. A reply of an
+    actuator that missed one within the last second does not count.
     """
 
     def __init__(
         self, fleet: ActuatorGroup, channel: wire.CanChannel, *, bitrate: int, slack: float, rare_slack: float
     ) -> None:
-        """`slack`, `rare_slack` (s): what an answer may take beyond its wire time."""
+        """Make the transactor; `slack`, `rare_slack` (s): time that a reply may take beyond its wire time.
+
+        The first holds for the cyclic reading, the second for rare transactions.
+        """
         self.fleet = fleet
         self.channel = channel
         self.name = fleet.name
@@ -84,54 +88,54 @@ class CanTransactor:
         self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
         self.goals: PendingCanGoals | None = None
-        self._leaving: Frames = NOTHING  # urgent, sent, and not yet known to have left
+        self._leaving: Frames = NOTHING  # urgent, sent; no reply has shown yet that it left
         self.sent = self.received = self.deadline = self.earliest = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
-        self.foreign = 0  # frames; whoever reports it sets it back
+        self.foreign = 0  # frames; the reader resets it when it reports them
         self.epoch = 0
-        self.left: Ints = np.zeros(len(fleet), np.int64)  # the last goals that went out ...
-        self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... to whom any did
-        self.asked: Bools = np.ones(len(fleet), np.bool_)  # whose answers are waited for
-        self.heard = GroupFeedback.nothing(len(fleet))  # in the present transaction
-        self.expect: Ints = np.zeros(len(fleet), np.int64)  # of it, urgent orders and goals included
-        self.aside: GroupFeedback | None = None  # what came after the last one had ended, if anything
-        self.spoke: Bools = np.zeros(len(fleet), np.bool_)  # who said anything since the last sample
-        self.exact = False  # the transaction brought one frame of everybody, and nothing else
+        self.left: Ints = np.zeros(len(fleet), np.int64)  # (m,) the last goals sent, counts ...
+        self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... and the actuators (m,) that any was sent to
+        self.asked: Bools = np.ones(len(fleet), np.bool_)  # (m,) not parked
+        self.heard = GroupFeedback.nothing(len(fleet))  # feedback of the present transaction
+        self.expect: Ints = np.zeros(len(fleet), np.int64)  # (m,) expected frames of it
+        self.aside: GroupFeedback | None = None  # feedback received after the last one had ended
+        self.spoke: Bools = np.zeros(len(fleet), np.bool_)  # (m,) with frames since the last sample
+        self.exact = False  # the transaction brought one frame of each actuator and no other
         self.exchange: CanTransaction | None = None
         self._leaves: PendingCanGoals | None = None
         self._done = True
-        self._busy = -inf  # s, until when our own frames are still going out
+        self._busy = -inf  # s, time until which sent frames are on the wire
         self._frames: list[Frames] = []
         self._count = self._wanted = self._sent_frames = self._everything = 0
-        self._looked = -1  # frames that `heard` was made of
+        self._looked = -1  # number of frames that `heard` was decoded from
         self._cyclic = self._first_look = False
-        self._late = {True: 0.0, False: 0.0}  # s, of the cyclic reading and of the others: see `_learn`
-        self._owed = np.full(len(fleet), -inf)  # s, until when an answer may still come late
+        self._late = {True: 0.0, False: 0.0}  # s, of cyclic and of rare transactions: see `_learn`
+        self._owed = np.full(len(fleet), -inf)  # (m,) s, time until which a missed reply may come late
         self._none: Ints = np.zeros(len(fleet), np.int64)
-        self._nobody: Bools = np.zeros(len(fleet), np.bool_)
-        for each in (self._none, self._nobody):
+        self._no_rows: Bools = np.zeros(len(fleet), np.bool_)
+        for each in (self._none, self._no_rows):
             each.setflags(write=False)
-        self._silent_since = inf  # s, of the first question since anybody was heard
+        self._silent_since = inf  # s, first request since the last frame of any actuator
         self._purged = -inf
         self._errors = channel.condition.errors
 
-    # --------------------------------------------------------------------------- how it is
+    # --------------------------------------------------------------------------- state of the line
 
     def condition(self, now: float) -> wire.CanErrorState:
         """The controller's state; OFF too where no device replied for 0.1 s to requests (CAN_BUS_STATE)."""
         return wire.CanErrorState.OFF if self.dead(now) else self.channel.condition.line
 
     def dead(self, now: float) -> bool:
-        """Return whether the controller is off the wire, or no device acknowledges or answers."""
+        """Return True if the controller is off the wire, or no device acknowledges or replies."""
         return self.channel.condition.line is wire.CanErrorState.OFF or now - self._silent_since >= DEAD
 
     def void(self) -> None:
-        """From here on no goal given before may leave."""
+        """Drop pending goals and begin a new epoch, in which earlier goals are void."""
         self.goals = None
         self.epoch = self.epoch + 1
 
     def span(self, exchange: CanTransaction, beside: int = 0) -> float:
-        """Bus time (s) that it takes both ways, with so many frames `beside` it."""
+        """Return the bus time (s) of a transaction, both ways, with `beside` further frames."""
         back = int(exchange.expect.sum()) + len(exchange.registers)
         back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
         return (len(exchange.frames) + back + beside) * self._frame
@@ -147,12 +151,12 @@ class CanTransactor:
         goals = self.goals
         if goals is not None and (len(self.urgent) or self.dead(now) or now > goals.until):
             goals = self.goals = None
-        return goals.rows if goals is not None else self._nobody
+        return goals.rows if goals is not None else self._no_rows
 
     def send(self, exchange: CanTransaction, now: float, *, goals: bool = False, order: bool = False) -> None:
-        """Begin a transaction: late frames of the last one are dropped, then everything leaves.
+        """Begin a transaction: drop late frames of the last one, then send.
 
-        `goals`: those that are pending go before it. `order`: it is sent on a dead line too.
+        `goals`: send pending goals ahead of it. `order`: send it on a dead line, too.
 
         Raises PortError. Kind OUTPUT_FULL: the queue was still full. It is purged, goals are dropped, and an
         urgent order is sent later.
@@ -170,7 +174,7 @@ class CanTransactor:
                 self.channel.send(joined([lead, exchange.frames]), now)
         except PortError as error:
             if error.kind is PortFault.OUTPUT_FULL:
-                self._thrown_away()
+                self._requeue_urgent()
                 self._excuse(now)
             else:
                 self.void()
@@ -202,13 +206,13 @@ class CanTransactor:
         return found.frames, found.rows.view(np.int8).astype(np.int64)
 
     def _revive(self, exchange: CanTransaction, now: float, *, order: bool) -> CanTransaction:
-        """A dead line: nothing old waits in it, and ten times a second it is asked."""
+        """Purge a dead line, since no old frame may wait in it, and probe it ten times a second."""
         self.void()
         self._excuse(now)
         if order or len(self.urgent) or now - self._purged >= DEAD:
             self._purged = now
             self.channel.purge()
-            self._thrown_away()
+            self._requeue_urgent()
             return exchange
         return CanTransaction(NOTHING, self._none)
 
@@ -216,8 +220,8 @@ class CanTransactor:
         """Permit late answers of all: an adapter may have kept unacknowledged frames, and send them later."""
         np.maximum(self._owed, now + LATE, out=self._owed)
 
-    def _thrown_away(self) -> None:
-        """What waited in the port is gone, an urgent order perhaps too."""
+    def _requeue_urgent(self) -> None:
+        """Void the goals after the queue was discarded, and schedule a lost urgent order again."""
         self.void()
         if not len(self.urgent):
             self.urgent = self._leaving
@@ -261,7 +265,7 @@ class CanTransactor:
             self._silent_since = now
 
     def feed(self, now: float) -> bool:
-        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        """Process received frames; return True when the transaction is complete. Raises PortError."""
         if self._done or self.exchange is None:
             return True
         got = self.channel.receive(now)
@@ -276,9 +280,9 @@ class CanTransactor:
         return self._done
 
     def _learn(self, now: float) -> None:
-        """When to look next, and how much later than the wire alone says the next answers may be looked for.
+        """Set the time of the next receive call, and adapt the first one of the next transaction.
 
-        What is coming is looked at again when all of it can be there, not frame by frame.
+        It waits for all missing frames together, not for each.
         """
         late = self._late[self._cyclic]
         if self._first_look:
@@ -290,9 +294,9 @@ class CanTransactor:
             self.earliest = min(now + rest, self.deadline)
 
     def _is_request_sent(self, now: float) -> bool:
-        """Our own frames are out: each answered, or there was time for them and for what was heard.
+        """Return True if all sent frames have left: each has a reply, or the wire had time for all of them.
 
-        Else the transaction ends when they are: what follows would find the adapter busy.
+        Otherwise the transaction ends at that time: the next one would find the adapter busy.
         """
         if self.exact or len(self._decode().answers) + int(self.heard.count.sum()) >= self._sent_frames:
             return True
@@ -300,36 +304,36 @@ class CanTransactor:
         return now >= self.deadline
 
     def end(self) -> CanTransaction | None:
-        """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
+        """End the transaction; its feedback stays in `heard` until the next one. Never raises."""
         exchange = self.exchange
         self.exchange = None
         self._done = True
         if exchange is not None and not self.idle:
-            heard = self._decode()
-            if self.exact or self._exact(exchange, heard):
+            feedback = self._decode()
+            if self.exact or self._exact(exchange, feedback):
                 self._silent_since = inf
                 self._leaving = NOTHING
                 return exchange
-            self.spoke |= heard.count > 0
-            self._judge(heard, self._surplus(exchange, heard), self.sent)
-            self._owed[self._missing_replies(exchange, heard)] = self.sent + LATE
-            if heard.count.any() or heard.answers:
+            self.spoke |= feedback.count > 0
+            self._judge(feedback, self._surplus(exchange, feedback), self.sent)
+            self._owed[self._missing_replies(exchange, feedback)] = self.sent + LATE
+            if feedback.count.any() or feedback.answers:
                 self._silent_since = inf
                 self._leaving = NOTHING
         return exchange
 
     @property
     def idle(self) -> bool:
-        """Whether this transaction sent nothing and received nothing."""
+        """Return True if this transaction sent nothing and received nothing."""
         return self._sent_frames == self._count == 0
 
-    def _exact(self, exchange: CanTransaction, heard: GroupFeedback) -> bool:
-        """Every frame was asked for, of everybody, and there was no other: the healthy reading."""
+    def _exact(self, exchange: CanTransaction, feedback: GroupFeedback) -> bool:
+        """Return True for the healthy reading: one requested frame of each actuator and no other frame."""
         self.exact = (
-            self._count == self._everything == len(heard.count)
+            self._count == self._everything == len(feedback.count)
             and exchange.acks is None
-            and not (heard.answers or heard.strangers or heard.masters)
-            and np.array_equal(heard.count, self.expect)
+            and not (feedback.answers or feedback.strangers or feedback.masters)
+            and np.array_equal(feedback.count, self.expect)
         )
         return self.exact
 
@@ -341,23 +345,23 @@ class CanTransactor:
         return self.heard
 
     def _complete(self, exchange: CanTransaction) -> bool:
-        heard = self._decode()
-        if self._exact(exchange, heard) and exchange.states is None:
+        feedback = self._decode()
+        if self._exact(exchange, feedback) and exchange.states is None:
             return True
-        if (self.asked & (heard.count < self.expect)).any():
+        if (self.asked & (feedback.count < self.expect)).any():
             return False
-        if not exchange.registers <= _read_addresses(heard):
+        if not exchange.registers <= _read_addresses(feedback):
             return False
-        if exchange.acks is not None and (exchange.acks & ~self._spoke(heard)).any():
+        if exchange.acks is not None and (exchange.acks & ~self._spoke(feedback)).any():
             return False
-        return exchange.states is None or not (exchange.states & (heard.enabled < 0)).any()
+        return exchange.states is None or not (exchange.states & (feedback.enabled < 0)).any()
 
-    def _spoke(self, heard: GroupFeedback) -> Bools:
-        spoke = heard.count > 0
-        spoke[[each.row for each in heard.answers]] = True
+    def _spoke(self, feedback: GroupFeedback) -> Bools:
+        spoke = feedback.count > 0
+        spoke[[each.row for each in feedback.answers]] = True
         return spoke
 
-    # --------------------------------------------------------------------------- what came unasked
+    # --------------------------------------------------------------------------- unrequested frames
 
     def _look_back(self, frames: Frames, now: float) -> None:
         """Process the frames that arrived after the end of the last transaction."""
@@ -367,44 +371,50 @@ class CanTransactor:
         self.aside = None
         if not len(frames):
             return
-        heard = self.aside = self.fleet.decode_frames(frames)
-        self.spoke |= heard.count > 0
-        surplus = np.where(self.fleet.replies, heard.count, 0)
-        np.add.at(surplus, [each.row for each in heard.answers if not heard.count[each.row]], 1)
-        self._judge(heard, surplus, now)
-        if heard.count.any():
+        feedback = self.aside = self.fleet.decode_frames(frames)
+        self.spoke |= feedback.count > 0
+        surplus = np.where(self.fleet.replies, feedback.count, 0)
+        np.add.at(surplus, [each.row for each in feedback.answers if not feedback.count[each.row]], 1)
+        self._judge(feedback, surplus, now)
+        if feedback.count.any():
             self._silent_since = inf
 
-    def _surplus(self, exchange: CanTransaction, heard: GroupFeedback) -> Ints:
-        """Frames (m,) of ours that nobody asked for. What is sent of itself (ODrive) is never one, and a
-        write may be answered by an acknowledgement, by feedback, or by both."""
-        surplus = np.where(self.fleet.replies, np.maximum(heard.count - self.expect, 0), 0)
-        asked = {row for row, _ in exchange.registers}
-        for each in heard.answers:
-            if each.row in asked:  # a register may be told in both forms, or two in one frame (RobStride)
+    def _surplus(self, exchange: CanTransaction, feedback: GroupFeedback) -> Ints:
+        """Return the number (m,) of unrequested frames of each actuator.
+
+        Frames that a device sends by itself (ODrive) never count. A write may be acknowledged by a register
+        reply, by feedback, or by both.
+        """
+        surplus = np.where(self.fleet.replies, np.maximum(feedback.count - self.expect, 0), 0)
+        requested = {row for row, _ in exchange.registers}
+        for each in feedback.answers:
+            if each.row in requested:  # a value may come in both forms, or two in one frame (RobStride)
                 surplus[each.row] = max(0, surplus[each.row] - 1)
-            elif not heard.count[each.row]:
+            elif not feedback.count[each.row]:
                 surplus[each.row] += 1
         if exchange.acks is not None:
             surplus[exchange.acks] = 0
         return surplus
 
-    def _missing_replies(self, exchange: CanTransaction, heard: GroupFeedback) -> Bools:
+    def _missing_replies(self, exchange: CanTransaction, feedback: GroupFeedback) -> Bools:
         """Return the actuators (m,) that may still answer: incomplete ones, and those written to."""
-        short: Bools = heard.count < self.expect
-        told = _read_addresses(heard)
-        short[[row for row, address in exchange.registers if (row, address) not in told]] = True
+        short: Bools = feedback.count < self.expect
+        found = _read_addresses(feedback)
+        short[[row for row, address in exchange.registers if (row, address) not in found]] = True
         return short if exchange.acks is None else short | exchange.acks
 
-    def _judge(self, heard: GroupFeedback, surplus: Ints, now: float) -> None:
-        """Count strangers, other masters, and `surplus` (m,). Who is not waited for may be late."""
+    def _judge(self, feedback: GroupFeedback, surplus: Ints, now: float) -> None:
+        """Count frames of unknown devices and other masters, and `surplus` (m,).
+
+        A surplus frame of an actuator with a missed reply is late, not foreign.
+        """
         owing = self._owed > now
         late = int(surplus[owing & self.asked].sum())
-        foreign = heard.strangers + heard.masters + int(surplus[~owing].sum())
+        foreign = feedback.strangers + feedback.masters + int(surplus[~owing].sum())
         self.foreign += foreign
         self.strays += BYTES * (foreign + late)
 
 
-def _read_addresses(heard: GroupFeedback) -> set[tuple[int, int]]:
-    """Row and address of what was read; the acknowledgement of a write, late perhaps, is no reading."""
-    return {(each.row, each.address) for each in heard.answers if not each.written}
+def _read_addresses(feedback: GroupFeedback) -> set[tuple[int, int]]:
+    """Return row and address of each register value; the acknowledgement of a write is no value."""
+    return {(each.row, each.address) for each in feedback.answers if not each.written}

@@ -1,7 +1,7 @@
-"""The raw units of a CAN bus, one for all families: what the contract calls ticks. Pure.
+"""Raw units of a CAN bus, the same for all families: the ticks of the bus contract. Pure.
 
-The families disagree on the wire (fields of 12 and 16 bits over ranges that each motor has its own of,
-floats in turns), so their codecs turn wire into these and back, and nothing above knows a family.
+The families differ on the wire: fields of 12 and 16 bits over ranges of each motor, floats in turns. Their
+codecs convert to these units and back; code above them is independent of the family.
 """
 
 import math

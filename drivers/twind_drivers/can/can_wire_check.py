@@ -1,4 +1,4 @@
-"""The last check of command frames (WIRE_CLAMP): actuators of this robot, positions inside their bounds."""
+"""Last check of command frames (WIRE_CLAMP): actuators of this robot, positions inside their bounds."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from twind_drivers.can.actuator_group import ActuatorGroup
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import Frames
 
-STEPS = 0xFFFF  # of a field of 16 bits, the narrowest that carries a position: it is truncated to one
+STEPS = 0xFFFF  # steps of a 16-bit field, the narrowest with a position, which is truncated to a step
 
 
 class CanWireCheck:
-    """What may be ordered on one bus: `lower`, `upper` (m,) in counts, inclusive.
+    """Permitted positions of one bus: `lower`, `upper` (m,) in counts, inclusive.
 
-    Judged is what the bytes say, so one count is allowed beyond, or one step of a field that is coarser.
+    The bytes are decoded again, so one count beyond is permitted, or one step of a field that is coarser.
     """
 
     def __init__(self, fleet: ActuatorGroup, lower: Ints, upper: Ints) -> None:
@@ -23,7 +23,7 @@ class CanWireCheck:
         self._widen()
 
     def judge(self, frames: Frames) -> None:
-        """Raises WireClamp for the first frame that may not leave."""
+        """Raise WireClamp for the first frame that may not leave."""
         fleet = self._fleet
         to = fleet.commanded_rows(frames)
         place = fleet.decode_commanded_position(frames)
@@ -34,7 +34,7 @@ class CanWireCheck:
             raise WireClamp(fleet.name, id, id, min(fleet.ids), max(fleet.ids), "order to a frame id")
         outside = (place < self._least.take(to)) | (
             place > self._most.take(to)
-        )  # an order without one is NaN
+        )  # an order without a position is NaN
         if outside.any():
             first = int(np.argmax(outside))
             row = int(to[first])
@@ -42,7 +42,7 @@ class CanWireCheck:
             raise WireClamp(fleet.name, fleet.ids[row], float(place[first]) / COUNT, *bounds, "goal")
 
     def _widen(self) -> None:
-        """What the bytes may say, rad: an actuator has told its ranges."""
+        """Set the permitted positions, rad, after an actuator has reported its ranges."""
         self._ranges = self._fleet.ranges
         step = np.nan_to_num(2.0 * self._ranges.position / STEPS / COUNT, nan=0.0, posinf=0.0)
         slack = np.maximum(1.0, step)

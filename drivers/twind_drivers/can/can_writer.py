@@ -1,7 +1,7 @@
-"""The writing half of a CAN bus: goals, torque, registers. Exists in live only.
+"""Writer of a CAN bus: goals, torque, registers. Exists in live only.
 
 Every command frame is checked by its own bytes before it leaves (WIRE_CLAMP): actuators of this bus,
-positions inside what each may be sent.
+positions inside their bounds.
 """
 
 from collections.abc import Sequence
@@ -30,24 +30,25 @@ from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE, encode, ordering, parameter_of, part
 from twind_drivers.single_device import SingleDeviceControl
 
-TRIES = 3
-RESTART = 200  # looks at an actuator that restarts
-# Registers that `write` leaves alone, and whose they are.
+TRIES = 3  # sends of a goal before NoReply: one lost frame is no missing actuator
+RESTART = 200  # reads until a restarted actuator replies: 2 s at 100 Hz
+# Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
 ELSEWHERE = {
     "timeout": "its watchdog is armed by preparing for torque",
     "mode": "it would not take the commands of this bus",
     "run_mode": "it would not take the commands of this bus",
-    "master_id": "it would answer under another id than this bus knows",
-    "esc_id": "it would listen on another id than this bus knows",
+    "master_id": "it would answer under another id than this bus has",
+    "esc_id": "it would take commands on another id than this bus has",
     "can_rate": "it would answer at another bitrate than this bus has",
     "torque_limit": "it is set by preparing for torque, from the robot file",
 }
 
 
 class CanWriter:
-    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in counts (`can_units.py`).
+    """Writer to the bus of `reader`. Arrays are in the order of its ids, goals in counts (`can_units.py`).
 
-    What an actuator holds cannot be read back: `aim` and `aimed` speak of what was sent and acknowledged.
+    The goal of an actuator cannot be read back: `write_goals` and `read_goals` deal with goals sent and
+    acknowledged.
     """
 
     def __init__(
@@ -61,13 +62,13 @@ class CanWriter:
         torque_limits: Floats | None = None,
         watchdog: Sequence[bool] | None = None,
     ) -> None:
-        """`lower`, `upper` (m,): goals that may ever be sent. `kp`, `kd` (m,): N·m/rad and N·m·s/rad.
+        """Make the writer; `lower`, `upper` (m,): range of goals. `kp`, `kd` (m,): N·m/rad and N·m·s/rad.
 
-        `torque_limits` (m,), N·m, NaN none: written where a family has such a register; elsewhere nothing on
-        the actuator holds it. `watchdog` (m,), None: all. True: it must be armed and read back before torque;
-        False: where it cannot be, the port's warning says so.
+        `torque_limits` (m,), N·m, NaN: none. They are written where a family has such a register; elsewhere
+        the actuator has no such limit. `watchdog` (m,), None: all. True: it must be armed and read back
+        before torque. False: where that is impossible, the port's `warning` reports it.
 
-        Raises ValueError: values of the wrong shape, bounds crossed, a gain outside its field.
+        Raises ValueError for values of the wrong shape, crossed bounds, a gain outside its field.
         """
         m = len(reader.ids)
         self._reader = reader
@@ -84,17 +85,20 @@ class CanWriter:
         reader.channel.drive(self)
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
-        """Goals (m,) that may be sent from now on; pending ones are dropped. Raises ValueError."""
+        """Set the range of goals (m,), counts, and drop pending goals. Raises ValueError."""
         self._own.set_goal_limits(lower, upper)
 
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        """Set goals (m,) of the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
         self._own.goals(ticks)
 
     def cut(self) -> None:
-        """Torque off for all, twice, in the next send of any kind; goals given before it are not sent."""
+        """Switch torque off on all devices, twice, in the next send of any kind.
+
+        Goals given before it are not sent. Twice, since one frame may be lost.
+        """
         self._own.cut()
 
     def clear(self) -> None:
@@ -104,10 +108,12 @@ class CanWriter:
     # --------------------------------------------------------------------------- the rare path
 
     def begin(self, order: Order, now: float) -> None:
-        """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp, TypeError;
-        DeviceRefused for what a family does not have."""
+        """Begin one order; the reader's `answer` ends it.
+
+        Raises PortError, WireClamp, TypeError; DeviceRefused for an order that a family lacks.
+        """
         if not isinstance(order, WriteRequest | BurstWriteRequest | RebootRequest):
-            raise TypeError(f"{self._name}: a writer does not ask: {order}")
+            raise TypeError(f"{self._name}: a writer does not read: {order}")
         try:
             exchange = ordering(self._own.fleet, order)
         except (ValueError, KeyError) as error:
@@ -118,12 +124,15 @@ class CanWriter:
     # --------------------------------------------------------------------------- scripts
 
     def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
-        """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits
-        and watchdogs written and read back; gains sent where commands do not carry them (ODrive, which tells
-        none). Raises DeviceRefused, WireClamp; NoReply when everybody else is prepared. Refused too: a loop
-        too slow for the watchdogs. Who is not `among` (m,), None: all, is barred until prepared.
+        """Prepare actuators for torque; `among` (m,): these alone, None: all; the others are barred.
 
-        From here on a hold at `ticks` is repeated until goals come, half a second at most.
+        Reads the modes. Commands `ticks` (m,) and clears faults in one send, so that an actuator whose fault
+        goes does not follow an old goal. Writes limits and watchdogs and reads them back. Sends gains where
+        commands do not carry them (ODrive, which does not report them). Then a hold at `ticks` is repeated
+        until goals come, at most half a second: without commands the armed watchdogs would run out.
+
+        Raises WireClamp; DeviceRefused, also for a loop too slow for the watchdogs; NoReply after all other
+        actuators are prepared.
         """
         return can_bringup.prepare(self._own, ticks, self._required, self._limits, among)
 
@@ -139,7 +148,7 @@ class CanWriter:
             waited += reply.waited
             silent &= ~own.rows(reply.data)
             mute = silent & ~own.fleet.replies
-            if mute.any():  # acknowledges nothing: that it is there is all that can be known
+            if mute.any():  # sends no acknowledgement: only its presence can be checked
                 reply = yield ReadRequest(tuple(own.by_id(mute)), STATE, 3)
                 silent &= ~own.rows(reply.data)
             if not silent.any():
@@ -147,7 +156,7 @@ class CanWriter:
         raise NoReply(self._name, own.by_id(silent), waited, "goal")
 
     def read_goals(self) -> Script[Ints]:
-        """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
+        """Return the last goals (m,) sent, in counts. Raises NoReply if none was sent to an actuator."""
         yield from ()
         line = self._own.line
         if not line.told.all():
@@ -155,28 +164,33 @@ class CanWriter:
         return line.left.copy()
 
     def torque(self, on: bool) -> Script[None]:
-        """Torque of all, read back; off is ordered twice. Raises DeviceRefused, NoReply.
+        """Switch torque of all actuators and read it back; off is ordered twice.
 
-        On: without stiffness first, until each says where it is; one that changed its turn meanwhile ends it.
+        Raises DeviceRefused, NoReply.
+
+        On: without stiffness until each reports its position; a changed turn ends it (`can_torque`).
         """
         return can_torque.energise(self._own) if on else can_torque.release(self._own)
 
     def damp(self) -> Script[tuple[int, ...]]:
-        """No stiffness and twice the damping, of every command from now on until `prepare`; ids of those
-        that did not acknowledge it, or never acknowledge."""
+        """Set stiffness 0 and double damping in each command until `prepare`.
+
+        Returns the ids without acknowledgement.
+        """
         return can_bringup.damp(self._own, self._own.here())
 
     def begin_single_device(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
-        """Not on CAN: always raises ValueError."""
+        """Raise ValueError: CAN actuators are not driven alone."""
         raise ValueError(f"{self._name}: id {id}: a CAN actuator is not driven against a stop here")
 
     def end_single_device(self) -> None:
-        """They always are."""
+        """Do nothing: all actuators are always commanded."""
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
-        """One register by name, in RAM, read back; a float in thousandths of its unit.
+        """Write one register in RAM by name and read it back; a float in thousandths of its unit.
 
-        Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
+        Raises NoReply, DeviceRefused, KeyError (lists similar names), ValueError (range, read-only, not
+        here).
         """
         own = self._own
         row = own.fleet.row(id)
@@ -189,7 +203,7 @@ class CanWriter:
         return (yield from self._reader.read(id, parameter.name))
 
     def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one actuator, wait until it answers. Nothing of its RAM is kept: `prepare` writes it anew.
+        """Restart one actuator and wait until it replies. Its RAM is not restored: `prepare` writes it anew.
 
         Raises DeviceRefused while its torque is on (unless `shut_down`), and where its family has no restart.
         """

@@ -1,8 +1,8 @@
 """Transport of frames: the interface between a CAN bus and its adapter.
 
 One channel is one controller on one wire. It never blocks and has no thread: its user polls the descriptor,
-or queries the time of the next arrival. Foreign and erroneous frames are passed on unchanged; the bus tells
-them apart.
+or queries the time of the next arrival. Foreign and erroneous frames are passed on unchanged; the bus
+distinguishes them.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class CanErrorState(IntEnum):
     """State of the controller on the wire (ISO 11898-1, fault confinement)."""
 
     ACTIVE = 0
-    PASSIVE = 1  # many errors: told, and no more
-    OFF = 2  # the controller has left the wire, or nobody acknowledges what it sends
+    PASSIVE = 1  # many errors: reported, without reaction
+    OFF = 2  # the controller has left the wire, or no node acknowledges its frames
 
 
 @dataclass(slots=True)
 class CanChannelStatus:
-    """Known state of the line. A channel without error frames (slcan) knows of full queues alone."""
+    """Known state of the line. A channel without error frames (slcan) only has that of full queues."""
 
     line: CanErrorState = CanErrorState.ACTIVE
     refused: int = 0  # frames that the adapter did not take since the channel was opened
@@ -31,14 +31,14 @@ class CanChannelStatus:
 
 
 class CanChannel(ArrivalSource, Protocol):
-    """Frames to and from one wire."""
+    """Channel of frames to and from one wire."""
 
-    name: str  # what an error message calls it: can0, /dev/ttyACM0
-    warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
+    name: str  # for error messages: can0, /dev/ttyACM0
+    warning: str  # a fault under which the channel still works, with its remedy; empty: none
     condition: CanChannelStatus
 
     def send(self, frames: Frames, now: float) -> None:
-        """Send all of them, in this order, in one system call where the adapter has one.
+        """Send all frames, in this order, in one system call where the adapter has one.
 
         Raises PortError. Kind OUTPUT_FULL: the queue still held earlier frames. It is purged, none is sent.
         Kind LOST: the adapter went away, or has taken nothing for a second.
@@ -58,4 +58,4 @@ class CanChannel(ArrivalSource, Protocol):
         """Drop what has not left yet, in every reachable queue. Raises PortError of kind LOST."""
 
     def close(self) -> None:
-        """Purge and let go. May be called twice; never raises."""
+        """Purge and release the port. May be called twice; never raises."""

@@ -1,4 +1,4 @@
-"""A family's codec for some actuators of one bus, by the names of family and models. Pure."""
+"""Factory of family codecs for actuators of one bus, by the names of family and models. Pure."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from twind_drivers.can.robstride_codec import RobStrideCodec
 
 FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
 MASTER_BESIDE = 0x10  # Damiao's habit: an actuator speaks on its id and this
-FIRST_BOARD = "ODrive"  # 3.x; the names of later boards say more
+FIRST_BOARD = "ODrive"  # 3.x; later boards have a suffix
 
 
 def make(
@@ -25,11 +25,11 @@ def make(
     feedback_ids: Sequence[int] | None = None,
     host: int = 0xFD,
 ) -> ActuatorFamily:
-    """The codec of the actuators `ids` (k,), all of `family`, in that order.
+    """Make the codec of the actuators `ids` (k,), all of `family`, in that order.
 
     `ranges` None: those of the models. `feedback_ids` (k,): Damiao's master ids, None: id + 10h. `host`: the
-    id that we speak as to RobStride. Raises KeyError for an unknown family or model, ValueError for ids that
-    cannot be told apart, a model of another family, or a range that nobody gives.
+    host id in RobStride frames. Raises KeyError for an unknown family or model; ValueError for ids with the
+    same frame ids, a model of another family, or a range that neither robot file nor table gives.
     """
     if family not in FAMILIES:
         raise KeyError(f"no CAN family {family!r}: known are {', '.join(FAMILIES)}")
@@ -51,7 +51,7 @@ def make(
 
 
 def ranges_of(models: Sequence[CanActuatorModel]) -> FieldRanges:
-    """What the models span (k,), as the table has it; NaN where it has nothing."""
+    """Return the field ranges of the models (k,) from the table; NaN where it has none."""
     return FieldRanges(
         position=column([one.position for one in models]),
         velocity=column([one.velocity for one in models]),
@@ -62,7 +62,7 @@ def ranges_of(models: Sequence[CanActuatorModel]) -> FieldRanges:
 
 
 def apart(port_name: str, families: Sequence[ActuatorFamily]) -> None:
-    """Raises ValueError where two families of one bus use the same frame id, and names it.
+    """Raise ValueError, naming it, for a frame id that two families of one bus use.
 
     An ODrive takes 32 ids from 20h times its node, so node 0 is among the ids of Damiao and CubeMars.
     """

@@ -18,8 +18,8 @@ from twind_drivers.can.can_wire_check import CanWireCheck
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
 
-FIRMER = 2.0  # times its damping, and no stiffness: a soft actuator; never more than its field holds
-# s and cycles, the longer: how long a hold is repeated while no goals come
+FIRMER = 2.0  # factor on the damping of a soft actuator, at most its field: undamped it would fall, not sink
+# s and cycles, the longer: time of a hold without goals; for ever would feed a dead writer's watchdogs
 KEPT = 0.5
 CYCLES = 10
 
@@ -31,7 +31,10 @@ class CanCommandEncoder:
     """
 
     def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
-        """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
+        """Make the encoder.
+
+        Raises ValueError for another shape, lower above upper, and gains outside their field.
+        """
         self.reader = reader
         self.fleet = reader.fleet
         self.line = reader.line
@@ -43,22 +46,22 @@ class CanCommandEncoder:
                 raise ValueError(f"{reader.name}: {each.shape} values for {m} actuators")
         self._require_gains()
         self.lower, self.upper, self.check = self._bounds(lower, upper)
-        self.soft: Bools = np.zeros(m, np.bool_)  # who has no stiffness, until prepared anew
-        self.aim: Ints | None = None  # (m,) where to hold, as last told
-        self._given: Ints | None = None  # the goals given last ...
-        self._given_in = -1  # ... in which cycle, and those of the cycle before
+        self.soft: Bools = np.zeros(m, np.bool_)  # (m,) actuators without stiffness until prepared anew
+        self.aim: Ints | None = None  # (m,) last goals to hold, counts
+        self._given: Ints | None = None  # (m,) last goals, counts ...
+        self._given_in = -1  # ... their cycle, and the goals of the cycle before
         self._before: Ints | None = None
-        everybody = [
+        orders = [
             [self.fleet.encode_valueless_command(row, ValuelessCommand.DISABLE) for row in range(m)]
         ] * 2
-        self._off = joined([frame for each in everybody for frame in each])
+        self._off = joined([frame for each in orders for frame in each])
         self.check.judge(self._off)
         self._knock()
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
-        """Counts (m,) that may be commanded from now on; what waits to be sent, or is repeated, is dropped.
+        """Set the range of goals (m,), counts, and drop pending and repeated goals.
 
-        Raises ValueError as the beginning does: nothing changes.
+        Raises ValueError as `__init__` does; then nothing changes.
         """
         self.lower, self.upper, self.check = self._bounds(lower, upper)
         self.line.goals = self.aim = self._given = self._before = None
@@ -133,13 +136,13 @@ class CanCommandEncoder:
             raise WireClamp(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
 
     def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
-        """Frames to `rows` (m,), None: all, that have passed the last check. Raises WireClamp."""
+        """Encode frames to `rows` (m,), None: all, and check them. Raises WireClamp."""
         frames = self.fleet.command(self._values(ticks, speed, soft=soft), rows)
         self.check.judge(frames)
         return frames
 
     def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
-        """Position, velocity, kp, kd, torque (5, m) of a command."""
+        """Return position, velocity, kp, kd, torque (5, m) of a command, SI."""
         values = np.zeros((5, len(self.lower)))
         values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
         if speed is not None:
@@ -152,14 +155,14 @@ class CanCommandEncoder:
 
     @property
     def damping(self) -> Floats:
-        """Damping (m,) of a soft actuator."""
+        """Damping (m,) of a soft actuator, N·m·s/rad."""
         damping: Floats = np.minimum(FIRMER * self.kd, self.fleet.ranges.kd)
         return damping
 
     # --------------------------------------------------------------------------- scripts' parts
 
     def hold(self, ticks: Ints, *, soft: bool = False) -> None:
-        """Until goals come, each request commands `ticks` (m,), for half a second. Raises WireClamp."""
+        """Command `ticks` (m,) with each request until goals come, for half a second. Raises WireClamp."""
         self._require(ticks)
         rows = ~self.cyclic.barred
         until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
@@ -168,7 +171,7 @@ class CanCommandEncoder:
         self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
 
     def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> WriteRequest:
-        """The same command as an order to `rows` (m,). Raises WireClamp."""
+        """Make the same command as an order to `rows` (m,). Raises WireClamp."""
         self._require(ticks)
         values = self._values(ticks, soft=soft)
         return WriteRequest(
@@ -176,7 +179,7 @@ class CanCommandEncoder:
         )
 
     def encode_valueless_command(self, what: ValuelessCommand, rows: Bools) -> WriteRequest:
-        """An order without a value to `rows` (m,)."""
+        """Make an order without a value to `rows` (m,)."""
         return WriteRequest({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
 
     def clear_faults(self, rows: Bools) -> tuple[WriteRequest, ...]:
@@ -190,7 +193,7 @@ class CanCommandEncoder:
         return (self.encode_valueless_command(ValuelessCommand.CLEAR, able),) if able.any() else ()
 
     def gains(self, rows: Bools) -> WriteRequest:
-        """Gains to all of `rows` (m,) whose commands do not carry them."""
+        """Make the order of gains to those of `rows` (m,) whose commands do not carry them."""
         values = self._values(np.clip(0, self.lower, self.upper))[2:4]
         return WriteRequest(
             {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS
@@ -209,17 +212,17 @@ class CanCommandEncoder:
         self.line.goals = None
         if rows is None:
             self.line.urgent = self._off
-        else:  # a cut of everybody that waits stays
+        else:  # a waiting cut of all actuators stays
             own = self._off[rows[self.fleet.commanded_rows(self._off)]]
             self.line.urgent = joined([self.line.urgent, own])
         self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
 
     def by_id(self, rows: Bools) -> list[int]:
-        """Ids of `rows` (m,)."""
+        """Return the ids of `rows` (m,)."""
         return [self.reader.ids[row] for row in _places(rows)]
 
     def rows(self, ids: Mapping[int, object]) -> Bools:
-        """Rows (m,) of those ids."""
+        """Return the rows (m,) of those ids."""
         found = np.zeros(len(self.lower), np.bool_)
         found[[self.fleet.row(id) for id in ids]] = True
         return found

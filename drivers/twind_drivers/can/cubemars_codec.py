@@ -2,8 +2,8 @@
 
 Source: AK manual V1.0.8, p. 48-49, which prints replies of 6 bytes and lists 8: both are taken. They have no
 registers, no watchdog that a host could read back, and answer nothing but commands. The error codes and a
-temperature in °C without offset are those of public drivers, unverified. Newer ("V3") firmware is said to
-speak another scheme and is not driven.
+temperature in °C without offset are those of public drivers, unverified. Newer ("V3") firmware reportedly
+uses other ids and is not driven.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ _CELSIUS = np.array([float(octet if octet <= HOTTEST else octet - 256) for octet
 
 
 class CubeMarsCodec:
-    """k AK actuators of one bus, as `ActuatorFamily` says."""
+    """Codec of k AK actuators of one bus (`ActuatorFamily`)."""
 
     name = "cubemars"
     parameters: Mapping[str, FamilyRegister] = {}
@@ -56,7 +56,7 @@ class CubeMarsCodec:
     answers = 0
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges) -> None:
-        """Raises ValueError for ids outside 1..FF or twice the same."""
+        """Make the codec. Raises ValueError for ids outside 1..FF or twice the same."""
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
         self.replies: Bools = np.ones(len(self.ids), np.bool_)
@@ -91,11 +91,11 @@ class CubeMarsCodec:
         return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Raises ValueError: no registers."""
+        """Raise ValueError: the family has no registers."""
         raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK in MIT mode has no registers")
 
     def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
-        """Raises ValueError: no registers."""
+        """Raise ValueError: the family has no registers."""
         raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK in MIT mode has no registers")
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
@@ -108,18 +108,18 @@ class CubeMarsCodec:
         size = frames["size"]
         came = frames["id"]
         rows = self._hears.take(data[:, 0])
-        told = (rows >= 0) & ((size == BYTES) | (size == SHORT)) & ((came == 0) | (came == data[:, 0]))
-        if not told.all():
-            rows = rows[told]
-            data = data[told]
-            size = size[told]
+        reported = (rows >= 0) & ((size == BYTES) | (size == SHORT)) & ((came == 0) | (came == data[:, 0]))
+        if not reported.all():
+            rows = rows[reported]
+            data = data[reported]
+            size = size[reported]
         position, velocity, effort = self._scale.values(unpack(data), rows)
         whole = size == BYTES
         heat = np.where(whole, _CELSIUS.take(data[:, 6]), np.nan)
         fault = np.where(whole, _FAULT.take(data[:, 7]), -1)
         unsaid = np.full(len(rows), -1, np.int64)
         unknown = np.full(len(rows), np.nan)
-        return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
+        return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), reported
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Return no answers: there are no registers."""
@@ -133,11 +133,14 @@ class CubeMarsCodec:
         return 1
 
     def commanded_rows(self, frames: Frames) -> Ints:
-        """Every frame on an id of ours; a reply on the drive's own id looks like one."""
+        """Return the row of each frame on an id of this bus; a reply on the drive's own id counts, too."""
         return row_of(self._hears, frames["id"])
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
+        """Return the position of each MIT command to an id of this bus, rad.
+
+        NaN: another or a special frame.
+        """
         rows = self.commanded_rows(frames)
         motion = (rows >= 0) & ~is_special_frame(frames)
         return self._scale.decode_commanded_position(frames, rows, motion)

@@ -1,9 +1,9 @@
 """Damiao DM actuators in MIT mode: commands, feedback, registers. Pure.
 
-An actuator hears on its own id (register 8) and speaks on another, its master id (register 7). Requests of
+An actuator receives on its own id (register 8) and sends on another, its master id (register 7). Requests of
 registers go to 7FF. Source: the vendor's register table and public drivers of it (lerobot, openarm_can,
 axol); the status nibble is from public code alone and unverified. What a fault and a lost communication do to
-the torque is not established: a fault of the actuator's own counts as torque off, a lost communication as
+the torque is not established: a fault of the actuator itself counts as torque off, a lost communication as
 unknown.
 """
 
@@ -101,7 +101,7 @@ IDENTITY = (
 
 
 class DamiaoCodec:
-    """k Damiao actuators of one bus, as `ActuatorFamily` says."""
+    """Codec of k Damiao actuators of one bus (`ActuatorFamily`)."""
 
     name = "damiao"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS
@@ -110,7 +110,7 @@ class DamiaoCodec:
     answers = 1
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, masters: Sequence[int]) -> None:
-        """`masters` (k,): the id that each speaks on. Raises ValueError for ids that cannot be told apart."""
+        """Make the codec; `masters` (k,): id of each one's replies. Raises ValueError for ambiguous ids."""
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
         self.replies: Bools = np.ones(len(self.ids), np.bool_)
@@ -120,11 +120,11 @@ class DamiaoCodec:
         for row, id in enumerate(self.ids):
             for base in (0, *OTHER_MODES):
                 self._hears[base + id] = row
-        heard = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
-        self.claims = frozenset({*heard, *masters, *([ASK] if self.ids else [])})
-        asked = np.zeros((len(self.ids), 8), np.uint8)
-        asked[:, 0], asked[:, 2] = self.ids, REFRESH
-        self._question = frames([ASK] * len(self.ids), asked)
+        receiving = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
+        self.claims = frozenset({*receiving, *masters, *([ASK] if self.ids else [])})
+        requests = np.zeros((len(self.ids), 8), np.uint8)
+        requests[:, 0], requests[:, 2] = self.ids, REFRESH
+        self._question = frames([ASK] * len(self.ids), requests)
         self._blank = frames(self.ids)
         self._blank["size"] = BYTES
         self._take(ranges)
@@ -133,7 +133,7 @@ class DamiaoCodec:
         """Return the index by frame id, and the row by index + low nibble of D0, which identify a sender."""
         if len(masters) != len(self.ids):
             raise ValueError(f"{self.port}: {len(masters)} master ids for {len(self.ids)} Damiao actuators")
-        places = np.zeros(STANDARD_MASK + 2, np.int64)  # the first place is nobody's
+        places = np.zeros(STANDARD_MASK + 2, np.int64)  # the first entry belongs to no actuator
         rows = np.full(16 * (len(self.ids) + 1), NONE, np.int64)
         for row, (id, master) in enumerate(zip(self.ids, masters, strict=True)):
             if not 0 <= master < ASK or master in self.ids:
@@ -142,7 +142,7 @@ class DamiaoCodec:
             place = places[master] + (id & 0xF)
             if rows[place] != NONE:
                 raise ValueError(
-                    f"{self.port}: ids {self.ids[rows[place]]} and {id} both answer on {master:#x} and look "
+                    f"{self.port}: ids {self.ids[rows[place]]} and {id} both reply on {master:#x} and appear "
                     "alike there: give each its own master id (register 7)"
                 )
             rows[place] = row
@@ -174,7 +174,7 @@ class DamiaoCodec:
         return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Asks for one register (33)."""
+        """Encode the read of one register (33)."""
         return to_one(ASK, self._header(row, READ, parameter) + bytes(4))
 
     def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
@@ -243,7 +243,10 @@ class DamiaoCodec:
         return rows
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
+        """Return the position of each MIT command to an id of this bus, rad.
+
+        NaN: another or a special frame.
+        """
         rows = row_of(self._hears, frames["id"])
         motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~is_special_frame(frames)
         return self.scale.decode_commanded_position(frames, rows, motion)

@@ -1,7 +1,7 @@
-"""A CAN frame as a numpy record, and many of them as one array. Pure.
+"""CAN frame as a numpy record, and batches of them as one array. Pure.
 
-The layout is that of `struct can_frame` (linux/can.h): what a kernel socket carries, and what every channel
-here takes and gives. Up to 8 bytes: no CAN FD.
+The layout is that of `struct can_frame` (linux/can.h): the form in a kernel socket and at every channel here.
+Up to 8 bytes: no CAN FD.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 EXTENDED = 0x8000_0000  # 29-bit id
-REMOTE = 0x4000_0000  # asks for data, and has none
+REMOTE = 0x4000_0000  # requests data, and has none
 ERROR = 0x2000_0000  # of the controller, not of the wire: never data
 STANDARD_MASK = 0x7FF
 EXTENDED_MASK = 0x1FFF_FFFF

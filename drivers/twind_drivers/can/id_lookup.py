@@ -1,4 +1,4 @@
-"""Which actuator of k a frame is of: lookups by table, the same for every family. Pure."""
+"""Lookup of the actuator of a frame by table, the same for every family. Pure."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,11 +11,11 @@ from twind_drivers.can.actuator_family import ActuatorFeedback, FamilyRegister
 from twind_drivers.can.frame import Frames, frames
 
 Table = NDArray[np.int64]
-NONE = -1  # no actuator of ours
+NONE = -1  # no actuator of this bus
 
 
 def checked_ids(port: str, family: str, ids: Sequence[int], least: int, most: int) -> tuple[int, ...]:
-    """`ids` as given. Raises ValueError unless each is within `least..most` and stands there once."""
+    """Return `ids`. Raises ValueError unless each is within `least..most` and occurs once."""
     for id in ids:
         if not least <= id <= most:
             raise ValueError(f"{port}: {family} id {id} outside {least}..{most}")
@@ -25,7 +25,7 @@ def checked_ids(port: str, family: str, ids: Sequence[int], least: int, most: in
 
 
 def row_of(table: Table, keys: NDArray[Any]) -> Ints:
-    """Row by key; what lies beyond the table is nobody's. The table's last entry must be `NONE`."""
+    """Return the row by key; keys beyond the table give `NONE`, which must be its last entry."""
     rows: Ints = table.take(keys, mode="clip")
     return rows
 
@@ -39,12 +39,12 @@ def to_one(id: int, data: bytes) -> Frames:
 
 
 def column(values: Sequence[float]) -> Floats:
-    """Values as an array of our own (k,)."""
+    """Return a copy of the values as an array (k,)."""
     return np.array(values, np.float64)
 
 
 def four(port: str, parameter: FamilyRegister, data: bytes) -> bytes:
-    """`data` for a register that may be written. ValueError: it may not, or not 4 bytes."""
+    """Return `data` for a writable register. Raises ValueError for another one, or not 4 bytes."""
     if not parameter.writable:
         raise ValueError(f"{port}: {parameter.name} ({parameter.address:#x}) is not written by this driver")
     if len(data) != 4:
@@ -53,7 +53,7 @@ def four(port: str, parameter: FamilyRegister, data: bytes) -> bytes:
 
 
 def untold(rows: Ints) -> ActuatorFeedback:
-    """Feedback of `rows` (j,) that says nothing yet."""
+    """Return feedback of `rows` (j,) with all values unknown."""
     count = len(rows)
     nan = np.full(count, np.nan)
     unsaid = np.full(count, -1, np.int64)

@@ -1,8 +1,8 @@
-"""The bits of a MIT frame, and the scaling that all packed frames share. Pure.
+"""Bit layout and scaling of MIT frames, which all packed frames share. Pure.
 
-Five values become whole numbers of 12 and 16 bits over ranges that each actuator has its own of. The layout
-is that of the CubeMars AK manual V1.0.8, p. 48-49, which Damiao and RobStride share; numbers are truncated,
-not rounded, as in every public encoder of it: 0 is 7FFF and comes out half a count below 0.
+Five values become whole numbers of 12 and 16 bits over ranges of each actuator. The layout is that of the
+CubeMars AK manual V1.0.8, p. 48-49, which Damiao and RobStride share. Numbers are truncated, not rounded, as
+in every public encoder of it: 0 is 7FFF and is decoded as half a count below 0.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def unpack(data: Octets) -> Floats:
 
 
 def commands(scale: "FieldScale", fields: Words) -> Octets:
-    """Payloads (k, 8) of fields (5, k). Raises WireClamp for one that would be read as a special frame.
+    """Return payloads (k, 8) of fields (5, k). Raises WireClamp for one with the form of a special frame.
 
     That is one with everything at its upper end and a torque just below it.
     """
@@ -66,14 +66,14 @@ def commands(scale: "FieldScale", fields: Words) -> Octets:
 
 
 def is_special_frame(frames: Frames) -> Bools:
-    """Which of these on a motor's id are no motion command: seven FF and F0 or above, or not 8 bytes."""
+    """Return which frames on a motor's id are no motion command: seven FF and F0 or above, or not 8 bytes."""
     words = np.ascontiguousarray(frames["data"]).view(">u8")[:, 0]
     orders: Bools = (words >= _SPECIAL) | (frames["size"] != BYTES)
     return orders
 
 
 def checked(port: str, ids: Sequence[int], values: Floats, lower: Floats, upper: Floats) -> None:
-    """Raises WireClamp for the first of `values` (5, k) that is outside; ends are inside, NaN is not."""
+    """Raise WireClamp for the first of `values` (5, k) that is NaN or outside `lower`..`upper`, inclusive."""
     inside = (values >= lower) & (values <= upper)
     if inside.all():
         return
@@ -83,7 +83,7 @@ def checked(port: str, ids: Sequence[int], values: Floats, lower: Floats, upper:
 
 
 def bounds(ranges: FieldRanges) -> tuple[Floats, Floats]:
-    """Lower and upper ends (5, k), in order of `NAMES`. Raises ValueError where one is no positive number."""
+    """Return lower and upper ends (5, k), in order of `NAMES`. Raises ValueError for one not positive."""
     upper = np.array((ranges.position, ranges.velocity, ranges.kp, ranges.kd, ranges.torque), np.float64)
     if not ((upper > 0.0) & np.isfinite(upper)).all():
         field, row = (int(place) for place in np.argwhere(~((upper > 0.0) & np.isfinite(upper)))[0])
@@ -97,14 +97,19 @@ def bounds(ranges: FieldRanges) -> tuple[Floats, Floats]:
 
 
 class FieldScale:
-    """SI to whole fields and back, for k actuators at once, by the ranges as they were when it was made."""
+    """Scale between SI and whole fields for k actuators, by their ranges at its creation."""
 
     __slots__ = ("_base", "_least", "_lower", "_most", "_place", "_span", "_step", "_upper", "ids", "port")
 
     def __init__(
-        self, port: str, ids: Sequence[int], ranges: FieldRanges, bits: tuple[int, ...], told: tuple[int, ...]
+        self,
+        port: str,
+        ids: Sequence[int],
+        ranges: FieldRanges,
+        bits: tuple[int, ...],
+        reply_bits: tuple[int, ...],
     ) -> None:
-        """`bits` of the fields of a command; `told` of position, velocity and torque in a reply."""
+        """Make the scale; `bits`: of the fields of a command; `reply_bits`: of position, velocity, torque."""
         self.port = port
         self.ids = tuple(ids)
         self._lower, self._upper = bounds(ranges)
@@ -112,7 +117,7 @@ class FieldScale:
         self._most = np.repeat([[2.0**width - 1.0] for width in bits], len(self.ids), axis=1)
         place = [0, 1, 4]
         self._base = self._lower[place]
-        self._step = self._span[place] / np.array([2.0**width - 1.0 for width in told])[:, None]
+        self._step = self._span[place] / np.array([2.0**width - 1.0 for width in reply_bits])[:, None]
         # of a commanded position
         self._least = self._lower[0]
         self._place = self._span[0] / self._most[0]
@@ -127,7 +132,7 @@ class FieldScale:
         return whole
 
     def values(self, fields: Floats, rows: Ints) -> Floats:
-        """Position, velocity and torque (3, j) in SI, of fields (3, j) that actuators `rows` (j,) told."""
+        """Return position, velocity, torque (3, j) in SI of reply fields (3, j) of actuators `rows` (j,)."""
         values: Floats = fields * self._step.take(rows, axis=1)
         values += self._base.take(rows, axis=1)
         return values
@@ -141,7 +146,7 @@ class FieldScale:
         return position
 
     def position(self, data: Octets, rows: Ints) -> Floats:
-        """Position (j,) in rad that commands (j, 8) to `rows` ask for: 16 bits in D0 and D1."""
+        """Return the position (j,) in rad of commands (j, 8) to `rows`: 16 bits in D0 and D1."""
         field = data[:, 0] * 256.0 + data[:, 1]
         position: Floats = self._least.take(rows) + field * self._place.take(rows)
         return position

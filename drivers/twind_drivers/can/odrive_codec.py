@@ -2,11 +2,11 @@
 
 Id = node << 5 | command. Source: ODrive's can-protocol page, its csv and firmware f9b5419c (3.x); error
 numbers and the heartbeat of the later boards (S1, Pro) from public drivers that name ODrive's own reference.
-Which of the two an axis speaks cannot be seen on the wire: its model says it.
+The frames do not show which of the two an axis uses: its model in the robot file determines it.
 
 A command is a position with velocity and torque beside it; **stiffness and damping are not on the wire**:
-`gains` sets them before torque, and kp and kd of `command` are looked at, and not sent. The current that an
-axis tells is no torque, so effort stays NaN. Its watchdog is off as delivered, can be neither set nor read
+`gains` sets them before torque; kp and kd of `command` are checked, and not sent. The current that an
+axis reports is no torque, so effort stays NaN. Its watchdog is off as delivered, can be neither set nor read
 over CANSimple, and every frame to the axis feeds it, reads included: a reader keeps a dead writer's axis
 alive.
 """
@@ -60,7 +60,7 @@ FED = 1e-3  # rev/s and N·m of one count of a feed-forward
 MOST_FED = 32767 * FED
 FARTHEST = 1e6  # rev, rev/s, V: a float beyond it is no reading
 SECOND = 0x100  # in an address: the second four bytes of that command's answer
-# What an axis tells, or is asked for: all else moves or changes it.
+# Reports and their requests: all other commands move or change an axis.
 TELLING = (HEARTBEAT, 0x03, 0x05, ESTIMATES, 0x0A, 0x14, 0x15, SUPPLY, 0x1C, 0x1D)
 ENCODER_ERROR = 0x04  # 3.x; on later boards that command writes endpoints
 
@@ -117,7 +117,7 @@ _ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
 
 
 class ODriveCodec:
-    """k axes of one bus, as `ActuatorFamily` says."""
+    """Codec of k ODrive axes of one bus (`ActuatorFamily`)."""
 
     name = "odrive"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS
@@ -126,7 +126,10 @@ class ODriveCodec:
     answers = 1
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, later: Sequence[bool]) -> None:
-        """`later` (k,): a board after 3.x. Raises ValueError for ids outside 0..3F or twice the same."""
+        """Make the codec; `later` (k,): a board after 3.x.
+
+        Raises ValueError for ids outside 0..3F or twice the same.
+        """
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 0, NODES)
         self.replies: Bools = np.zeros(len(self.ids), np.bool_)
@@ -192,13 +195,13 @@ class ODriveCodec:
         return to_one(self.ids[row] << 5 | command, data)
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Asks for what holds the parameter, by a remote frame. Raises ValueError on boards that lack it."""
+        """Encode the read of a parameter by a remote frame. Raises ValueError on boards that lack it."""
         if self._later[row] and parameter.address in (0x03, ENCODER_ERROR, 0x1D):
-            raise ValueError(f"{self.port}: node {self.ids[row]}: only ODrive 3.x tells {parameter.name}")
+            raise ValueError(f"{self.port}: node {self.ids[row]}: only ODrive 3.x reports {parameter.name}")
         return frames([self.ids[row] << 5 | parameter.address & 0x1F | REMOTE])
 
     def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
-        """Raises ValueError: nothing that CANSimple reads can be written."""
+        """Raise ValueError: no value that CANSimple reads can be written."""
         raise ValueError(
             f"{self.port}: node {self.ids[row]}: {parameter.name} cannot be written over CANSimple"
         )
@@ -213,11 +216,11 @@ class ODriveCodec:
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode estimates (09: position), heartbeats (01: torque and faults) and supply (17: voltage)."""
         rows, command, data = self._match_rows(frames)
-        told = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
-        if not told.all():
-            rows = rows[told]
-            command = command[told]
-            data = data[told]
+        reported = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
+        if not reported.all():
+            rows = rows[reported]
+            command = command[reported]
+            data = data[reported]
         found = untold(rows)
         place, beat, supply = (command == which for which in (ESTIMATES, HEARTBEAT, SUPPLY))
         if place.any():
@@ -228,7 +231,7 @@ class ODriveCodec:
             found.voltage[supply] = _readings(data[supply])[:, 0]
         for at in np.flatnonzero(beat):
             found.enabled[at], found.fault[at] = _beat(data[at].tobytes(), bool(self._later[rows[at]]))
-        return found, told
+        return found, reported
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Decode frames with errors, currents and supply; both halves of those with two values."""
@@ -252,7 +255,7 @@ class ODriveCodec:
         return 1
 
     def commanded_rows(self, frames: Frames) -> Ints:
-        """Every frame on a node of ours, remote ones too, but those that only tell or ask.
+        """Return the row of each frame on a node of this bus, remote ones too, except reports and requests.
 
         Command 04 counts only with data and on later boards, where it writes.
         """
@@ -264,7 +267,7 @@ class ODriveCodec:
         return np.where(idle, NONE, rows)
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position of each 0C on a node of ours, rad. NaN: another frame."""
+        """Return the position of each 0C to a node of this bus, rad. NaN: another frame."""
         rows, command, data = self._match_rows(frames)
         motion = (rows >= 0) & (command == INPUT)
         position = np.full(len(frames), np.nan)
@@ -292,10 +295,10 @@ def _readings(data: Octets) -> Floats:
 
 
 def _beat(data: bytes, later: bool) -> tuple[int, int]:
-    """Torque (1 on, 0 off, -1 unsaid) and fault bits of a heartbeat.
+    """Return torque (1 on, 0 off, -1 unknown) and fault bits of a heartbeat.
 
-    Homing and calibration move the axis: torque is on in every named state but idle. 3.x tells motor, encoder
-    and controller errors in the lowest bits of D5 to D7; on later boards other things stand there.
+    Homing and calibration move the axis: torque is on in every named state but idle. 3.x reports motor,
+    encoder and controller errors in the lowest bits of D5 to D7; later boards use these bits differently.
     """
     errors, state = struct.unpack_from("<IB", data)
     named = _ACTIVE if later else _AXIS

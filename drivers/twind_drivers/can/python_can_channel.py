@@ -1,8 +1,8 @@
-"""A channel over any adapter that python-can drives: no thread, no Notifier, time is an argument.
+"""Channel over any adapter that python-can drives: no thread, no Notifier, time is an argument.
 
 Importing this costs a tenth of a second, so `can_ports.py` does it only for a robot that has such an adapter.
 
-Over socketcan the queue tells only by being full (ENOBUFS), and what it took before stays in the kernel: of a
+Over socketcan a full queue shows only as ENOBUFS, and frames accepted before stay in the kernel: of a
 batch that was refused, the first frames may have left. After a loss no probe is sent: identification, which
 comes first, only reads, so its frames are the probe.
 """
@@ -70,11 +70,11 @@ class PythonCanChannel:
         self.condition = CanChannelStatus()
         self._standing = ChannelStatusTracker(self.condition)
         self._early: can.Message | None = None  # taken to learn whether there is one
-        self._heard = self._now = self._restarted = -inf  # s; of the last call, and of the link
-        self._doubtful = False  # frames of ours may still wait: nobody was heard before the last was sent
-        self._owner: Callable[[], object | None] = lambda: None  # who drives, while he lives
-        self._said = ""  # our own part of `warning`
-        quiet = logging.getLogger("can")  # what it would say there is in our errors
+        self._received_at = self._now = self._restarted = -inf  # s; of the last call, and of the link
+        self._doubtful = False  # sent frames may still wait: none was received shortly before the last send
+        self._owner: Callable[[], object | None] = lambda: None  # owner that drives motors, while it lives
+        self._own_warning = ""  # this channel's part of `warning`
+        quiet = logging.getLogger("can")  # its messages are already in the errors raised here
         if not quiet.handlers:
             quiet.addHandler(logging.NullHandler())
         self._sign = CanInterfaceLock(channel) if interface == "socketcan" else None
@@ -97,7 +97,7 @@ class PythonCanChannel:
     def arrival(self) -> float:
         """Return -inf: data, or an error for the next read, is available; inf: nothing yet, as far as known.
 
-        A bus without descriptor cannot tell when, so its user queries repeatedly.
+        A bus without descriptor reports no arrivals, so its user queries repeatedly.
         """
         if self._bus is None:
             return -inf
@@ -113,7 +113,7 @@ class PythonCanChannel:
         messages = [_message(frame) for frame in frames.tolist()]
         bus = self._require()
         self._now = now
-        self._doubtful |= bool(messages) and now - self._heard >= DEAF
+        self._doubtful |= bool(messages) and now - self._received_at >= DEAF
         for taken, message in enumerate(messages):
             try:
                 bus.send(message, timeout=0)
@@ -141,7 +141,7 @@ class PythonCanChannel:
         except FAILURES as error:
             raise self._make_lost_error("receive", error) from error
         if records:
-            self._heard = now
+            self._received_at = now
             self._doubtful = False
             self._standing.stall.record_reception(now)
         self._standing.settle()
@@ -152,7 +152,7 @@ class PythonCanChannel:
         self._owner = weakref.ref(owner)
 
     def purge(self) -> None:
-        """Closes the bus and opens it again; a kernel interface where frames may wait goes down and up.
+        """Close the bus and open it again; a kernel interface where frames may wait goes down and up.
 
         That while somebody drives, at most once a second: it takes long. Where it is not permitted,
         `warning` says so. Raises PortError of kind LOST.
@@ -165,7 +165,7 @@ class PythonCanChannel:
             raise PortError(self.name, error.reason, kind=PortFault.LOST) from error
 
     def close(self) -> None:
-        """Purge and let go. May be called twice; never raises."""
+        """Purge and release the port. May be called twice; never raises."""
         if self._bus is not None:
             self._shut(empties=True)
         self._disown()
@@ -177,9 +177,7 @@ class PythonCanChannel:
             return can.Bus(self.channel, interface=self.interface, bitrate=self.bitrate, ignore_config=True)
         except NotImplementedError as error:
             known = ", ".join(sorted(can.VALID_INTERFACES))
-            reason = (
-                f"python-can cannot drive {self.interface!r}: {error}; it knows {known}, slcan has our own"
-            )
+            reason = f"python-can cannot drive {self.interface!r}: {error}; it supports {known}"
             raise PortError(self.name, reason) from error
         except FAILURES as error:
             raise PortError(self.name, _explain_open_failure(self.interface, self.channel, error)) from error
@@ -203,8 +201,8 @@ class PythonCanChannel:
 
     def _warn(self, text: str) -> None:
         """Set this channel's part of the warning; parts from other sources stay."""
-        others = self.warning.removeprefix(self._said).removeprefix("; ")
-        self._said = text
+        others = self.warning.removeprefix(self._own_warning).removeprefix("; ")
+        self._own_warning = text
         self.warning = "; ".join(part for part in (text, others) if part)
 
     def _require(self) -> can.BusABC:

@@ -1,7 +1,7 @@
-"""How the rare path names what a family can do, and the bytes of a register's value. Pure.
+"""Addresses of the rare path for all that a family can do, and the bytes of a register's value. Pure.
 
 An address below `SPECIALS` is a register of the actuator's family. Above it are the orders that are no
-registers: five specials without a value, one whole command, gains, and the state that feedback tells.
+registers: five orders without a value, one whole command, gains, and the state from feedback.
 """
 
 import math
@@ -35,18 +35,18 @@ ADDRESS = {
 SPECIAL = {address: special for special, address in ADDRESS.items()}
 COMMAND = SPECIALS + 0x10  # written: position, velocity, kp, kd, torque, as five little-endian doubles
 GAINS = SPECIALS + 0x11  # written: kp and kd, as two; nothing where commands carry them
-STATE = SPECIALS + 0x12  # read: three bytes, torque (0, 1, 255 not told), fault bits, 1 if these were told
-MILLI = 1e3  # of a float's unit: what a register's whole number means
+STATE = SPECIALS + 0x12  # read: three bytes, torque (0, 1, 255 unknown), fault bits, 1 if these were reported
+MILLI = 1e3  # whole numbers stand for thousandths of a float's unit
 
 
 def decode(parameter: FamilyRegister, data: bytes) -> float:
-    """A register's value, as its four bytes say. NaN and infinity stay what they are."""
+    """Return a register's value from its four bytes. NaN and infinity are kept."""
     [value] = struct.unpack_from(parameter.kind.value, data.ljust(4, b"\0"))
     return float(value)
 
 
 def encode(parameter: FamilyRegister, value: float) -> bytes:
-    """Four bytes. Raises ValueError for what the register cannot hold, naming it."""
+    """Return the four bytes of a value. Raises ValueError naming the register if it cannot hold the value."""
     if not math.isfinite(value) or (parameter.kind is not RegisterType.F32 and value != int(value)):
         raise ValueError(f"{parameter.name}: {value} is no value of it: a finite {parameter.kind.name} is")
     try:
@@ -70,7 +70,7 @@ def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
 
 
 def by_address(parameters: Mapping[str, FamilyRegister], address: int) -> FamilyRegister | None:
-    """The register at an address."""
+    """Return the register at an address; None: there is none."""
     return next((each for each in parameters.values() if each.address == address), None)
 
 
@@ -80,14 +80,14 @@ def state(enabled: int, fault: int) -> bytes:
 
 
 def encode_register_value(parameter: FamilyRegister, value: float) -> int:
-    """The number that stands for a register's value: a float in thousandths. ValueError for NaN, infinity."""
+    """Return a value as a whole number, a float in thousandths. Raises ValueError for NaN, infinity."""
     if not math.isfinite(value):
         raise ValueError(f"{parameter.name} reads {value}")
     return round(value * MILLI) if parameter.kind is RegisterType.F32 else int(value)
 
 
 def part(parameter: FamilyRegister, value: int) -> float:
-    """The value of a register that such a number stands for."""
+    """Return the value of a register from such a whole number."""
     return value / MILLI if parameter.kind is RegisterType.F32 else value
 
 
@@ -109,7 +109,7 @@ def rows_of(fleet: ActuatorGroup, query: Query) -> Bools:
 
 def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
     """Return the frames that request a register, and the expected answers; none for devices without it."""
-    asked: list[Frames] = []
+    requests: list[Frames] = []
     wanted: set[tuple[int, int]] = set()
     for row in np.flatnonzero(rows_of(fleet, query)).tolist():
         family, _ = fleet.family_of_row(row)
@@ -117,11 +117,11 @@ def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
         if found is None:
             continue
         try:
-            asked.append(fleet.read(row, found))
-        except ValueError:  # a script that asks for it has been told
+            requests.append(fleet.read(row, found))
+        except ValueError:  # the script that reads it has refused it before
             continue
         wanted.add((row, query.address))
-    return CanTransaction(joined(asked), np.zeros(len(fleet), np.int64), registers=frozenset(wanted))
+    return CanTransaction(joined(requests), np.zeros(len(fleet), np.int64), registers=frozenset(wanted))
 
 
 def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
@@ -178,5 +178,5 @@ def _values(fleet: ActuatorGroup, rows: Mapping[int, bytes], count: int) -> Floa
 
 
 def whole_command(values: Floats) -> bytes:
-    """One actuator's position, velocity, kp, kd and torque, as `COMMAND` takes them."""
+    """Encode one actuator's position, velocity, kp, kd and torque for `COMMAND`."""
     return struct.pack(f"<{len(values)}d", *(float(value) for value in values))

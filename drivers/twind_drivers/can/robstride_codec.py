@@ -2,8 +2,8 @@
 
 Id = type << 24 | data16 << 8 | target. Source: the vendor's sample program (July 2025) and lerobot. The
 communication timeout, 7028 (50 us ticks, 0 off), is in public drivers alone (takarakasai/robstride-driver,
-`param.rs`): **unverified on hardware**. Position and velocity are asked for as parameters, which are answered
-whether torque is on or not; those answers do not tell the effort. A write is acknowledged by feedback alone:
+`param.rs`): **unverified on hardware**. Position and velocity are read as parameters, which are answered
+whether torque is on or not; those replies carry no effort. A write is acknowledged by feedback alone:
 read back. An index that the firmware does not have is answered with an error flag (bits 16 to 23 of the id)
 and a value of zero (lerobot, measured there): such an answer is dropped.
 """
@@ -56,7 +56,7 @@ POSITION = FamilyRegister("mechanical_position", 0x7019, RegisterType.F32)
 VELOCITY = FamilyRegister("mechanical_velocity", 0x701B, RegisterType.F32)
 TIMEOUT = FamilyRegister("timeout", 0x7028, RegisterType.U32, writable=True, kept=True, unit=50e-6)
 PARAMETERS = by_name(
-    # Of the answer to GET_ID: the 64-bit number of its processor, all that tells one specimen from another.
+    # From the reply to GET_ID: the 64-bit number of its processor, the only unique value of an individual.
     FamilyRegister("mcu_low", 0, RegisterType.U32, kept=True),
     FamilyRegister("mcu_high", 4, RegisterType.U32, kept=True),
     FamilyRegister("run_mode", 0x7005, RegisterType.U8, writable=True),
@@ -100,7 +100,7 @@ _REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14
 
 
 class RobStrideCodec:
-    """k RobStride actuators of one bus, as `ActuatorFamily` says."""
+    """Codec of k RobStride actuators of one bus (`ActuatorFamily`)."""
 
     name = "robstride"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS
@@ -109,7 +109,10 @@ class RobStrideCodec:
     answers = 2
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, host: int = 0xFD) -> None:
-        """`host`: the id that we speak as. ValueError: ids outside 1..FD, twice the same, or the host's."""
+        """Make the codec; `host`: the host id in frames.
+
+        Raises ValueError for ids outside 1..FD, twice, or the host's.
+        """
         self.port = port
         self.host = host
         self.ids = checked_ids(port, self.name, ids, 1, 0xFD)
@@ -126,8 +129,8 @@ class RobStrideCodec:
         self._motion = np.array([EXTENDED | MOTION << 24 | id for id in self.ids], np.uint32)
         self._blank = frames(self._motion)
         self._blank["size"] = BYTES
-        asked = [self.read(row, what) for what in (POSITION, VELOCITY) for row in range(len(self.ids))]
-        self._question = np.concatenate(asked) if asked else NOTHING
+        requests = [self.read(row, what) for what in (POSITION, VELOCITY) for row in range(len(self.ids))]
+        self._question = np.concatenate(requests) if requests else NOTHING
 
     def _to(self, row: int, kind: int, data: bytes) -> Frames:
         return to_one(EXTENDED | kind << 24 | self.host << 8 | self.ids[row], data)
@@ -156,7 +159,7 @@ class RobStrideCodec:
         return self._to(row, kind, bytes([first, 0, 0, 0, 0, 0, 0, 0]))
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
-        """Asks for one parameter (17); for its processor's number by type 0."""
+        """Encode the read of one parameter (17); for the number of its processor by type 0."""
         if parameter.address < 0x100:
             return self._to(row, GET_ID, bytes(8))
         return self._to(row, GET, parameter.address.to_bytes(2, "little") + bytes(6))
@@ -167,11 +170,11 @@ class RobStrideCodec:
         return self._to(row, SET, parameter.address.to_bytes(2, "little") + bytes(2) + value)
 
     def _match_rows(self, received: Frames) -> tuple[Ints, Ints, Ints, Octets]:
-        """Row of the motor that sent each frame of 8 bytes to us, else -1; id, type, payloads (j, 8)."""
+        """Return row, id, type and payload (j, 8) of each frame; the row of other senders is -1."""
         came = received["id"].astype(np.int64)
         rows = self._rows.take(came >> 8 & 0xFF)
-        ours = (came & _FLAGS_AND_TARGET == EXTENDED | self.host) & (received["size"] == BYTES)
-        return np.where(ours, rows, NONE), came, came >> 24 & 0x1F, received["data"]
+        own = (came & _FLAGS_AND_TARGET == EXTENDED | self.host) & (received["size"] == BYTES)
+        return np.where(own, rows, NONE), came, came >> 24 & 0x1F, received["data"]
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
@@ -184,19 +187,19 @@ class RobStrideCodec:
         place = sound & (index == POSITION.address)
         speed = sound & (index == VELOCITY.address)
         faults = (rows >= 0) & (kind == FAULTS)
-        told = whole | place | speed | faults
-        found = untold(rows[told])
-        found.position[place[told]] = _readings(data[place])
-        found.velocity[speed[told]] = _readings(data[speed])
+        reported = whole | place | speed | faults
+        found = untold(rows[reported])
+        found.position[place[reported]] = _readings(data[place])
+        found.velocity[speed[reported]] = _readings(data[speed])
         if whole.any():
-            into = whole[told]
+            into = whole[reported]
             at = self._decode_feedback(rows[whole], came[whole], data[whole])
             for name in ("position", "velocity", "effort", "enabled", "fault", "temperature"):
                 getattr(found, name)[into] = getattr(at, name)
         if faults.any():
             reports = [int.from_bytes(one[:4].tobytes(), "little") for one in data[faults]]
-            found.fault[faults[told]] = [_reported(report) for report in reports]
-        return found, told
+            found.fault[faults[reported]] = [_reported(report) for report in reports]
+        return found, reported
 
     def _decode_feedback(self, rows: Ints, came: Ints, data: Octets) -> ActuatorFeedback:
         """Decode feedback frames (2)."""
@@ -239,14 +242,14 @@ class RobStrideCodec:
         return 1 if mode == 0 else ELSEWISE + mode
 
     def commanded_rows(self, frames: Frames) -> Ints:
-        """Every 29-bit frame to an id of ours, but requests of ids and parameters."""
+        """Return the row of each 29-bit frame to an id of this bus, except requests of ids and parameters."""
         came = frames["id"].astype(np.int64)
         rows = self._rows.take(came & 0xFF)
         idle = (came & EXTENDED == 0) | _HARMLESS.take(came >> 24 & 0x1F)
         return np.where(idle, NONE, rows)
 
     def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Position of each motion frame (1) to an id of ours, rad. NaN: another frame."""
+        """Return the position of each motion frame (1) to an id of this bus, rad. NaN: another frame."""
         rows = self.commanded_rows(frames)
         motion = (rows >= 0) & (frames["id"] >> 24 & 0x1F == MOTION) & (frames["size"] == BYTES)
         position = np.full(len(frames), np.nan)

@@ -1,7 +1,8 @@
-"""A channel over a serial adapter that speaks slcan: one write a cycle, one split a read.
+"""Channel over a serial adapter with the slcan protocol: one write per cycle, one split per read.
 
-slcan has no checksum, no time stamps and no report of a controller that left the wire. What is known of the
-line: the adapter refuses frames (BEL) while nobody is heard, and its status flags where it answers `F`.
+slcan has no checksum, no time stamps and no report of a controller that left the wire. The state of the line
+comes from two signs: the adapter refuses frames (BEL) while none is received, and its status flags where it
+answers `F`.
 """
 
 from math import inf
@@ -26,10 +27,10 @@ RATES = {
     1_000_000: b"S8",
 }
 ASK = b"F\r"
-ASK_EVERY = 0.1  # s
-GIVE_UP = 1.0  # s without an answer to the first question: this adapter knows none
+STATUS_INTERVAL = 0.1  # s
+GIVE_UP = 1.0  # s without a reply to the first status request: the adapter does not support it
 ANSWERS = 0.1  # s after an opening that BELs are answers to it: `C` is refused where it was closed already
-# an adapter that restarts when its port is opened loses what it was told
+# an adapter that restarts when its port is opened loses earlier commands
 RETRY = 0.5
 TRIES = 10
 # As LAWICEL numbers them (the SJA1000's; read in public sources, unverified on an adapter; others give
@@ -42,11 +43,14 @@ READS = 16
 
 
 def opening(bitrate: int) -> bytes:
-    """What opens an adapter's channel with empty queues. Raises ValueError for a rate that slcan has not."""
+    """Return the bytes that open an adapter's channel with empty queues.
+
+    Raises ValueError for another bitrate.
+    """
     if bitrate not in RATES:
         rates = ", ".join(str(rate) for rate in RATES)
-        raise ValueError(f"bitrate {bitrate} is not one that slcan knows: {rates}")
-    # The first ends let go of half a line that an earlier owner left.
+        raise ValueError(f"bitrate {bitrate} is not a bitrate of slcan: {rates}")
+    # The first line ends terminate a partial line of an earlier owner.
     return b"\r\rC\r" + RATES[bitrate] + b"\rO\r"
 
 
@@ -68,14 +72,14 @@ class SlcanChannel:
         self._port = TransmitStall()  # of the serial side: bytes that do not leave
         self._buffer = bytearray(ROOM)
         self._room = memoryview(self._buffer)
-        self._flushed = True  # an empty output says nothing of what was thrown out of it
+        self._flushed = True  # an empty output proves nothing after a flush
         self._answering = self._since = inf  # s; of the present opening, once time is known
         self._answered = False
         self._tries = 0
         # for flags at all; it has answered
-        self._asks = True
-        self._knows = False
-        self._asked = -inf  # s
+        self._polls_status = True
+        self._supports_status = False
+        self._polled_at = -inf  # s
         self._last = 0  # bytes of the last write
         self._open = True
         transport.drain()
@@ -118,7 +122,7 @@ class SlcanChannel:
             self._since = now
             self._answering = now + ANSWERS
         found = self._drain(now)
-        if self._asks or not self._answered:
+        if self._polls_status or not self._answered:
             self._converse(now)
         return found
 
@@ -126,7 +130,7 @@ class SlcanChannel:
         """Do nothing: `purge` empties an exclusively owned adapter in any case."""
 
     def purge(self) -> None:
-        """Empties the port's output, and the adapter's queue by closing and opening its channel.
+        """Empty the port's output, and the adapter's queue by closing and opening its channel.
 
         What a wedged port does not take is no failure here: `send` tells. Raises PortError of kind LOST.
         """
@@ -136,7 +140,7 @@ class SlcanChannel:
         self._standing.stall.emptied()
 
     def close(self) -> None:
-        """Purge, close the adapter's channel, let go of the port. May be called twice; never raises."""
+        """Purge, close the adapter's channel, release the port. May be called twice; never raises."""
         if not self._open:
             return
         self._open = False
@@ -144,7 +148,7 @@ class SlcanChannel:
             self._transport.flush()
             self._transport.write(b"\r\rC\r")
         except PortError:
-            pass  # gone, or wedged: then there is nobody to tell
+            pass  # lost or blocked: no command can reach the adapter
         self._transport.close()
 
     # ------------------------------------------------------------------------------- inside
@@ -190,7 +194,7 @@ class SlcanChannel:
             return NOTHING
         found = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if not self._transport.holds:
-            self._port.record_acceptance()  # who speaks does not hang; nothing better is known
+            self._port.record_acceptance()  # an adapter that sends does not hang; slcan has no better sign
         self.condition.errors += lines.errors - errors
         if lines.acknowledged > acknowledged:
             self._standing.stall.record_acceptance()
@@ -218,7 +222,7 @@ class SlcanChannel:
 
     def _flags(self, flags: int) -> None:
         self._lines.flags = -1
-        self._knows = True
+        self._supports_status = True
         self.condition.errors += bool(flags & BUS_ERROR)
         self._standing.record_status(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
 
@@ -226,17 +230,17 @@ class SlcanChannel:
         """Reopen an adapter that has never sent a byte; request its flags where it reports them."""
         if not self._answered and self._tries < TRIES and now - self._since >= RETRY:
             self._tries += 1
-            self._asks = True
-            self._asked = -inf
+            self._polls_status = True
+            self._polled_at = -inf
             self._reopen()
-        elif self._asks and now - self._asked >= ASK_EVERY:
-            self._ask(now)
+        elif self._polls_status and now - self._polled_at >= STATUS_INTERVAL:
+            self._request_status(now)
 
-    def _ask(self, now: float) -> None:
-        if not self._knows and self._asked > -inf:
-            self._asks = now - self._asked < GIVE_UP
+    def _request_status(self, now: float) -> None:
+        if not self._supports_status and self._polled_at > -inf:
+            self._polls_status = now - self._polled_at < GIVE_UP
             return
-        self._asked = now
+        self._polled_at = now
         try:
             if not (self._transport.holds and self._transport.backlog()):
                 self._transport.write(ASK)

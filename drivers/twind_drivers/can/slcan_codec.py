@@ -1,8 +1,8 @@
-"""slcan as bytes: frames to lines and lines to frames, all of a cycle at once. Pure.
+"""Codec of slcan: frames to lines and lines to frames, all of a cycle at once. Pure.
 
 A line ends with CR: `t` iii l dd.., `T` iiiiiiii l dd.. (29 bit), `r`/`R` remote. BEL alone: the adapter
-refused what it was told; CR alone, `z`, `Z`: it took it. There is no checksum, so a line is a frame only
-where letter, digits, DLC and length agree to the last character.
+refused a command; CR alone, `z`, `Z`: it accepted it. There is no checksum, so a line is a frame only where
+letter, digits, DLC and length agree to the last character.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ LONGEST = 26  # characters of a line, its end not counted: T, 8 of the id, DLC, 
 PATIENCE = 64  # characters without an end after which this is no line
 WIDTH = LONGEST + 1
 ACKNOWLEDGED = frozenset((b"", b"z", b"Z"))
-TOLD = frozenset(b"VvN")  # answers to questions that somebody else asked: version, serial number
+REPORTS = frozenset(b"VvN")  # replies to requests of another program: version, serial number
 
 
 def _pairs() -> NDArray[np.uint16]:
@@ -43,7 +43,7 @@ def _values() -> Octets:
 
 
 def _columns() -> NDArray[np.bool_]:
-    """By 17 * extended + characters of data: which columns of a line (of WIDTH) are sent."""
+    """Return the columns of a line (of WIDTH) that are sent, by 17 * extended + characters of data."""
     columns = np.ones((34, WIDTH), np.bool_)
     for extended in (0, 1):
         for size in range(17):
@@ -163,7 +163,7 @@ class SlcanDecoder:
         return frames
 
     def _among_acknowledgements(self, text: bytes) -> Frames | None:
-        """Frames of one kind, what acknowledges ours between them, and a beginning; None: something else."""
+        """Return frames of one kind with acknowledgements between, and a partial line; None otherwise."""
         whole, end, rest = text.rpartition(b"\r")
         if not end or BEL in text or len(rest) > PATIENCE:
             return None
@@ -205,7 +205,7 @@ class SlcanDecoder:
                 self.acknowledged += 1
             elif line[0] == ord("F") and len(line) == 3 and (VALUES[list(line[1:])] < 16).all():
                 self.flags = int(line[1:], 16)
-            elif line[0] not in TOLD:
+            elif line[0] not in REPORTS:
                 self.errors += 1
 
 

@@ -1,7 +1,8 @@
-"""How long a way out has been blocked, and what that means: congestion, a dead line, a lost port. Pure.
+"""Time that a CAN transmit queue has been blocked: congestion, a dead line, a lost port. Pure.
 
-A healthy queue is through in some 65 ms (512 frames at 1 Mbit/s), so what is full for a second is dead:
-nobody acknowledges, the controller is off the wire, or the adapter hangs. Shorter, and frames are dropped.
+A healthy queue of 512 frames at 1 Mbit/s empties in some 65 ms (read: axol). One that is full for a second is
+dead: no node acknowledges, the controller is off the wire, or the adapter hangs. Frames refused for less time
+are dropped as congestion.
 """
 
 from math import inf
@@ -9,9 +10,9 @@ from math import inf
 from twind_drivers.bus import PortError, PortFault
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 
-DEAF = 0.1  # s of refusals and of silence: nobody is there to acknowledge
-DEAD = 1.0  # s of refusals
-REMEDY = "are the actuators powered, the wires right and terminated, the bit rate theirs?"
+DEAF = 0.1  # s of refusals and silence: no node acknowledges; the actuators' watchdogs have run out then
+DEAD = 1.0  # s of refusals after which the port counts as lost; congestion ends within 65 ms
+REMEDY = "check the power of the actuators, the wiring and its termination, and the bit rate"
 
 
 def queue_full(port: str, taken: int, count: int) -> PortError:
@@ -21,60 +22,60 @@ def queue_full(port: str, taken: int, count: int) -> PortError:
 
 
 class TransmitStall:
-    """Refusals of one way out: since when, and whether anybody was heard meanwhile."""
+    """Refusals of one transmit queue: their start, and receptions meanwhile."""
 
     def __init__(self) -> None:
         self._since = self._last = -inf
-        self._heard = -inf
-        self._emptied = False  # the queue has been thrown away, so that it takes something says nothing
-        self.blocked = False  # refused so long, and nobody heard, that the line counts as off
+        self._received_at = -inf
+        self._emptied = False  # the queue was discarded: that it accepts frames proves nothing then
+        self.blocked = False  # refusals without reception for so long that the line counts as off
 
     @property
     def is_blocked(self) -> bool:
-        """Something was refused, and nothing has been taken since."""
+        """Return True if a frame was refused and none accepted since."""
         return self._last > -inf
 
     def record_refusal(self, now: float) -> float:
-        """Something was not taken. How long (s) nothing has been; a refusal a second ago is another story."""
+        """Record a refusal; return the time (s) of refusals. A pause of a second starts it anew."""
         if now - self._last > DEAD:
             self._since = now
         self._last = now
-        self.blocked = now - max(self._since, self._heard) >= DEAF
+        self.blocked = now - max(self._since, self._received_at) >= DEAF
         return now - self._since
 
     def emptied(self) -> None:
-        """The queue was thrown away: until somebody is heard, what it takes has not left."""
+        """Record that the queue was discarded: until a reception, accepted frames prove nothing."""
         self._emptied = True
 
     def record_acceptance(self) -> None:
-        """The queue took something, so something had left it, unless it was emptied."""
+        """Record that the queue accepted a frame: an earlier one has left, unless the queue was emptied."""
         if self._emptied:
             return
         self._since = self._last = -inf
         self.blocked = False
 
     def record_reception(self, now: float) -> None:
-        """Somebody spoke on the wire: there is one who acknowledges."""
-        self._heard = now
+        """Record a received frame: there is a node that acknowledges."""
+        self._received_at = now
         self._emptied = self.blocked = False
 
 
 class ChannelStatusTracker:
-    """What was told of the line, and what refusals say of it, as one `CanChannelStatus`."""
+    """Status of a line from its reports and refusals, as one `CanChannelStatus`."""
 
     def __init__(self, condition: CanChannelStatus) -> None:
         self.condition = condition
         self.stall = TransmitStall()
-        self._told = CanErrorState.ACTIVE
+        self._reported = CanErrorState.ACTIVE
 
     def record_status(self, line: CanErrorState) -> None:
-        """By an error frame, or by the adapter's flags."""
-        self._told = line
+        """Record the state from an error frame or from the adapter's flags."""
+        self._reported = line
         self.settle()
 
     def settle(self) -> None:
-        """The worse of both."""
-        self.condition.line = CanErrorState.OFF if self.stall.blocked else self._told
+        """Set the worse of the reported state and the state from refusals."""
+        self.condition.line = CanErrorState.OFF if self.stall.blocked else self._reported
 
 
 def dead(port: str, waited: float) -> PortError:

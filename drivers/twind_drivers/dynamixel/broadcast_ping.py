@@ -1,9 +1,9 @@
-"""The answers to a broadcast ping: everybody on the wire, in whatever order and however garbled. Pure.
+"""Replies to a broadcast ping: all devices on the wire, in any order, garbled or not. Pure.
 
-Devices answer in the order of their ids, each in a time slot of its own: id 5 alone stayed unheard within
-10 ms at 2 Mbaud and answered within 50 ms (Dynamixel2Arduino #106), and the vendor's own tool allows 3 ms an
-id beside the wire time (DynamixelSDK, `broadcastPing`). So a roll call of a robot takes tens of milliseconds,
-one of all ids most of a second: it is for tools that own the port alone, never for a tick.
+Devices reply in the order of their ids, each in its own time slot. Id 5 alone did not reply within 10 ms at
+2 Mbaud, but within 50 ms (Dynamixel2Arduino #106). The vendor's tool allows 3 ms per id beside the wire time
+(DynamixelSDK, `broadcastPing`). A broadcast ping of a robot takes tens of milliseconds, one of all ids most
+of a second: it is for tools that own the port alone, never for a tick.
 """
 
 from collections.abc import Sequence
@@ -12,21 +12,21 @@ import numpy as np
 
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
 
-SLOT = 0.003  # s that each id may take beside its wire time
+SLOT = 0.003  # s per id beside its wire time (DynamixelSDK, `broadcastPing`); less misses high ids
 SIZE = 3  # bytes: model number 2, firmware 1
 ROOM = 4096  # bytes taken at once
 
 
 class BroadcastPingReply:
-    """What came back from a broadcast ping. Arrays are by id, (253,). Only the end of the window ends it.
+    """Replies to one broadcast ping. Arrays are by id, (253,). Only the end of the window completes it.
 
-    `last`: the highest id whose slot is waited for.
+    `last`: the highest id whose slot is inside the window.
     """
 
     def __init__(self, last: int = LAST_ID) -> None:
-        """Raises ValueError for an id that none can have."""
+        """Make the reply. Raises ValueError for an id outside 0..252."""
         if not 0 <= last <= LAST_ID:
-            raise ValueError(f"id {last} is not one of 0..{LAST_ID}: nobody could answer as it")
+            raise ValueError(f"id {last} is not one of 0..{LAST_ID}: no device can have it")
         self.ids = tuple(range(LAST_ID + 1))
         self.size = SIZE
         self.slots = last + 1
@@ -39,12 +39,12 @@ class BroadcastPingReply:
         self.strays = 0
         self.whole = False
         self.first = b""
-        self.unasked: Sequence[Packet] = ()  # nothing is: who answers is what is asked
+        self.unasked: Sequence[Packet] = ()  # always empty: each status is a reply to a broadcast
         self.twice: set[int] = set()
 
     @property
     def window(self) -> float:
-        """Seconds beside the wire time that the slots of all asked ids may take."""
+        """Time (s) of the slots of ids 0..`last`, beside the wire time."""
         return self.slots * SLOT
 
     def start(self) -> None:

@@ -6,9 +6,9 @@ follow where that was garbled (or `thorough`). Of every device found it reads to
 checks that its id is unique.
 
 Two devices with one id (fault 12) show in three ways. Overlapping answers are no sound status. With different
-return delays two statuses come. With one model and firmware the pings overlap bit by bit and look sound, but
+return delays two statuses come. With one model and firmware the pings overlap bit by bit and are sound, but
 not the values that differ between two servos: position, time since power-up, voltage, temperature. Two that
-agree in all of that cannot be told from one.
+agree in all of that cannot be distinguished from one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,9 +26,9 @@ from twind_drivers.dynamixel.serial_cycle_budget import wire
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
 IDS = range(LAST_ID + 1)
 LISTEN = 0.05  # s: a bus with another master is not silent that long
-PROBES = 5  # times an id is asked until one answer is clear: of two devices none is, of a noisy line some are
-NOISY = 3  # garbled answers of devices that are alone: no accident any more
-GARBAGE = 8  # ids asked alone that are all garbled: that is no matter of ids
+PROBES = 5  # requests per id until a reply is sound: on a noisy line some are, of two devices none is
+NOISY = 3  # garbled replies of unique ids from which the line counts as noisy: fewer may be chance
+GARBAGE = 8  # garbled single pings in a row from which the line, not an id, is at fault
 DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
 REMEDY = "disconnect one, give the other a free id, then connect the first again"
 
@@ -38,7 +38,7 @@ class Kind(Enum):
 
     CLASH = "clash"  # two devices with one id
     ECHO = "echo"
-    TALK = "talk"
+    TALK = "talk"  # unrequested traffic
     FOREIGN = "foreign"
     NOISE = "noise"
     OLD = "old"  # protocol 1.0
@@ -72,8 +72,8 @@ ECHO = Trouble(
 )
 TALK = Trouble(
     Kind.TALK,
-    "bytes come though nobody was asked",
-    "another program or device talks on this line, or noise",
+    "bytes come without a request",
+    "another program or device sends on this line, or noise",
 )
 FOREIGN = Trouble(
     Kind.FOREIGN,
@@ -138,7 +138,7 @@ def scan(
 ) -> Iterator[BaudRateScan]:
     """Scan rate after rate. A rate that the adapter refuses is a fault of that rate; a lost port raises."""
     for baud in bauds:
-        tell(baud, "asking everybody")
+        tell(baud, "broadcast ping")
         try:
             prober = at(baud)
         except PortError as error:
@@ -161,7 +161,7 @@ def scan_rate(
     call = prober.roll_call(max(ids))
     known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}
     garbled = call.twice.intersection(ids)
-    unclear = call.strays > 0 and TALK not in troubles  # a line that babbles garbles whatever is asked
+    unclear = call.strays > 0 and TALK not in troubles  # unrequested traffic garbles every reply
     garbage = False
     if thorough or unclear:
         alone = [id for id in ids if id not in known]
@@ -183,10 +183,10 @@ def scan_rate(
 def _singly(
     prober: Prober, ids: Sequence[int], known: dict[int, bytes], garbled: set[int], tell: Tell
 ) -> bool:
-    """Ping one after the other; True when all of it is garbage, so that it is no matter of ids."""
+    """Ping one id after the other; return True if all replies are garbage: a fault of the line."""
     for done, id in enumerate(ids):
         if done % 16 == 0:
-            tell(prober.baud, f"asking id {id} alone")
+            tell(prober.baud, f"pinging id {id} alone")
         answer, unsound = _ping(prober, id)
         if answer is not None:
             known[id] = answer
@@ -203,16 +203,16 @@ def _line(prober: Prober) -> Iterator[Trouble]:
     if prober.listen(LISTEN):
         yield TALK
         return
-    heard = prober.old_ping()
+    window = prober.old_ping()
     if prober.echo:
         yield ECHO
-    old = sorted(_old_statuses(bytes(heard.raw)))
+    old = sorted(_old_statuses(bytes(window.raw)))
     if old:
         yield old_protocol(old)
 
 
 def _old_statuses(raw: bytes) -> set[int]:
-    """Ids of the protocol 1.0 statuses in `raw`: FF FF id length error ... sum (e-manual, protocol 1.0)."""
+    """Return the ids of protocol 1.0 statuses in `raw`: FF FF id length error ... sum (e-manual)."""
     found: set[int] = set()
     at = raw.find(b"\xff\xff")
     while 0 <= at <= len(raw) - 6:
@@ -227,13 +227,13 @@ def _old_statuses(raw: bytes) -> set[int]:
 
 
 def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
-    """Model and firmware as a ping tells them; True when no answer was ever clear."""
+    """Return the bytes of a ping's reply (model, firmware), and True if no reply was sound."""
     answer = None
     for _ in range(PROBES):
-        heard = prober.ping(id)
-        sound = _sound(heard, id, SIZE)
+        window = prober.ping(id)
+        sound = _sound(window, id, SIZE)
         answer = answer or (sound[0] if sound else None)
-        if not heard.strays and len(sound) < 2:  # silence, or one clear answer
+        if not window.strays and len(sound) < 2:  # silence, or one clear answer
             return answer, False
     return answer, True
 
@@ -264,10 +264,10 @@ def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble
     first = min(field.address for field in fields)
     size = max(field.end for field in fields) - first
     for unclear in range(PROBES):
-        heard = prober.read(id, first, size)
-        if len(_sound(heard, id, size)) > 1:
+        window = prober.read(id, first, size)
+        if len(_sound(window, id, size)) > 1:
             return TWO, unclear
-        if not heard.strays:  # silence (status return level 0), or one clear answer
+        if not window.strays:  # silence (status return level 0), or one clear answer
             return None, unclear
     return UNEQUAL, PROBES
 
@@ -284,5 +284,5 @@ def _value(prober: Prober, id: int, known: ControlTable | None, name: str) -> in
     return None
 
 
-def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
-    return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]
+def _sound(window: ProbeWindow, id: int, size: int) -> list[bytes]:
+    return [each.data for each in window.statuses if each.id == id and len(each.data) == size]

@@ -1,7 +1,7 @@
-"""The vendor's control tables, read from the installed `dynamixel-sdk` package's own files, plus our rules.
+"""Control tables of the vendor, read from the files of the installed `dynamixel-sdk` package.
 
-The SDK's code is never imported: its `.model` files are text. They know address and size of every register of
-every model; sign, access and ranges are `register_rules.py`'s.
+The SDK's code is never imported: its `.model` files are text. They contain address and size of every register
+of every model. Sign, access and ranges come from `register_rules.py`.
 """
 
 import re
@@ -17,16 +17,16 @@ from twind_drivers.bus import unknown_register
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities, facts
 from twind_drivers.dynamixel.register_rules import RegisterRule, rule
 
-# In the e-manual (XL330 page; X430/X540 from firmware 45), missing in the vendor's X files. Boot-time torque
-# hides behind the first, so we read it always; older firmware reads 0 there inside a block.
+# In the e-manual (XL330 page; X430/X540 from firmware 45), missing in the vendor's X files. The first can
+# switch torque on at boot, so it is always read; older firmware returns 0 there inside a block.
 SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
 
 
 @dataclass(frozen=True, slots=True)
 class TableRegister:
-    """One register of one model."""
+    """Register of one model."""
 
-    name: str  # as the vendor's table spells it: "Goal Position"
+    name: str  # spelling of the vendor's table: "Goal Position"
     key: str  # snake case: "goal_position"
     address: int
     size: int  # bytes
@@ -35,15 +35,15 @@ class TableRegister:
 
     @property
     def end(self) -> int:
-        """First address behind it."""
+        """First address behind the register."""
         return self.address + self.size
 
     def decode(self, data: bytes) -> int:
-        """The value of its `size` bytes, little-endian, signed where the register is."""
+        """Return the value of its `size` bytes, little-endian, signed where the register is."""
         return int.from_bytes(data[: self.size], "little", signed=self.rule.signed)
 
     def encode(self, value: int) -> bytes:
-        """Its bytes. Raises OverflowError when they cannot hold `value`."""
+        """Return its bytes for `value`. Raises OverflowError if they cannot hold it."""
         return value.to_bytes(self.size, "little", signed=self.rule.signed)
 
     @property
@@ -57,12 +57,12 @@ class TableRegister:
         return (low if lower is None else lower, high if upper is None else upper)
 
     def takes(self, value: int) -> bool:
-        """Is `value` one that this register can hold? Whether it may be written at all is another matter."""
+        """Return True if `value` is in the range of this register, writable or not."""
         lower, upper = self.bounds
         return lower <= value <= upper and (self.rule.values is None or value in self.rule.values)
 
     def check(self, value: int) -> None:
-        """Raises ValueError when `value` may not be written: register, value and bound named."""
+        """Raise ValueError, with register, value and bound, if `value` may not be written."""
         if not self.rule.writable:
             raise ValueError(f"{self.name} (address {self.address}) is read-only")
         lower, upper = self.bounds
@@ -77,13 +77,13 @@ class TableRegister:
 
 @dataclass(frozen=True, slots=True)
 class ControlTable:
-    """The control table of one model."""
+    """Control table of one model."""
 
     number: int
     model: str  # "XM430-W350"
     stem: str  # the vendor's file: "xm430_w350"
     fields: Mapping[str, TableRegister]  # by key
-    # Addresses that an order may write. No indirect data: it is whatever it is mapped to, a goal too.
+    # Addresses that an order may write. No indirect data: it may be mapped to a goal register.
     writable: frozenset[int]
 
     def __getitem__(self, name: str) -> TableRegister:
@@ -98,28 +98,28 @@ class ControlTable:
 
     @property
     def facts(self) -> ModelCapabilities:
-        """What the model is: modes, units, firmware. Raises KeyError where no page was read."""
+        """Capabilities of the model. Raises KeyError for a model whose manual page has not been read."""
         return facts(self.stem)
 
     def __contains__(self, name: str) -> bool:
-        """Is there a register of that name?"""
+        """Return True if there is a register of that name."""
         return snake(name) in self.fields
 
 
 @cache
 def snake(name: str) -> str:
-    """Names in one spelling: "Secondary(Shadow) ID" -> "secondary_shadow_id"."""
+    """Return a name in snake case: "Secondary(Shadow) ID" -> "secondary_shadow_id"."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 @cache
 def models() -> Mapping[str, int]:
-    """Model name -> model number, of all that the vendor's index knows: {"XM430-W350": 1020, ...}."""
+    """Return the model numbers of the vendor's index by name: {"XM430-W350": 1020, ...}."""
     return MappingProxyType({_model(stem): number for number, stem in _index().items()})
 
 
 def number_of(name: str) -> int:
-    """Model number of "XM430-W350"; case and a trailing connector letter do not matter.
+    """Return the model number of "XM430-W350"; case and a trailing connector letter do not matter.
 
     Raises KeyError that lists the near names.
     """
@@ -135,7 +135,7 @@ def number_of(name: str) -> int:
 
 @cache
 def table(number: int, firmware: int = 0) -> ControlTable:
-    """The table of a model number. X330 from firmware 52 have another indirect layout.
+    """Return the table of a model number. X330 from firmware 52 have another indirect layout.
 
     Raises KeyError for a number that the vendor's index does not have.
     """

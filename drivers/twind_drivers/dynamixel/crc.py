@@ -1,8 +1,8 @@
 """CRC-16/UMTS (poly 8005, init 0, not reflected) of Dynamixel Protocol 2.0. Pure.
 
 One packet: the compiled `fastcrc`, 0.13 µs where numpy takes 1.8 (342 bytes, 2026-11). All rows of a reply at
-once: position tables. For init 0 the CRC is linear, the xor of what each byte contributes by its distance
-from the end, so all rows are one table look-up and one xor-reduction.
+once: position tables. For init 0 the CRC is linear: the xor of the contributions of the bytes, each by its
+distance from the end. So all rows take one table access and one xor-reduction.
 """
 
 from functools import cache
@@ -16,7 +16,7 @@ POLYNOMIAL = 0x8005
 
 @cache
 def byte_table() -> NDArray[np.uint16]:
-    """(256,): the CRC of one byte. `byte_table()[1]` is 8005, `[255]` is 0202."""
+    """Table (256,) of the CRCs of one byte. `byte_table()[1]` is 8005, `[255]` is 0202."""
     table = np.arange(256, dtype=np.uint32) << 8
     for _ in range(8):
         table = (table << 1) ^ np.where(table & 0x8000, POLYNOMIAL, 0).astype(np.uint32)
@@ -25,7 +25,7 @@ def byte_table() -> NDArray[np.uint16]:
 
 @cache
 def _positions(rows: int) -> NDArray[np.uint16]:
-    """(rows, 256): CRC of byte b followed by rows-1-p zero bytes, at [p, b]."""
+    """Table (rows, 256): at [p, b] the CRC of byte b followed by rows-1-p zero bytes."""
     one = byte_table()
     table = np.zeros((rows, 256), np.uint16)
     table[rows - 1] = one
@@ -37,7 +37,7 @@ def _positions(rows: int) -> NDArray[np.uint16]:
 
 
 class Crc:
-    """The CRC of rows of a fixed `length` (bytes): one call for a whole reply."""
+    """CRC of rows of a fixed `length` (bytes): one call for a whole reply."""
 
     def __init__(self, length: int) -> None:
         rows = 1 << max(5, (length - 1).bit_length())  # few tables, each a power of two
@@ -46,11 +46,11 @@ class Crc:
         self._offsets = np.arange(length, dtype=np.intp) * 256
 
     def __call__(self, rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """(..., length) bytes -> (...) CRCs."""
+        """Return the CRCs (...) of rows (..., length)."""
         crc: NDArray[np.uint16] = np.bitwise_xor.reduce(self._table.take(rows + self._offsets), axis=-1)
         return crc
 
 
 def crc16(data: bytes | bytearray | memoryview) -> int:
-    """The CRC of `data`, 0 for none."""
+    """Return the CRC of `data`, 0 for no bytes."""
     return int(_compiled.umts(data))

@@ -12,8 +12,8 @@ from twind_drivers.bus import BurstWriteRequest, DeviceRefused, NoReply, Script
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.servo_command_state import Rows, ServoCommandState, groups, rows, writes
 
-SHARE = 0.3  # of the output, or of the current cap in mode 5, that is left
-SOFT = 8  # P gain by this
+SHARE = 0.3  # share of the output, or of the current cap in mode 5, that is left; 1 would not sink slowly
+SOFT = 8  # divisor of the P gain; the gains alone would let a large error demand full output
 
 
 def damp(

@@ -1,6 +1,6 @@
-"""Where the registers of a device lie: the blocks that are read and written together. Pure.
+"""Layout of a device's registers: the blocks that are read and written together. Pure.
 
-The X and MX-2.0 tables share one layout, the P series another; both kinds may sit on one bus.
+The X and MX-2.0 tables share one layout, the P series another. One bus may have devices of both.
 """
 
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
 
 @dataclass(frozen=True, slots=True)
 class RegisterBlock:
-    """A span of addresses."""
+    """Span of register addresses."""
 
     address: int
     size: int  # bytes
 
     def offset(self, field: TableRegister) -> int | None:
-        """Where `field` begins in this block; None if it is not wholly inside."""
+        """Return the offset (bytes) of `field` in this block; None if it is not wholly inside."""
         inside = self.address <= field.address and field.end <= self.address + self.size
         return field.address - self.address if inside else None
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceLayout:
-    """The blocks of one kind of device."""
+    """Register blocks of one kind of device."""
 
     cyclic: RegisterBlock  # effort (current or load) 2, velocity 4, position 4
     goal: RegisterBlock
@@ -37,7 +37,8 @@ class DeviceLayout:
     gains: RegisterBlock  # position D, I, P: 2 each
     profile: RegisterBlock  # profile acceleration 4, profile velocity 4
     motion: RegisterBlock  # profile and goal position
-    # The cyclic block within longer ones: (bytes before it, bytes of the whole). No two sizes are equal.
+    # Longer blocks around the cyclic one: (bytes before it, bytes of the whole). Sizes differ from each
+    # other, so that a late reply is recognised by its length.
     wider: tuple[tuple[int, int], ...]
 
 
@@ -45,7 +46,7 @@ SIZES = {"cyclic": 10, "goal": 4, "status": 35, "state": 7, "health": 27, "gains
 
 
 def layout_of(table: ControlTable) -> DeviceLayout:
-    """The layout of a model. Raises ValueError that says why it cannot be driven."""
+    """Return the layout of a model. Raises ValueError with the reason if it cannot be driven."""
     effort = "present_current" if "present_current" in table else "present_load"
     try:
         layout = DeviceLayout(
@@ -71,9 +72,9 @@ def layout_of(table: ControlTable) -> DeviceLayout:
 
 
 def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
-    """From and up to register borders around the cyclic block, all of it readable.
+    """Return the longer blocks around the cyclic one that begin and end at register borders.
 
-    12 is left out: it is the size of `motion`, which scripts read back.
+    Size 12 is left out: a late reply of it would pass for the read-back of `motion`.
     """
     first = table[effort].address
     last = table["present_position"].end
@@ -89,7 +90,7 @@ def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
 
 
 def _span(table: ControlTable, *names: str) -> RegisterBlock:
-    """From the first of `names` to the end of the last."""
+    """Return the block from the first of `names` to the end of the last."""
     first = table[names[0]]
     last = table[names[-1]]
     return RegisterBlock(first.address, max(0, last.end - first.address))

@@ -1,4 +1,4 @@
-"""A Dynamixel bus by its two halves: what reads (mirror and live) and what writes (live only)."""
+"""Dynamixel bus in its two halves: reader (mirror and live) and writer (live only)."""
 
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter

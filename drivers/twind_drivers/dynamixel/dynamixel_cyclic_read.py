@@ -3,7 +3,7 @@
 Healthy: one fast (or plain) read of 10 bytes from every device, always the same packet. After a missing
 answer: plain reads until a reading of all devices still in it was whole.
 
-Late answers. An answer carries no number of its request, so one of the last cycle looks like one of this
+Late answers. An answer carries no number of its request, so one of the last cycle has the form of one of this
 cycle. In trouble each next request therefore reads another length of the block (`wider` of the layout): a
 late answer has the wrong length and is dropped. Answers of one device come in order. If it answers with a
 length not used since its last answer, nothing older is under way. All lengths are then free again for it.
@@ -12,8 +12,8 @@ Nine cycles without its answer use up all lengths. A device that answers with a 
 suspect. Its readings are dropped until three of its answers in a row came in time with no stray byte around.
 A pile of late answers has strays. A steady delay meets the lengths in another order, as that changes from
 turn to turn; it is the same again after six turns. Two errors stay possible: a steady delay of 54 cycles, and
-an answer some tens of cycles late. The latter needs a pile that ends in three windows that look clean, each
-in the length just requested.
+an answer some tens of cycles late. The latter needs a pile that ends in three windows without stray bytes,
+each in the length just requested.
 """
 
 from collections.abc import Sequence
@@ -38,15 +38,15 @@ REFUSALS = (
     packet.StatusErrorCode.DATA_LENGTH,
     packet.StatusErrorCode.ACCESS,
 )  # of a block that a device does not have
-REFUSED = 3  # in a row, after which the longer blocks are not asked any more
+REFUSED = 3  # refusals in a row after which longer blocks are not requested; one bit error can forge one
 
-SURE = 3  # answers in a row, without a stray byte around, after which a suspect is believed
-CALM = 2  # whole plain readings in a row before the fast one is tried again
+SURE = 3  # replies in a row without stray bytes that clear a suspect; fewer could all be late replies
+CALM = 2  # whole plain readings in a row before the next fast one, which a still missing device would break
 
 
 @dataclass(frozen=True, slots=True)
 class CyclicRequest:
-    """One form of the cyclic request."""
+    """Cyclic request of one length and kind."""
 
     exchange: SerialTransaction
     reply: StatusReply | FastSyncReadReply
@@ -61,29 +61,29 @@ class DynamixelCyclicRead:
         self.ids = ids
         self.fast = fast
         self.attendance = DevicePresence(len(ids))
-        self.hasty = False  # a plain reading of everybody does not fit a cycle
-        self.trouble = False  # there was a hole, and not yet enough whole readings since
+        self.hasty = False  # a plain reading of all devices does not fit a cycle
+        self.trouble = False  # a reply was missing, and fewer than `CALM` whole readings followed
         self._layouts = tuple(layouts)
-        most = CAPACITY // len(ids) - STATUS_OVERHEAD  # bytes of each that a reply has room for
+        most = CAPACITY // len(ids) - STATUS_OVERHEAD  # bytes of each device that a reply has room for
         self._wider = [
             (before, size)
             for before, size in layouts[0].wider
             if size <= most and all((before, size) in other.wider for other in layouts)
         ]
-        # In trouble, of each device: was its last answer to the last request?
+        # In trouble, (m,): True where the last reply belongs to the last request.
         self.proven: Bools = np.ones(len(ids), np.bool_)
         self._calm = self._turn = 0
-        self._refused = 0  # longer blocks in a row that somebody refused
+        self._refused = 0  # longer blocks in a row that a device refused
         self._cycle = 0
-        self._proven_at = np.zeros(len(ids), np.int64)  # the cycle in which each was heard last
-        self._clean = np.zeros(len(ids), np.int64)  # readings in a row with its answer and nothing astray
-        self._used_at: dict[int, int] = {}  # length, by its place in the ring -> the cycle it was asked last
-        self._before = 0  # the cycle in which the length asked now was asked before
+        self._proven_at = np.zeros(len(ids), np.int64)  # (m,) cycle of each device's last proven reply
+        self._clean = np.zeros(len(ids), np.int64)  # (m,) readings in a row with its reply and no stray byte
+        self._used_at: dict[int, int] = {}  # place of a length in the ring -> cycle of its last request
+        self._before = 0  # cycle in which the present length was requested before
         self._data: Octets | None = None
         self.rebuild()
 
     def block(self, place: int) -> tuple[int, int]:
-        """Address and size of what is read of one device."""
+        """Return address and size of the cyclic block of one device."""
         return self._layouts[place].cyclic.address, ROW.itemsize
 
     def hasten(self, on: bool) -> None:
@@ -93,7 +93,7 @@ class DynamixelCyclicRead:
             self.rebuild()
 
     def begin_anew(self) -> None:
-        """Start again after a pause with no answer under way: every device is read as at first."""
+        """Start again after a pause in which all replies have arrived: every device is read as at first."""
         self.attendance = DevicePresence(len(self.ids))
         self.trouble = False
         self._calm = 0
@@ -104,8 +104,8 @@ class DynamixelCyclicRead:
         self._places = np.flatnonzero(self.attendance.asked)
         self._all = len(self._places) == len(self.ids)
         self._quick, self._steady = (
-            self._question(0, ROW.itemsize, fast=True),
-            self._question(0, ROW.itemsize),
+            self._make_request(0, ROW.itemsize, fast=True),
+            self._make_request(0, ROW.itemsize),
         )
         self._ring: dict[int, CyclicRequest] = {}  # by turn; most are never needed
         self._now = self._steady
@@ -127,20 +127,20 @@ class DynamixelCyclicRead:
         self._before = self._used_at.get(which, 0)
         self._used_at[which] = self._cycle
         if which not in self._ring:
-            self._ring[which] = self._question(*self._wider[which], fast=self.hasty)
+            self._ring[which] = self._make_request(*self._wider[which], fast=self.hasty)
         return self._ring[which]
 
     def sample(self, line: HalfDuplexTransactor, now: float) -> BusSample:
         """Return the sample from the reply to the last `next`, once the line has ended it.
 
-        Values are 0 for devices not heard.
+        Values are 0 for devices without a proven reply.
         """
-        asked = self._now
-        attendance = self.attendance.asked
-        reply = asked.reply
+        request = self._now
+        requested = self.attendance.asked  # (m,)
+        reply = request.reply
         if reply.data is not self._data:
             self._data = reply.data
-            rows = reply.data[:, asked.before : asked.before + ROW.itemsize].view(ROW)[:, 0]
+            rows = reply.data[:, request.before : request.before + ROW.itemsize].view(ROW)[:, 0]
             self._position = rows["position"]
             self._velocity = rows["velocity"]
             self._effort = rows["effort"]
@@ -148,17 +148,17 @@ class DynamixelCyclicRead:
         velocity = self._velocity.astype(np.int64)
         effort = self._effort.astype(np.int64)
         error = reply.error
-        heard = reply.heard.copy()
+        fresh = reply.heard.copy()
         if not self._all:
             position = self._scatter_to_devices(position)
             velocity = self._scatter_to_devices(velocity)
             effort = self._scatter_to_devices(effort)
             error = self._scatter_to_devices(error)
-            heard = self._scatter_to_devices(heard)
+            fresh = self._scatter_to_devices(fresh)
         if self.trouble or not reply.whole:
             answered = reply.answered if self._all else self._scatter_to_devices(reply.answered)
-            heard = heard & self._prove(answered, line.strays)
-            self._judge(asked, answered, now)
+            fresh = fresh & self._prove(answered, line.strays)
+            self._judge(request, answered, now)
         foreign = line.foreign
         line.foreign = 0
         late: tuple[int, ...] = ()
@@ -172,8 +172,8 @@ class DynamixelCyclicRead:
             velocity=velocity,
             effort=effort,
             error=error,
-            heard=heard,
-            asked=attendance,
+            heard=fresh,
+            asked=requested,
             discarded=line.strays,
             foreign=foreign,
             late=late,
@@ -192,7 +192,7 @@ class DynamixelCyclicRead:
         An answer is proven in a length of which none can be under way, or after `SURE` clean readings in a
         row.
         """
-        if not self.trouble:  # the first hole: in the cycle before everybody who is asked was heard
+        if not self.trouble:  # the first missing reply: in the cycle before, all devices not parked replied
             self._proven_at[self._places] = self._cycle - 1
             self._before = 0
         self._clean = np.where(answered & (strays == 0), self._clean + 1, 0)
@@ -201,8 +201,8 @@ class DynamixelCyclicRead:
         self._proven_at[self.proven] = self._cycle
         return self.proven
 
-    def _judge(self, asked: CyclicRequest, answered: Bools, now: float) -> None:
-        reply = asked.reply
+    def _judge(self, request: CyclicRequest, answered: Bools, now: float) -> None:
+        reply = request.reply
         could = self.attendance.asked
         if reply.whole:
             if not np.count_nonzero(could & ~self.proven):
@@ -213,12 +213,12 @@ class DynamixelCyclicRead:
         self.trouble = True
         self._calm = CALM
         if reply.size > ROW.itemsize:
-            # Only who says so again and again: one broken byte can make such an answer, too.
+            # Repeated refusals only: one bit error can make such a reply, too.
             refusing = reply.answered & ~reply.heard & np.isin(reply.error & 0x7F, REFUSALS)
             self._refused = self._refused + 1 if np.count_nonzero(refusing) else 0
             if self._refused >= REFUSED:
-                self._wider = []  # somebody refuses the longer blocks: late answers are not told by length
-        if asked.fast:
+                self._wider = []  # without longer blocks late replies cannot be recognised by their length
+        if request.fast:  # the chain ends at the first missing device: those behind it cannot reply
             first = np.flatnonzero(could & ~answered)[:1]
             could = answered.copy()
             could[first] = True
@@ -231,7 +231,7 @@ class DynamixelCyclicRead:
         full[self._places] = part
         return full
 
-    def _question(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
+    def _make_request(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
         """Read `size` bytes from `before` bytes ahead of the cyclic block, of every device not parked."""
         starts = {self.ids[place]: self.block(place)[0] - before for place in self._places.tolist()}
         ids = tuple(starts)

@@ -1,4 +1,4 @@
-"""Identification of the devices that are expected on a bus. A script that only reads."""
+"""Identification of the expected devices of a bus, as a script that only reads."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_models import facts
 
-# What a calibration depends on and what arming must know; those that a model lacks are left out.
+# Registers that a calibration or arming depends on; those that a model lacks are left out.
 SETTINGS = (
     "return_delay_time",
     "drive_mode",
@@ -34,21 +34,21 @@ SETTINGS = (
 )
 
 
-WHO = ("model_number", "firmware_version")
+IDENTITY = ("model_number", "firmware_version")
 Settings = dict[str, int]
 
 
 class IdentificationReader(Protocol):
-    """What identification needs of a reader."""
+    """Reader as identification uses it."""
 
     ids: tuple[int, ...]
     slice: float  # s of bus time that one transaction may take beside a cycle
 
     def table(self, id: int) -> ControlTable:
-        """The table of the model that is expected there."""
+        """Return the control table of the model expected at `id`."""
 
     def span(self, query: Query) -> float:
-        """Bus time (s) that a transaction takes at most, its timeout excluded."""
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
 
 
 def supports_fast(stem: str, firmware: int) -> bool:
@@ -78,8 +78,8 @@ def identify(
     expected = {id: bus.table(id) for id in bus.ids}
     found: dict[int, tuple[IdentifiedDevice, ControlTable | None]] = {}
     settings: dict[int, Settings] = {}
-    for id, values in (yield from _read(bus, expected, (*WHO, *SETTINGS), eeprom=True)).items():
-        number, firmware = (values.pop(name, -1) for name in WHO)
+    for id, values in (yield from _read(bus, expected, (*IDENTITY, *SETTINGS), eeprom=True)).items():
+        number, firmware = (values.pop(name, -1) for name in IDENTITY)
         if number == expected[id].number and firmware >= 0:  # else these bytes mean something else
             found[id] = _device(id, number, firmware)
             settings[id] = values
@@ -97,7 +97,7 @@ def identify(
 
 
 def _device(id: int, number: int, firmware: int) -> tuple[IdentifiedDevice, ControlTable | None]:
-    """A device without its settings, and its table, where the vendor's files have one."""
+    """Return a device without its settings, and its table, None for a model outside the vendor's files."""
     found = find_table(number, firmware)
     return IdentifiedDevice(id, number, found.model if found else None, firmware), found
 
@@ -122,7 +122,7 @@ def _read(
     values: dict[int, Settings] = {}
     for block, ids in _blocks(tables, names, eeprom=eeprom).items():
         found: dict[int, bytes] = {}
-        for _ in range(2):  # who is silent is asked twice
+        for _ in range(2):  # one lost packet is not a missing device
             missing = [id for id in ids if id not in found]
             for query in _slices(bus, missing, block):
                 found.update((yield query).data)
@@ -132,7 +132,7 @@ def _read(
 
 
 def _slices(bus: IdentificationReader, ids: Sequence[int], block: RegisterBlock) -> list[ReadRequest]:
-    """Reads of as many devices each as fit beside a cycle, at least one."""
+    """Split a read into reads of as many devices as fit beside a cycle, at least one."""
     one, two = (bus.span(ReadRequest(tuple(ids[:count]), block.address, block.size)) for count in (1, 2))
     count = max(1, floor((bus.slice - one) / (two - one) + 1) if two > one else 1)
     chunks = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
@@ -142,7 +142,7 @@ def _slices(bus: IdentificationReader, ids: Sequence[int], block: RegisterBlock)
 def _blocks(
     tables: Mapping[int, ControlTable], names: Sequence[str], *, eeprom: bool
 ) -> dict[RegisterBlock, list[int]]:
-    """Ids by the smallest block that holds the named registers (in snake case) of one kind of memory."""
+    """Group ids by the smallest block with the named registers (in snake case) of one kind of memory."""
     blocks: dict[RegisterBlock, list[int]] = {}
     for id, each in tables.items():
         fields = [field for name in names if (field := each.fields.get(name)) and field.eeprom is eeprom]

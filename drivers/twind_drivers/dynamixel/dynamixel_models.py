@@ -63,7 +63,7 @@ PH54 = ModelCapabilities(
     fast_from=12,
     watchdog_from=0,
     clear_from=None,
-    startup_from=None,  # the register is there; from which firmware, the pages do not say
+    startup_from=None,  # the register exists; the pages name no firmware for it
     backup_from=12,
     torque_on_by_goal_from=None,
 )
@@ -112,7 +112,7 @@ XL320 = ModelCapabilities(
 
 
 def _advanced(p_series: ModelCapabilities) -> ModelCapabilities:
-    """The PRO -R(A) of the same drive train: the P series' layout without registers 13 and 60."""
+    """Return the PRO -R(A) of the same drive train: the P series' layout without registers 13 and 60."""
     return replace(p_series, fast_from=None, backup_from=None)
 
 
@@ -162,7 +162,7 @@ def facts(stem: str) -> ModelCapabilities:
 
 
 def page(stem: str) -> str:
-    """Path of the model's manual page below emanual.robotis.com/docs/en/."""
+    """Return the path of the model's manual page below emanual.robotis.com/docs/en/."""
     name = base(stem).replace("_", "-")
     if name == "rh-p12-rn":
         return "platform/rh_p12_rna/"

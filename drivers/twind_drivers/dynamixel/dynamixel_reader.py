@@ -1,4 +1,4 @@
-"""The reading half of a Dynamixel bus: cyclic reading, upkeep of the slow registers, identification.
+"""Reader of a Dynamixel bus: cyclic reading, slow registers, identification.
 
 Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write.
 """
@@ -35,14 +35,16 @@ from twind_drivers.dynamixel.serial_cycle_budget import CYCLIC, plain_reply, syn
 from twind_drivers.slow_read_rate import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
-SLACK = 0.002  # s that a reply may take beyond its wire time, at most half a period of the loop
-SLICE = 0.002  # s of bus time that one transaction of a script may take, at most half a period
+# s that a reply may take beyond its wire time: an adapter's timer adds up to 1 ms, so with less than that
+# every reply would be late. At most half a period of the loop, else the next tick would start late.
+SLACK = 0.002
+SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 
 
 class DynamixelReader:
-    """A bus by its ids. Arrays are in the order of `ids`; raw ticks and register units.
+    """Reader of the devices `ids` of one bus. Arrays are (m,), in the order of `ids`, in raw units.
 
-    `layouts`: where each id's registers lie; models of several layouts may share a bus. `slice` (s): bus time
+    `layouts`: register layout of each id; models of several layouts may share a bus. `slice` (s): bus time
     that one transaction of a script may take.
     """
 
@@ -61,12 +63,12 @@ class DynamixelReader:
         one_write: bool = True,
         sensors: Mapping[int, float] | None = None,
     ) -> None:
-        """`models`: model number of each id. `fast`: use the fast reads; None: what `identify` finds.
+        """Make the reader; `models`: model number of each id.
 
-        `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
-        what a reply may take beyond its wire time; None: 2 ms, or half a period where that is less (with less
-        than 1 ms, an adapter's timer, every reply would be late). `one_write`: goals and request leave in
-        one system call. `sensors`: return delay (s) by id of what hangs there besides, and only tells.
+        `fast`: use the fast reads; None: if `identify` finds that all devices support them.
+        `return_delay_us`: the longest of the devices. `rate_hz`: rate of the loop. `slack` (s): time that a
+        reply may take beyond its wire time; None: 2 ms, or half a period where that is less. `one_write`:
+        goals and request leave in one system call. `sensors`: return delay (s) by id of the bus's sensors.
 
         Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
         reason; KeyError for an unknown model.
@@ -90,9 +92,8 @@ class DynamixelReader:
             one_write=one_write,
             sensors=tuple(sensors or ()),
         )
-        # of these, kept
         self._sensors = dict(sensors or {})
-        self._singles = dict[Query, SerialTransaction]()
+        self._singles = dict[Query, SerialTransaction]()  # of sensors, read in each cycle
         layouts = tuple(self.layouts.values())
         self._described = self.line.return_delay_s
         self._period = 1.0 / rate_hz
@@ -103,31 +104,31 @@ class DynamixelReader:
         self.slow = DynamixelSlowRegisters(self.ids, tables, layouts)
         self.registers: SlowRegisterValues = self.slow.registers
         self._schedule()
-        self._query: Query | None = None  # the rare transaction under way, if it asks something
+        self._query: Query | None = None  # the query of the rare transaction under way
 
     @property
     def deadline(self) -> float:
-        """When the outstanding transaction ends at the latest, s."""
+        """Latest end of the outstanding transaction, s."""
         return self.line.deadline
 
     @property
     def earliest(self) -> float:
-        """Unknown: an adapter hands over a whole reply at once, so there is nothing to be saved."""
+        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
         return -inf
 
     @property
     def fast(self) -> bool:
-        """Every device knows the fast reads, and they are used."""
+        """Return True if fast reads are used; every device supports them then."""
         return self.cyclic.fast
 
     @property
     def lags(self) -> bool:
-        """As the devices are set, the cyclic reading takes longer than a cycle has."""
+        """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
         return not self.fast and self._too_long
 
     @property
     def _too_long(self) -> bool:
-        """A plain reading of everybody, each with its return delay, does not fit a cycle."""
+        """Return True if a plain reading of all devices, each with its return delay, exceeds a cycle."""
         delays = len(self.ids) * self.line.return_delay_s
         size = sync_request(len(self.ids)) + plain_reply(len(self.ids), CYCLIC)
         return wire(size, self.line.baud) + delays > self._period
@@ -139,22 +140,22 @@ class DynamixelReader:
         self.line.send(self.cyclic.next(), now, goals=True)
 
     def feed(self, now: float) -> bool:
-        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        """Process received bytes; return True when the transaction is complete. Raises PortError."""
         return self.line.feed(now)
 
     def finish(self, now: float) -> BusSample:
-        """End the cyclic reading with what was heard; zeros where a device stayed silent."""
+        """End the cyclic reading with the received replies; zeros for silent devices."""
         if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
         sample = self.cyclic.sample(self.line, now)
-        if self._asked is not self.cyclic.attendance.asked:
+        if self._requested is not self.cyclic.attendance.asked:
             self._schedule()
         return sample
 
     def _schedule(self) -> None:
-        """The slices of upkeep, of those who are asked."""
-        self._asked = asked = self.cyclic.attendance.asked
-        ids = [id for id, there in zip(self.ids, asked.tolist(), strict=True) if there]
+        """Make the slices of slow registers of the devices that are not parked."""
+        self._requested = requested = self.cyclic.attendance.asked
+        ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
         groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
         queries = self.slow.schedule(ids, upkeep(groups, self._upkeep_hz, fast=self.fast))
@@ -169,15 +170,16 @@ class DynamixelReader:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
-        self.line.send(self._asking(query), now)
+        self.line.send(self._transaction(query), now)
         self._query = query
         if isinstance(query, ReadRequest) and self._is_probe(query):
             self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
 
     def answer(self, now: float) -> RequestReply:
-        """End it. What was read of the slow registers is kept in `registers`, with its time.
+        """End the transaction. Values of slow registers are kept in `registers`, with their time.
 
-        But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
+        Values of a device without proven reply in the cyclic reading are dropped: they may be the late reply
+        to an earlier request.
         """
         exchange = self.line.end()
         query = self._query
@@ -186,10 +188,10 @@ class DynamixelReader:
         waited = now - self.line.sent
         if reply is None:
             return RequestReply({}, {}, waited, self.line.strays)
-        heard = reply.heard.tolist()
+        fresh = reply.heard.tolist()
         answered = reply.answered.tolist()
         errors = reply.error.tolist()
-        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
+        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if fresh[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
         if isinstance(query, ReadRequest):
             self._fold(query, reply)
@@ -209,9 +211,9 @@ class DynamixelReader:
         self.slow.update_from_replies(query, ids, reply.data[sound], self.line.received)
 
     def upkeep(self, now: float) -> Query:
-        """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`).
+        """Return the next slice of the slow registers, round robin (arithmetic: `SlowReadSchedule`).
 
-        For each parked device, at last once a second, a read of what its cyclic reading would be: the probe.
+        Or the probe of a parked device, in the end once a second: a read of its cyclic block.
         """
         place = self.cyclic.attendance.due(now)
         return (
@@ -219,9 +221,9 @@ class DynamixelReader:
         )
 
     def span(self, query: Request) -> float:
-        """Bus time (s) that a transaction takes at most, its timeout excluded."""
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
         if isinstance(query, PingRequest | ReadRequest):
-            return self.line.span(self._asking(query))
+            return self.line.span(self._transaction(query))
         writes = (
             ()
             if isinstance(query, RebootRequest)
@@ -232,8 +234,8 @@ class DynamixelReader:
         size = sum(14 + sum(1 + len(data) for data in each.data.values()) for each in writes)
         return wire(size + 21, self.line.baud) + self.line.return_delay_s
 
-    def _asking(self, query: Query) -> SerialTransaction:
-        """Slices are read fast while all is well, and never made twice."""
+    def _transaction(self, query: Query) -> SerialTransaction:
+        """Return the transaction of a query: fast unless a reply is missing, and made only once."""
         found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
         return found or self._plain.get(query) or self._singles.get(query) or self._exchange(query)
 
@@ -245,7 +247,7 @@ class DynamixelReader:
             id = query.ids[0]
             longer = max(0.0, self._sensors.get(id, 0.0) - self.line.return_delay_s)
             made = SerialTransaction(packet.read(id, query.address, query.size), reply, 1, longer)
-            if id in self._sensors:  # asked again and again
+            if id in self._sensors:  # read in each cycle: the same object saves time
                 self._singles[query] = made
             return made
         request = packet.sync_read(query.ids, query.address, query.size)
@@ -253,10 +255,10 @@ class DynamixelReader:
 
     def _is_probe(self, query: ReadRequest) -> bool:
         [id, *others] = query.ids or (-1,)
-        return not others and id in self.tables and not self._asked[self.ids.index(id)]
+        return not others and id in self.tables and not self._requested[self.ids.index(id)]
 
     def _welcome(self, answered: Mapping[int, int], now: float) -> None:
-        """A parked device that answers anything is back, and its slow registers are the next to be read."""
+        """Take back each parked device that replies; its slow registers are read next."""
         for id in answered:
             if id in self.tables and not self.cyclic.attendance.asked[place := self.ids.index(id)]:
                 self.cyclic.back(place, now)
@@ -266,11 +268,11 @@ class DynamixelReader:
     # --------------------------------------------------------------------------- scripts
 
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
-        """Ping every id and read its settings; devices that answer, in order of `ids`.
+        """Ping every id and read its settings; return the devices that reply, in order of `ids`.
 
-        From here on names mean the registers of the models that are really there, the fast read is used
-        if every device's firmware has it, and answers are waited for as long as these devices' return delays
-        ask. `patient`: as `Reader.identify`; afterwards the cyclic reading begins as at first.
+        From then on register names refer to the models found. The fast read is used if the firmware of every
+        device supports it. The deadline of replies follows from the return delays read. `patient`: as in
+        `BusReader.identify`; afterwards the cyclic reading starts anew.
         """
         before = self.line.return_delay_s
         self.line.return_delay_s = LONGEST if patient else before
@@ -293,9 +295,10 @@ class DynamixelReader:
         return devices
 
     def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
-        """The same block of several devices, in slices that fit beside a cycle; who is silent is asked twice.
+        """Read the same block of several devices, in slices that fit beside a cycle.
 
-        Raises NoReply naming the silent, DeviceRefused for the first that answers with an error.
+        Silent devices get a second request: one lost packet is no missing device. Raises NoReply naming the
+        silent ones, DeviceRefused for the first that reports an error.
         """
         found: dict[int, bytes] = {}
         waited = 0.0
@@ -318,17 +321,17 @@ class DynamixelReader:
         return found
 
     def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
+        """Read one register by its name. Raises NoReply, DeviceRefused, KeyError (lists similar names)."""
         field = self.table(id)[name]
         data = yield from self.collect((id,), field.address, field.size)
         return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
 
     def keeps(self, id: int, name: str) -> bool:
-        """EEPROM, addresses below 64 of an X series servo. Raises KeyError (lists the near names)."""
+        """Return True for EEPROM registers: addresses below 64 in the X series. Raises KeyError."""
         return self.table(id)[name].eeprom
 
     def table(self, id: int) -> ControlTable:
-        """Control table of a device. Raises KeyError that lists the ids of this bus."""
+        """Return the control table of a device. Raises KeyError that lists the ids of this bus."""
         if id not in self.tables:
             raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
         return self.tables[id]

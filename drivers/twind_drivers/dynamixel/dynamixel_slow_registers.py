@@ -1,10 +1,10 @@
-"""The slowly read registers of one bus: which slice is next, and what a reply says of them. Pure.
+"""Slow registers of one bus: the order of their slices and the values from the replies. Pure.
 
-They lie apart, so they are read block by block. Mapped side by side by indirect addresses the longest slice
-of 24 servos at 100 Hz would be 87 bytes fast and 114 plain instead of 214 and 296 (`budget.indirect_bytes`):
-of a tick of 10 ms it would save 1.3 ms at 1 Mbaud and 0.4 ms at 3. It is not done. The tick has that room; a
-mirror writes nothing, so it needs the blocks anyway; and a restart of a servo drops the map unseen, just
-when these registers matter.
+They are read block by block, since their addresses lie apart. Adjacent indirect addresses would shorten the
+longest slice of 24 servos at 100 Hz from 214 to 87 bytes (fast) and from 296 to 114 (plain), see
+`indirect_bytes`. That saves 1.3 ms of a 10 ms tick at 1 Mbaud and 0.4 ms at 3. It is not done: the tick has
+that time, and a mirror writes nothing, so it needs the blocks anyway. A restart of a servo also drops the map
+without notice, just when these registers matter.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,12 +21,12 @@ from twind_drivers.dynamixel.serial_cycle_budget import SlowReadSchedule
 
 VOLT = 0.1  # V per raw unit of the input voltage register
 
-Kept = tuple[str, NDArray[Any], float]  # register, where it is kept, its unit
+Kept = tuple[str, NDArray[Any], float]  # register, array (m,) of its values, unit
 
 
 @dataclass(frozen=True, slots=True)
 class BlockField:
-    """A register within a block: which bytes of it, where they are kept, and their unit."""
+    """Register within a block: its bytes, the array (m,) of its values, its unit."""
 
     first: int
     last: int  # exclusive
@@ -36,19 +36,22 @@ class BlockField:
 
 @dataclass(frozen=True, slots=True)
 class BlockDecodePlan:
-    """What a block holds of these registers, and the times of the groups that are whole in it."""
+    """Slow registers in a block, and the time arrays of the groups that are whole in it."""
 
     parts: tuple[BlockField, ...]
     times: tuple[NDArray[Any], ...]
 
 
 class DynamixelSlowRegisters:
-    """Torque, hardware error, watchdog; voltage, temperature, tick: of each id, with the time of reading."""
+    """Slow registers of each id with the time of reading.
+
+    They are torque, hardware error, watchdog; voltage, temperature, tick.
+    """
 
     def __init__(
         self, ids: tuple[int, ...], tables: Sequence[ControlTable], layouts: Sequence[DeviceLayout]
     ) -> None:
-        """`tables`, `layouts` (m): of each id."""
+        """Make the registers of `ids`; `tables`, `layouts` (m): of each id."""
         self.registers = state = SlowRegisterValues.unknown(len(ids))
         self._state_time, self._watch_time = np.full((2, len(ids)), -np.inf)
         self._index = {id: place for place, id in enumerate(ids)}
@@ -68,20 +71,21 @@ class DynamixelSlowRegisters:
         self._plans: dict[tuple[DeviceLayout, int, int], BlockDecodePlan] = {}  # of the blocks read so far
         self._status: list[ReadRequest] = []
         self._health: list[ReadRequest] = []
-        # in this round: next, all; next of health
+        # next slot and number of slots of a round; next slice of health
         self._slot = 0
         self._slots = 1
         self._turn = 0
         self._first: list[ReadRequest] = []  # before all turns
-        self._open: ReadRequest | None = None  # of health, asked and not answered by all
+        self._open: ReadRequest | None = None  # health slice with replies missing
 
     def schedule(self, ids: Sequence[int], plan: SlowReadSchedule) -> list[ReadRequest]:
-        """From now on the slices of these `ids` come round robin; all of them, each once."""
+        """Schedule the slices of these `ids` round robin; return all slices."""
         kinds: dict[DeviceLayout, list[int]] = {}
         for id in ids:
             kinds.setdefault(self._layouts[self._index[id]], []).append(id)
 
         def slices(size: int, block: Callable[[DeviceLayout], RegisterBlock]) -> list[ReadRequest]:
+            """Split the reads of `block` into slices of `size` devices, layout by layout."""
             return [read for layout, own in kinds.items() for read in _slices(own, size, block(layout))]
 
         state = slices(plan.state, lambda layout: layout.state if plan.watch else layout.status)
@@ -94,16 +98,18 @@ class DynamixelSlowRegisters:
         return [*state, *watch, *health]
 
     def ask_first(self, id: int) -> None:
-        """The registers of a device that came back are the next to be asked, all of them: it may have
-        restarted."""
+        """Schedule all slow registers of a returned device first: it may have restarted."""
         layout = self._layouts[self._index[id]]
         self._first += [
             ReadRequest((id,), block.address, block.size) for block in (layout.status, layout.health)
         ]
 
     def next(self) -> ReadRequest:
-        """The slice whose turn it is. A round is as many status slices as fit, then one of health; it begins
-        with the first status slice, so each device's turn comes once a round."""
+        """Return the next slice.
+
+        A round consists of all status slices that fit, then one health slice. It begins with the first status
+        slice, so each device has its turn once a round.
+        """
         if self._first:
             return self._first.pop(0)
         slot = self._slot
@@ -111,8 +117,11 @@ class DynamixelSlowRegisters:
         return self._status[slot % len(self._status)] if slot < self._slots - 1 else self._next_health()
 
     def _next_health(self) -> ReadRequest:
-        """One that not all answered is asked once more in the next round. Its own turn comes every fifth of a
-        second: with faults that come as often it would be the same one that is lost each time."""
+        """Return the next health slice; one with missing replies is repeated in the next round.
+
+        Its regular turn comes every 0.2 s. A fault of the same period would otherwise hit the same slice each
+        time.
+        """
         query = self._open
         self._open = None
         if query is None:
@@ -123,7 +132,7 @@ class DynamixelSlowRegisters:
     def update_from_replies(
         self, query: ReadRequest, ids: Sequence[int], data: NDArray[np.uint8], time: float
     ) -> None:
-        """Keep what the answers of `ids` (k) to `query`, `data` (k, size), say of these registers."""
+        """Store the registers from the replies of `ids` (k) to `query`, `data` (k, size) bytes."""
         if query is self._open and len(ids) == len(query.ids):
             self._open = None
         for layout, rows in self._kinds(ids):
@@ -141,7 +150,7 @@ class DynamixelSlowRegisters:
             self.registers.status_time[places] = both
 
     def _kinds(self, ids: Sequence[int]) -> list[tuple[DeviceLayout, list[int]]]:
-        """Which rows of `ids` are of which layout; ids that are not of this bus are of none."""
+        """Group the rows of `ids` by layout; ids of no device of this bus are left out."""
         kinds: dict[DeviceLayout, list[int]] = {}
         if len(self._tables) == 1 and self._index.keys() >= set(ids):
             return [(self._layouts[0], list(range(len(ids))))]
@@ -172,7 +181,7 @@ class DynamixelSlowRegisters:
         return plan
 
     def forget(self, id: int) -> None:
-        """A restarted device: what was read of it no longer holds."""
+        """Reset the values of a restarted device to unknown."""
         place = self._index[id]
         state = self.registers
         for store in (state.torque, state.fault, state.watchdog, state.tick):
@@ -184,7 +193,7 @@ class DynamixelSlowRegisters:
 
 
 def _words(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """The first two bytes of each row."""
+    """Return the first two bytes of each row of `data` (k, size) as numbers (k,)."""
     return np.ascontiguousarray(data[:, :2]).view("<u2")[:, 0]
 
 

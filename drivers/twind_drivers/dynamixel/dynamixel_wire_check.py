@@ -1,4 +1,4 @@
-"""The last check of a command's bytes (WIRE_CLAMP): known ids, writable addresses, goals in range. Pure."""
+"""Last check of a command's bytes (WIRE_CLAMP): known ids, writable addresses, goals in range. Pure."""
 
 from collections.abc import Mapping
 
@@ -11,16 +11,16 @@ Fences = Mapping[RegisterBlock, tuple[int, int]]  # goal register -> smallest an
 
 
 class DynamixelWireCheck:
-    """What may be written on one bus."""
+    """Permitted writes of one bus."""
 
     def __init__(self, name: str, tables: Mapping[int, ControlTable], fences: Mapping[int, Fences]) -> None:
-        """`tables`: by id, may change later. `fences`: of each id, every goal register that it has."""
+        """Make the check; `tables`: by id, may change later. `fences`: all goal registers of each id."""
         self._name = name
         self._tables = tables
         self._fences = fences
 
     def judge(self, data: bytes) -> None:
-        """Raises WireClamp for anything but whole packets that write what may be written."""
+        """Raise WireClamp for anything but whole packets with permitted writes."""
         framer = packet.Framer(status=False)
         found = framer.feed(data)
         if framer.discarded or len(framer) or not found:
@@ -44,9 +44,9 @@ class DynamixelWireCheck:
 
 
 def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
-    """(id, address, data) of each write in a packet; a restart writes nothing but names its id.
+    """Return (id, address, data) of each write in a packet; a restart has an id and no data.
 
-    An instruction that no order of ours makes is a write by nobody, which is refused.
+    An instruction that no order makes counts as a write to all ids, which is refused.
     """
     params = found.params
     code = found.instruction

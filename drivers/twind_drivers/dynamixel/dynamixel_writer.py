@@ -1,4 +1,4 @@
-"""The writing half of a Dynamixel bus: goals, torque, registers. Exists in live only.
+"""Writer of a Dynamixel bus: goals, torque, registers. Exists in live only.
 
 Every packet is checked by its bytes before it leaves (WIRE_CLAMP): ids of this bus, writable addresses, goal
 words inside what each device may be sent. Devices may differ in model and operating mode
@@ -43,13 +43,13 @@ from twind_drivers.dynamixel.servo_command_state import (
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 from twind_drivers.dynamixel.write_diagnosis import explain, limit_words
 
-# Registers that `write` leaves alone, and whose they are.
+# Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
 ELSEWHERE = {
     "torque_enable": "torque is switched by arming and disarming",
     "goal_position": "goals pass the gate",
     "goal_velocity": "goals pass the gate",
     "goal_current": "it is the goal of mode 0, and the cap of mode 5 that preparing for torque sets",
-    "id": "it would answer under another id than this bus knows",
+    "id": "it would answer under another id than this bus has",
     "baud_rate": "it would answer at another baud rate than this bus has",
     "protocol_type": "it would no longer speak this protocol",
     "indirect_data": "it is the register that it is mapped to: write that one",
@@ -57,7 +57,7 @@ ELSEWHERE = {
 
 
 class DynamixelWriter:
-    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in each device's own unit."""
+    """Writer to the bus of `reader`. Arrays are (m,), in the order of its ids; goals in the device's unit."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class DynamixelWriter:
         current_caps: Sequence[int | None] | None = None,
         accelerations: Sequence[int | None] | None = None,
     ) -> None:
-        """`lower`, `upper` (m,): goals that may ever be sent, each in the unit of its device's mode.
+        """Make the writer; `lower`, `upper` (m,): goals that may be sent, each in the unit of its mode.
 
         `gains` (m): P, I, D each; None: the models' defaults. `watchdog`: x 20 ms, 1..127. `modes` (m):
         operating mode (0, 1, 3, 4, 5) that each device must have; None: all 3. `current_caps` (m): goal
@@ -81,6 +81,7 @@ class DynamixelWriter:
         Raises ValueError: bounds of the wrong shape or outside a mode's, watchdog off, a gain without a known
         default, a mode that is not driven, mode 5 without a cap.
         """
+        # 0 would switch the watchdog off: a servo would then hold its last goal for ever after a dead loop.
         if not 1 <= watchdog <= 127:
             raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
         self._reader = reader
@@ -93,18 +94,20 @@ class DynamixelWriter:
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
-        self._led: tuple[ServoCommandState, ...] = self._servos  # who gets goals ...
-        self._places: Ints | None = None  # ... and their places; None: all
+        self._led: tuple[ServoCommandState, ...] = self._servos  # devices that get goals ...
+        self._places: Ints | None = None  # ... and their indices (k,); None: all
         self.set_goal_limits(lower, upper)
         self._pwm = {
             one.id: one.most_pwm for one in self._servos
-        }  # their limits, once `prepare` has read them
+        }  # counts by id; the largest of the model until `prepare` has read the limit register
         torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
         self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
-        """Goals (m,) that may be sent from now on; pending ones are dropped. Speeds and currents other than 0
-        only once `prepare` has read their limits. Raises ValueError as the beginning does: nothing changes.
+        """Set the range of the goals (m,) and drop pending goals.
+
+        Speeds and currents other than 0 are sent only after `prepare` has read their limit registers. Raises
+        ValueError as `__init__` does; then nothing changes.
         """
         least, most = bounds_of(self._name, len(self._ids), lower, upper)
         for servo, low, high in zip(self._servos, least, most, strict=True):
@@ -115,9 +118,9 @@ class DynamixelWriter:
         self._fence({})
 
     def _fence(self, limits: Mapping[int, int]) -> None:
-        """Goals and bytes are judged by the bounds given, speeds and currents also by their limit register.
+        """Set the bounds of goals and packets; those of speeds and currents are also the limit registers.
 
-        Until that is read (`limits`, by id) nothing but 0 is sent as a speed or current.
+        `limits`: limit register by id. A speed or current whose limit is unknown may only be 0.
         """
         limit = np.array([limits.get(id, 0) for id in self._ids])
         lower = np.where(self._resting, np.maximum(self._lower, -limit), self._lower)
@@ -125,7 +128,7 @@ class DynamixelWriter:
         ids = [servo.id for servo in self._led]
         goals = [servo.goal for servo in self._led]
         self._goals: Goals = goal_packets(self._name, ids, goals, self._of_led(lower), self._of_led(upper))
-        if self._places is not None:  # an empty range takes nothing
+        if self._places is not None:  # an empty range (0..-1) lets no goal pass
             alone = np.isin(np.arange(len(self._ids)), self._places, invert=True)
             lower = np.where(alone, 0, lower)
             upper = np.where(alone, -1, upper)
@@ -136,15 +139,15 @@ class DynamixelWriter:
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        """Set goals (m,) of the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
         self._line.goals = b""
-        if self._alone is not None:  # all or nothing, and this is nobody's robot to move
+        if self._alone is not None:  # the other devices must not move while one is driven alone
             raise WireClamp(self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal")
         self._line.goals = self._goals.encode(self._of_led(ticks))
 
     def cut(self) -> None:
-        """Torque off for all, twice, in the next write of any kind; goals given before it are not sent."""
-        self._line.urgent = self._off * 2
+        """Switch torque off on all devices in the next write of any kind; earlier goals are not sent."""
+        self._line.urgent = self._off * 2  # twice: a sync write has no reply, and one packet may be lost
         self._line.goals = b""
 
     def clear(self) -> None:
@@ -169,23 +172,23 @@ class DynamixelWriter:
             each = (order,) if isinstance(order, WriteRequest) else order.writes
             packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
             return SerialTransaction(packets, None, 0)
-        raise TypeError(f"{self._name}: a writer does not ask: {order}")
+        raise TypeError(f"{self._name}: a writer does not read: {order}")
 
     # --------------------------------------------------------------------------- scripts
 
     def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
-        """Before torque; each step read back from all, or from `among` (m,): nobody else gets goals from then
-        on. Raises DeviceRefused, NoReply, WireClamp.
+        """Prepare devices for torque and read back each step; `among` (m,): these alone; None: all.
 
-        Operating modes are those given. Watchdogs cleared, goal := `ticks` (m,), or 0 for speeds and
-        currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
-        resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion). The cap of
-        the output comes last: what was damped gets its strength back only at rest on its goal.
+        Devices outside `among` get no goals from then on. Checks the operating modes. Clears the watchdogs,
+        sets the goals to `ticks` (m,), or 0 for speeds and currents, and arms the watchdogs, in one system
+        call. Then caps, gains, and profile 0 for positions: the executor shapes the motion. The cap of the
+        output is restored last: a damped servo regains its strength only at rest on its goal.
 
-        NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones.
+        Raises DeviceRefused, WireClamp; NoReply after all other devices are prepared: a robot can be lowered
+        without the silent ones.
         """
         self._lead(among)
-        whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
+        whole = ticks.shape == self._resting.shape  # numpy would stretch another shape; it is refused below
         goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
         there = self._led
         silent = None
@@ -200,7 +203,7 @@ class DynamixelWriter:
             raise silent.with_traceback(None)
 
     def _prepared(self, servos: tuple[ServoCommandState, ...], goals: Rows) -> Script[None]:
-        """Do all steps of `prepare` on these devices alone."""
+        """Run all steps of `prepare` on these devices alone."""
         ids = {servo.id for servo in servos}
         goal = [row for row in goals if row[0] in ids]
         yield from self._require_modes(servos)
@@ -212,6 +215,8 @@ class DynamixelWriter:
             rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
             for data in (b"\0", self._watchdog)
         )
+        # Watchdog 0 first: while it reads 255 the goal registers are locked (error 4, e-manual "Bus Watchdog
+        # (98)"). Arming last: earlier it would leave the old goal in force if the packets behind it are lost.
         yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
         yield from self._verify_readback("bus watchdog", on)
         yield from self._settle(servos, goal)
@@ -219,7 +224,7 @@ class DynamixelWriter:
         yield from self._restore_output(servos)
 
     def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
-        """Gains and profiles; what stands beside the goals of each mode is read back with them."""
+        """Write gains and profiles and read them back together with the goals of each mode."""
         moving = [servo for servo in servos if not servo.mode.rests_at_zero]
         gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
         profile = rows(moving, lambda servo: (servo.layout.profile, bytes(8)))
@@ -242,7 +247,7 @@ class DynamixelWriter:
         yield from self._goals_are([row for row in goal if row[0] not in moved])
 
     def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
-        """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
+        """Set goal PWM of modes 3 and 4 to its limit: it caps the force, and damping lowers it."""
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
         self._pwm |= yield from self._words(free, lambda servo: servo.register_span("pwm_limit"))
         pwm = rows(free, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(self._pwm[servo.id])))
@@ -251,7 +256,7 @@ class DynamixelWriter:
         yield from self._verify_readback("goal PWM", pwm)
 
     def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
-        """The modes are those of this writer; from now on limit registers bound speeds and currents."""
+        """Require the operating modes of this writer; read the limit registers that bound its goals."""
         modes = rows(
             servos, lambda servo: (servo.register_span("operating_mode"), bytes((servo.mode.number,)))
         )
@@ -265,40 +270,42 @@ class DynamixelWriter:
         pwm = rows(capped, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(most[servo.id])))
         yield from self._verify_readback(
             "goal PWM, at its limit", pwm, "needs"
-        )  # else it caps the force too, unseen
+        )  # a lower goal PWM would cap the force of mode 5 as well, without any report
 
     def write_goals(self, ticks: Ints) -> Script[None]:
-        """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
+        """Write goals (m,) and read them back. Raises WireClamp, DeviceRefused for the first difference."""
         goal = self._goal_rows(ticks)
         yield BurstWriteRequest(writes(goal))
         yield from self._goals_are(goal)
 
     def read_goals(self) -> Script[Ints]:
-        """The goals (m,) that the devices hold now, each in its own unit. Raises NoReply."""
+        """Read the goals (m,) that the devices hold, each in its own unit. Raises NoReply."""
         found = yield from self._words(self._servos, lambda servo: servo.goal)
         return np.array([found[id] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
-        """Torque of all, read back. Off is written twice. Raises DeviceRefused, NoReply.
+        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
 
-        On only after the goals of speeds and currents have read back 0: they act at once.
+        Off is written twice: a sync write has no reply. On follows only after the goals of speeds and
+        currents read back 0: they would move the joint at once.
         """
         if on:
             resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
             yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
-        self._reader.registers.torque[:] = -1  # what was read before says nothing of it any more
+        self._reader.registers.torque[:] = -1  # unknown until read back: an old reading must not pass for it
         yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
         yield from self._verify_readback("torque enable", wanted)
 
     def damp(self) -> Script[tuple[int, ...]]:
-        """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
+        """Make the torque soft (`damping`); return the ids without confirmation, silent ones included."""
         return damping.damp(self._reader, self._servos, self._pwm)
 
     def begin_single_device(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
-        """Drive one device alone with little current; until `together` the others receive only torque off.
+        """Drive one device alone with little current; the others receive only torque off until the end.
 
-        `cap`: raw current; `profile`: raw velocity. Raises ValueError: the device cannot be driven so.
+        `end_single_device` ends it. `cap`: raw current; `profile`: raw velocity. Raises ValueError for a
+        device that cannot be driven in this way.
         """
         watchdog = self._watchdog[0]
         self._alone = SingleServoControl(
@@ -308,12 +315,12 @@ class DynamixelWriter:
         return self._alone
 
     def end_single_device(self) -> None:
-        """Drive all devices again, as before `alone`."""
+        """Command all devices again, as before `begin_single_device`."""
         self._alone = None
         self.clear()
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
-        """One register by name, read back. EEPROM only while that device's torque is off.
+        """Write one register by name and read it back. EEPROM only while that device's torque is off.
 
         Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
         """
@@ -339,11 +346,11 @@ class DynamixelWriter:
         return back
 
     def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one device, wait until it answers, give its RAM settings back. Its torque stays off.
+        """Restart one device, wait for its reply, restore its RAM settings. Its torque stays off.
 
-        Refused while its torque reads on: it carries a load. `shut_down`: the caller knows that its hardware
-        error has shut it down although it does; that error must read back. Raises NoReply, KeyError,
-        DeviceRefused.
+        Refused while torque enable reads on: the device may carry a load. `shut_down`: the device has shut
+        down by its hardware error although torque enable reads on; the error must read non-zero. Raises
+        NoReply, KeyError, DeviceRefused.
         """
         self._reader.table(id)
         servo = self._servos[self._ids.index(id)]

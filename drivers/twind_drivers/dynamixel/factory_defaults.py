@@ -95,7 +95,10 @@ X_SERIES: Mapping[str, FactoryDefaults] = {
 def _p(
     current: int, velocity: int, acceleration: tuple[int, int], turn: tuple[int, int], gains: Gains
 ) -> FactoryDefaults:
-    """`acceleration`: as delivered, at most. `turn`: half a turn, position limit as delivered."""
+    """Make the defaults of a P series model.
+
+    `acceleration`: as delivered, at most. `turn`: half a turn, position limit as delivered (counts).
+    """
     most, limit = turn
     return FactoryDefaults(
         velocity=velocity,
@@ -115,7 +118,7 @@ def _p(
 def _ra(
     p_series: FactoryDefaults, acceleration: tuple[int, int], threshold: int, volts: int
 ) -> FactoryDefaults:
-    """The PRO -R(A) of the same drive train."""
+    """Return the defaults of the PRO -R(A) of the same drive train."""
     return replace(
         p_series,
         acceleration=acceleration,

@@ -15,10 +15,10 @@ FIRST = 12  # where the first row begins
 
 
 class GoalPacket:
-    """A sync write of one goal, position, velocity or current, to each device of a bus."""
+    """Sync write of one goal, position, velocity or current, to each device of a bus."""
 
     def __init__(self, name: str, ids: Sequence[int], goal: RegisterBlock, lower: Ints, upper: Ints) -> None:
-        """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
+        """Make the packet; `lower`, `upper` (m,), raw: range of goals. Raises ValueError if lower > upper."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
         self._name = name
         self._ids = bytes(ids)
@@ -31,7 +31,7 @@ class GoalPacket:
         self._span = (self.upper - self.lower).view(np.uint64)
 
     def encode(self, ticks: Ints) -> bytes:
-        """The packet for goals (m,), stuffed where needed. Raises WireClamp, ValueError (shape)."""
+        """Return the packet of goals (m,), stuffed if necessary. Raises WireClamp, ValueError (shape)."""
         if ticks.shape != self._shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
         self._goals[:] = ticks
@@ -52,7 +52,10 @@ class GoalPacket:
         return packet + crc16(packet).to_bytes(2, "little")
 
     def _judge(self, plain: bytes, words: NDArray[np.signedinteger], ticks: Ints) -> None:
-        """What stands in the bytes, not what was meant: ids, address and every goal word."""
+        """Check the encoded bytes: ids, address and each goal word. Raises WireClamp.
+
+        The bytes are decoded again, so that an error of the encoder cannot reach a servo.
+        """
         # Below the lower bound a difference is negative, so as an unsigned number beyond every span.
         outside = (words - self.lower).view(np.uint64) > self._span
         if (
@@ -69,12 +72,12 @@ class GoalPacket:
 
 
 class MixedGoals:
-    """Goals of devices that keep them in different registers: one sync write for each (address, size)."""
+    """Goal packets of devices with different goal registers: one sync write for each (address, size)."""
 
     def __init__(
         self, name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
     ) -> None:
-        """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
+        """Make the packets; `goals` (m): goal register of each id. Raises ValueError as `GoalPacket` does."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
         self._name = name
         self._count = len(ids)
@@ -86,7 +89,7 @@ class MixedGoals:
             self._parts.append((places, packet))
 
     def encode(self, ticks: Ints) -> bytes:
-        """The packets for goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
+        """Return the packets of goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
         if ticks.shape != (self._count,) or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {self._count} whole ticks needed, got {ticks!r}")
         return b"".join([packet.encode(ticks[places]) for places, packet in self._parts])
@@ -98,14 +101,14 @@ Goals = GoalPacket | MixedGoals
 def goal_packets(
     name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
 ) -> Goals:
-    """What encodes the goals of a bus: one packet where all devices keep them in the same register."""
+    """Return the encoder of a bus's goals: one packet if all devices have the same goal register."""
     if len(set(goals)) == 1:
         return GoalPacket(name, ids, goals[0], lower, upper)
     return MixedGoals(name, ids, goals, lower, upper)
 
 
 def bounds_of(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
-    """Own copies (m,) of bounds. Raises ValueError: not `count` of each, or lower above upper."""
+    """Return copies (m,) of the bounds. Raises ValueError if not `count` of each, or lower above upper."""
     least = np.array(lower, np.int64)
     most = np.array(upper, np.int64)
     if least.shape != (count,) or most.shape != (count,):

@@ -1,7 +1,7 @@
-"""Transactions on one half-duplex line: one at a time, the packets that leave before it, its deadline.
+"""Transactor of a half-duplex line: one transaction at a time, the packets ahead of it, its deadline.
 
-Does the I/O through a `Transport`; time is an argument. It also classifies bytes that belong to no request
-(FOREIGN_TRAFFIC).
+Does the I/O through a `ByteTransport`; time is an argument. It also classifies bytes that belong to no
+request (FOREIGN_TRAFFIC).
 """
 
 from collections.abc import Collection, Sequence
@@ -13,17 +13,17 @@ from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
 
-LATE = 1.0  # s that an answer may be late and is still known as one
+LATE = 1.0  # s after a missed reply during which a status of that device counts as late, not as foreign
 
 
 @dataclass(frozen=True, slots=True)
 class SerialTransaction:
-    """One request and the reply expected for it."""
+    """Request and its expected reply."""
 
     packet: bytes
-    reply: PendingReply | None  # None: never answered
-    delays: int  # how many return delays pass before the last byte
-    extra: float = 0.0  # s that pass besides, of a device that takes longer than the servos
+    reply: PendingReply | None  # None: no reply follows
+    delays: int  # number of return delays before the last byte
+    extra: float = 0.0  # s, further delay of a device that is slower than the servos
 
     @property
     def size(self) -> int:
@@ -32,17 +32,17 @@ class SerialTransaction:
 
 
 class HalfDuplexTransactor:
-    """The wire of one bus.
+    """Transactor of one bus.
 
-    `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals that
-    were set before it left are dropped. Until an answer shows that it left, it is sent again when what waits
-    in the port is thrown away.
+    `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals set
+    before that are dropped. It is sent again if the port's output is discarded before a reply shows that it
+    has left.
 
-    `foreign` counts whole sound packets that nobody asked for. A status of a device that missed an answer
-    within the last second is not one of them: it may be that answer. Nor is any of `sensors`, ids of devices
-    that only tell: those are `late`, and no strays; and what comes behind the answer of such a device and
-    before the next request is its own, too. `echo`: the adapter gives back what we send; recognised by a
-    packet of ours in the answer, from then on taken off each answer.
+    `foreign` counts whole sound packets without a request. A status of a device that missed a reply within
+    the last second does not count: it may be that reply. A status of `sensors`, ids of read-only sensors,
+    counts as `late` and not as stray. Bytes between a sensor's reply and the next request are its own, too.
+    `echo`: the adapter returns what is sent. It is recognised by a sent packet in the reply, and from then on
+    removed from each reply.
     """
 
     def __init__(
@@ -56,7 +56,10 @@ class HalfDuplexTransactor:
         one_write: bool = True,
         sensors: Collection[int] = (),
     ) -> None:
-        """`one_write`: what is pending and the request leave in one system call, else in two."""
+        """Make the transactor; `one_write`: pending packets and request leave in one system call, else two.
+
+        `return_delay_s`, `slack` (s): see `deadline` in `_send`.
+        """
         self.name = name
         self.transport = transport
         self.baud = baud
@@ -69,16 +72,16 @@ class HalfDuplexTransactor:
         self._leaving = b""  # urgent, written, and not yet known to have left the port
         self.sent = self.received = self.deadline = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
-        self.foreign = 0  # packets; whoever reports it sets it back
-        self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; the same
-        self._told = False  # the last transaction asked a sensor
+        self.foreign = 0  # packets; the reader resets it when it reports them
+        self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
+        self._sensor_read = False  # the last transaction read a sensor
         self.echo = False
         self.exchange: SerialTransaction | None = None
         self._done = True
-        self._busy = -inf  # s, until when our own bytes are still going out
-        self._out: tuple[bytes, bytes] = (b"", b"")  # what was sent last
-        self._echoed = bytearray()  # of that, what has come back; only with an echo
-        self._owed: dict[int, float] = {}  # devices whose answer may still come late: s, until when
+        self._busy = -inf  # s, time until which sent bytes are on the wire
+        self._out: tuple[bytes, bytes] = (b"", b"")  # bytes sent last: lead, request
+        self._echoed = bytearray()  # of those, the bytes returned by an echo
+        self._owed: dict[int, float] = {}  # id -> time (s) until which its missed reply may come late
         self._late = bytearray()
 
     def span(self, exchange: SerialTransaction, extra: int = 0) -> float:
@@ -86,10 +89,11 @@ class HalfDuplexTransactor:
         return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
     def send(self, exchange: SerialTransaction, now: float, *, goals: bool = False) -> None:
-        """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
+        """Begin a transaction: drop late bytes of the last one, then send.
 
-        Raises PortError; PortFull when more than the last packet waits in the port (TX_BACKLOG), or it does
-        not take all of this one. Goals that could not be sent are dropped, an urgent packet is sent later.
+        Raises PortError; OutputQueueFull if more than the last packet waits in the port (TX_BACKLOG), or if
+        it does not accept all of this one. Then the goals are dropped, since they would be stale; an urgent
+        packet (torque off) is sent later.
         """
         try:
             self._send(exchange, now, goals=goals)
@@ -107,7 +111,7 @@ class HalfDuplexTransactor:
         self.strays = self.transport.drain(self._late)
         if self.strays:
             self._look_back()
-        self._told = False
+        self._sensor_read = False
         lead = self.urgent or (self.goals if goals else b"")
         if lead:
             self.goals = b""
@@ -132,10 +136,11 @@ class HalfDuplexTransactor:
         begin = max(now, self._busy)
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
+        # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
         self.deadline = begin + self.span(exchange, len(lead)) + (0.0 if self._done else self.slack)
 
     def feed(self, now: float) -> bool:
-        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        """Process received bytes; return True when the transaction is complete. Raises PortError."""
         reply = self.exchange.reply if self.exchange else None
         if self._done or reply is None:
             return True
@@ -148,13 +153,13 @@ class HalfDuplexTransactor:
         return self._done
 
     def end(self) -> SerialTransaction | None:
-        """End the transaction; what it heard stands in the exchange's reply until the next one."""
+        """End the transaction; its result stays in the exchange's reply until the next one."""
         exchange = self.exchange
         self.exchange = None
         self._done = True
         reply = exchange.reply if exchange is not None else None
         if reply is not None:
-            self._told = bool(self._sensors) and self._sensors.issuperset(reply.ids)
+            self._sensor_read = bool(self._sensors) and self._sensors.issuperset(reply.ids)
             reply.end()
             self.strays += reply.strays
             if self._leaving and reply.answered.any():
@@ -178,21 +183,21 @@ class HalfDuplexTransactor:
         """Classify bytes that came after the last transaction had ended."""
         self._judge(Framer(status=None).feed(self._late), bytes(self._late))
         self._late.clear()
-        if self._told:
+        if self._sensor_read:
             self.strays = 0
 
     def _judge(self, packets: Sequence[Packet], first: bytes) -> None:
-        """`first`: what came first in this window; where our own packets stand there, they are an echo."""
+        """Classify packets outside a reply. `first`: first bytes of the window; sent ones there are echo."""
         sent = b"".join(self._out)
         own = Framer(status=False).feed(sent)
-        ours = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
-        if own and ours and list(packets[: len(own)]) == own:
+        returned = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
+        if own and returned and list(packets[: len(own)]) == own:
             self.echo = True
             packets = packets[len(own) :]
             self.strays -= len(sent)
-        told = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
-        self.late += [len(each.data) for each in told]
-        self.strays = max(0, self.strays - sum(each.octets for each in told))
+        unrequested = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
+        self.late += [len(each.data) for each in unrequested]
+        self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
         known = self._owed.keys() | self._sensors
         self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
 
@@ -203,7 +208,10 @@ class HalfDuplexTransactor:
         self._owed.update(dict.fromkeys(missed, self.sent + LATE))
 
     def _past_echo(self, reply: PendingReply) -> bool:
-        """Take our own bytes off the front; others than ours belong to the answer."""
+        """Remove the echo from the front; return True once it is complete.
+
+        Bytes that differ from the sent ones belong to the reply: the adapter's echo has ended.
+        """
         sent = b"".join(self._out)
         left = len(sent) - len(self._echoed)
         if left:

@@ -1,9 +1,9 @@
-"""What each operating mode is commanded by, in which unit, and what bounds it. Pure.
+"""Operating modes: goal register, unit and bounds of each. Pure.
 
-Modes may differ from device to device of one bus: each speaks its own unit. A mode is EEPROM (register 11):
-nothing here changes one, for that needs the torque off and drops the joint.
+Modes may differ between the devices of one bus; each goal has the unit of its mode. The mode is EEPROM
+(register 11). No code here changes it: that needs torque off and drops the joint.
 
-| mode | goal | unit | the servo's own fence | our fence (WIRE_CLAMP) | before torque |
+| mode | goal | unit | bound of the servo | bound of twind (WIRE_CLAMP) | before torque |
 |---|---|---|---|---|---|
 | 0 current | 102, 2 bytes | count | +-current limit (38) | lower..upper within +-(38) | goal 0 |
 | 1 velocity | 104, 4 bytes | 0.229 rpm | +-velocity limit (44) | lower..upper within +-(44) | goal 0 |
@@ -12,9 +12,9 @@ nothing here changes one, for that needs the torque off and drops the joint.
 | 5 current-based | 116, 4 bytes | tick | as in mode 4 | as in mode 4 | cap in 102, 100 = its limit (36) |
 
 Profile acceleration (108) acts in all of them but mode 0, profile velocity (112) in 3, 4 and 5 only. Mode 16
-(PWM) is not driven: nothing bounds what it does. Source: e-manual, control table pages of the X series,
-"Operating Mode (11)", "Goal Current (102)", "Goal Velocity (104)", "Goal Position (116)", "Min/Max Position
-Limit (48, 52)", "Profile Acceleration (108)". Addresses are the X series'; a model's own are in its table.
+(PWM) is not driven: no register bounds its speed or current. Source: e-manual, control table pages of the X
+series, "Operating Mode (11)", "Goal Current (102)", "Goal Velocity (104)", "Goal Position (116)", "Min/Max
+Position Limit (48, 52)", "Profile Acceleration (108)". Addresses are those of the X series.
 """
 
 from collections.abc import Mapping
@@ -28,16 +28,16 @@ GOALS = ("goal_current", "goal_velocity", "goal_position")
 
 @dataclass(frozen=True, slots=True)
 class OperatingMode:
-    """One operating mode."""
+    """Operating mode with its goal register and limit register."""
 
     number: int  # of register 11
     name: str
-    goal: str  # the register that commands it
+    goal: str  # goal register
     limit: str | None  # the register that bounds the goal's magnitude; None: not one register
 
     @property
     def rests_at_zero(self) -> bool:
-        """Goals are speeds or currents: 0 is at rest. Else they are positions."""
+        """Return True if goals are speeds or currents, with 0 at rest; False for positions."""
         return self.goal != "goal_position"
 
 
@@ -57,9 +57,9 @@ CURRENT_BASED = 5
 
 
 def mode_of(where: str, table: ControlTable, number: int) -> OperatingMode:
-    """The mode of that number, if the model has it and we drive it. `where`: for the error.
+    """Return the mode of that number. `where`: start of the error message.
 
-    Raises ValueError.
+    Raises ValueError if the model lacks the mode or it is not driven here.
     """
     if table.facts.undriven:
         raise ValueError(f"{where}: {table.model} is not driven here: {table.facts.undriven}")
@@ -79,10 +79,10 @@ def mode_of(where: str, table: ControlTable, number: int) -> OperatingMode:
 
 
 def check_bounds(where: str, table: ControlTable, mode: OperatingMode, lower: int, upper: int) -> None:
-    """Raises ValueError for bounds that this mode cannot have.
+    """Raise ValueError for bounds that this mode cannot have.
 
-    Speeds and currents need 0 inside (a device must be able to rest); outside mode 3 nothing may be
-    beyond what the goal register takes. In mode 3 the servo's own limits hold as well.
+    Bounds of speeds and currents must contain 0, so that a device can rest. Outside mode 3 bounds must be
+    inside the range of the goal register. In mode 3 the servo's own limits hold as well.
     """
     if mode.rests_at_zero and not lower <= 0 <= upper:
         raise ValueError(f"{where}: bounds {lower}..{upper} of mode {mode.number} must hold 0, to rest")
@@ -90,12 +90,12 @@ def check_bounds(where: str, table: ControlTable, mode: OperatingMode, lower: in
     if mode.number != POSITION and not (least <= lower and upper <= most):
         raise ValueError(
             f"{where}: bounds {lower}..{upper} of mode {mode.number} leave {least}..{most}, "
-            f"what {table.model} takes as {mode.goal}"
+            f"the range of {mode.goal} of {table.model}"
         )
 
 
 def check_cap(where: str, table: ControlTable, mode: OperatingMode, cap: int | None) -> None:
-    """Raises ValueError: mode 5 without a cap in 1..largest goal current, or a cap in another mode."""
+    """Raise ValueError for mode 5 without a cap in 1..largest goal current, or a cap in another mode."""
     if mode.number != CURRENT_BASED:
         if cap is not None:
             raise ValueError(f"{where}: a current cap belongs to mode 5, not to mode {mode.number}")
@@ -106,7 +106,7 @@ def check_cap(where: str, table: ControlTable, mode: OperatingMode, cap: int | N
 
 
 def block(table: ControlTable, *names: str) -> RegisterBlock:
-    """From the first of `names` to the end of the last. Raises KeyError."""
+    """Return the block from the first of `names` to the end of the last. Raises KeyError."""
     first = table[names[0]]
     last = table[names[-1]]
     return RegisterBlock(first.address, last.end - first.address)
@@ -115,9 +115,10 @@ def block(table: ControlTable, *names: str) -> RegisterBlock:
 def fences(
     table: ControlTable, mode: OperatingMode, lower: int, upper: int, cap: int | None
 ) -> dict[RegisterBlock, tuple[int, int]]:
-    """What each goal register of a device may ever be sent; a register whose range is empty takes nothing.
+    """Return the range of words permitted in each goal register; an empty range (0..-1) permits none.
 
-    Only the goal of its own mode is written. Goal current is a cap in mode 5 and without effect in 1, 3, 4.
+    Only the goal of the device's mode is written. Goal current is a cap in mode 5 and has no effect in modes
+    1, 3 and 4.
     """
     found: dict[RegisterBlock, tuple[int, int]] = {}
     for name in GOALS:

@@ -2,7 +2,7 @@
 
 `FF FF FD 00 | ID | LEN_L LEN_H | INST | params ... | CRC_L CRC_H`, little-endian; LEN = params + 3. Over INST
 and the params an FD is inserted after every `FF FF FD`; LEN and CRC are of the stuffed bytes (e-manual,
-"Protocol 2.0"). Fast replies are not stuffed: `Framer` does not look for them, who asked knows their layout.
+"Protocol 2.0"). Fast replies are not stuffed; `Framer` skips them, since only the request gives their layout.
 """
 
 from collections.abc import Mapping, Sequence
@@ -81,17 +81,17 @@ def explain(error: int) -> str:
 
 
 def stuff(body: Bytes) -> bytes:
-    """INST and params as they go on the wire: FD after every FF FF FD."""
+    """Return INST and params as sent: with FD after every FF FF FD."""
     return bytes(body).replace(PATTERN, STUFFED)
 
 
 def unstuff(body: Bytes) -> bytes:
-    """The inverse of `stuff`."""
+    """Return the bytes without stuffing: the inverse of `stuff`."""
     return bytes(body).replace(STUFFED, PATTERN)
 
 
 def instruction(id: int, code: int, params: Bytes = b"") -> bytes:
-    """One packet, stuffed, with LEN and CRC. `id` 0..252 or 254 (broadcast)."""
+    """Build one packet, stuffed, with LEN and CRC. Raises ValueError for an id not 0..252 or 254."""
     if not (0 <= id <= LAST_ID or id == BROADCAST):
         raise ValueError(f"id {id} is not one of 0..{LAST_ID} or {BROADCAST} (broadcast)")
     body = stuff(bytes((code,)) + params)
@@ -110,27 +110,27 @@ def ping(id: int) -> bytes:
 
 
 def read(id: int, address: int, size: int) -> bytes:
-    """`size` bytes from `address` of one device."""
+    """Build a read of `size` bytes from `address` of one device."""
     return instruction(id, Instruction.READ, _span(address, size))
 
 
 def write(id: int, address: int, data: Bytes) -> bytes:
-    """`data` to `address` of one device."""
+    """Build a write of `data` to `address` of one device."""
     return instruction(id, Instruction.WRITE, address.to_bytes(2, "little") + data)
 
 
 def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
-    """The same block of several devices; each answers with a status of its own, in this order."""
+    """Build a read of the same block of several devices; each sends its own status, in this order."""
     return instruction(BROADCAST, Instruction.SYNC_READ, _span(address, size) + bytes(ids))
 
 
 def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
-    """As `sync_read`, answered by one joint status."""
+    """Build a fast sync read: as `sync_read`, with one common status."""
     return instruction(BROADCAST, Instruction.FAST_SYNC_READ, _span(address, size) + bytes(ids))
 
 
 def sync_write(address: int, rows: Mapping[int, Bytes]) -> bytes:
-    """Data of one size to the same address of several devices. Never answered."""
+    """Build a write of one size to the same address of several devices. No reply follows."""
     sizes = {len(data) for data in rows.values()}
     if len(sizes) != 1:
         raise ValueError(f"a sync write needs data of one size, got sizes {sorted(sizes)}")
@@ -139,25 +139,25 @@ def sync_write(address: int, rows: Mapping[int, Bytes]) -> bytes:
 
 
 def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """A block (address, size) of its own of each device; each answers with a status, in this order."""
+    """Build a read of a separate block (address, size) per device; each sends a status, in this order."""
     return instruction(BROADCAST, Instruction.BULK_READ, _spans(spans))
 
 
 def fast_bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """As `bulk_read`, answered by one joint status."""
+    """Build a fast bulk read: as `bulk_read`, with one common status."""
     return instruction(BROADCAST, Instruction.FAST_BULK_READ, _spans(spans))
 
 
 def reboot(id: int) -> bytes:
-    """Restart one device."""
+    """Build a restart of one device."""
     return instruction(id, Instruction.REBOOT)
 
 
 def fast_status(rows: Sequence[tuple[int, int, Bytes]], promised: int) -> list[bytes]:
-    """What each device of a fast reply puts on the wire, in order: rows of (error, id, data).
+    """Build the parts of a fast reply, one per device, from rows of (error, id, data).
 
-    `promised` is the LEN of the whole reply as the first device announces it, sum(len(data) + 4) + 1 over all
-    devices that were asked, also those that stay silent. Not stuffed; every CRC is over all bytes before it.
+    `promised` is the LEN of the whole reply as the first device announces it: sum(len(data) + 4) + 1 over all
+    devices in the request, also silent ones. Not stuffed; every CRC covers all bytes before it.
     """
     chunks: list[bytes] = []
     sent = b""
@@ -184,7 +184,7 @@ def _spans(spans: Mapping[int, tuple[int, int]]) -> bytes:
 
 
 class Packet(NamedTuple):
-    """One packet found in a stream, params unstuffed."""
+    """Packet found in a stream, params unstuffed."""
 
     id: int
     instruction: int
@@ -203,16 +203,16 @@ class Packet(NamedTuple):
 
     @property
     def octets(self) -> int:
-        """Bytes that it took on the wire, stuffing included."""
+        """Bytes of the packet on the wire, stuffing included."""
         return len(stuff(bytes((self.instruction,)) + self.params)) + OVERHEAD - 1
 
 
 class Framer:
-    """Finds packets in a stream of untrusted bytes. Never raises, never holds more than `CAPACITY` bytes.
+    """Search for packets in a stream of untrusted bytes. Never raises, holds at most `CAPACITY` bytes.
 
-    `status` chooses the direction: True finds statuses only, False everything else, None both (but no fast
-    reply: its layout is its asker's). Every header in the buffer is tried, so a false one in garbage delays
-    no true one. `broken` also reports whole packets with a wrong CRC.
+    `status` chooses the direction: True finds statuses only, False everything else, None both. It finds no
+    fast reply, whose layout only the request gives. Every header in the buffer is tried, so a false one in
+    garbage delays no true one. `broken` also reports whole packets with a wrong CRC.
     """
 
     def __init__(self, *, status: bool | None, broken: bool = False) -> None:
@@ -231,7 +231,7 @@ class Framer:
         self.buffer.clear()
 
     def feed(self, data: Bytes) -> list[Packet]:
-        """Packets that `data` completes, in order."""
+        """Return the packets that `data` completes, in order."""
         found: list[Packet] = []
         view = memoryview(data)
         while len(view):

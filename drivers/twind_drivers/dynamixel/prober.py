@@ -32,7 +32,7 @@ class ProbeWindow:
         self.strays = 0
         self.whole = False
         self.first = b""
-        self.unasked: Sequence[Packet] = ()  # nothing is: all that comes is kept
+        self.unasked: Sequence[Packet] = ()  # always empty: all received packets are kept
         self.heard = self.answered = np.zeros(0, np.bool_)
         self.error = self.data = np.zeros(0, np.uint8)
         self.statuses: list[Packet] = []
@@ -44,7 +44,7 @@ class ProbeWindow:
         """Do nothing: each window is used once."""
 
     def receive_buffer(self) -> memoryview:
-        """Where the next bytes go."""
+        """Return the buffer for the next bytes."""
         return self._buffer
 
     def take(self, count: int) -> bool:
@@ -61,10 +61,10 @@ class ProbeWindow:
 
 
 class Prober:
-    """One port at one baud rate. Every method may raise PortError."""
+    """Prober of one port at one baud rate. Every method may raise PortError."""
 
     def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
-        """`timer` (s): the adapter's latency timer, which every window is longer by."""
+        """Make the prober; `timer` (s): the adapter's latency timer, by which every window is longer."""
         self.transport = transport
         self.baud = baud
         self.echo = False  # the adapter returns what is sent; known after the first answer
@@ -75,7 +75,7 @@ class Prober:
         )
 
     def roll_call(self, last: int = LAST_ID) -> BroadcastPingReply:
-        """A broadcast ping, waited for until the slot of id `last` is over."""
+        """Send a broadcast ping and wait until the slot of id `last` is over."""
         call = BroadcastPingReply(last)
         request = packet.ping(packet.BROADCAST)
         self._line.slack = self._slack + call.window
@@ -86,15 +86,15 @@ class Prober:
 
     def ping(self, id: int) -> ProbeWindow:
         """Ping this id; return every device that answers."""
-        return self._ask(packet.ping(id), 3)
+        return self._exchange(packet.ping(id), 3)
 
     def read(self, id: int, address: int, size: int) -> ProbeWindow:
         """Read `size` bytes from `address` at this id; return every device that answers."""
-        return self._ask(packet.read(id, address, size), size)
+        return self._exchange(packet.read(id, address, size), size)
 
     def old_ping(self) -> ProbeWindow:
-        """A protocol 1.0 ping to all: devices of protocol 2.0 take it for noise."""
-        return self._ask(OLD_PING, 0)
+        """Send a protocol 1.0 ping to all: devices of protocol 2.0 take it for noise."""
+        return self._exchange(OLD_PING, 0)
 
     def listen(self, seconds: float) -> int:
         """Collect bytes that come without a request."""
@@ -102,14 +102,14 @@ class Prober:
         self._clock.sleep_until(self._clock.now() + seconds)
         return self.transport.drain()
 
-    def _ask(self, request: bytes, size: int) -> ProbeWindow:
-        heard = ProbeWindow(2 * (STATUS_OVERHEAD + size))
-        self._wait(SerialTransaction(request, heard, 2))
-        if heard.raw.startswith(request):
+    def _exchange(self, request: bytes, size: int) -> ProbeWindow:
+        window = ProbeWindow(2 * (STATUS_OVERHEAD + size))
+        self._wait(SerialTransaction(request, window, 2))
+        if window.raw.startswith(request):
             self.echo = True
-            heard.strays -= len(request)
-            del heard.raw[: len(request)]
-        return heard
+            window.strays -= len(request)
+            del window.raw[: len(request)]
+        return window
 
     def _wait(self, exchange: SerialTransaction) -> None:
         self._line.send(exchange, self._clock.now())

@@ -1,8 +1,8 @@
 """Restoring of the RAM settings of one device: after a restart, and after a temporary mode.
 
-RAM falls back to its defaults by a restart (e-manual, "Reboot"; which registers: control table pages, "RAM
-area"). Gains, profile and goal limits fall back by a change of mode ("Operating Mode"). Torque, goals and the
-bus watchdog are not restored: a caller that needs torque prepares for it anew.
+A restart resets RAM to its defaults (e-manual, "Reboot"; registers: control table pages, "RAM area"). A
+change of mode resets gains, profile and goal limits ("Operating Mode"). Torque, goals and the bus watchdog
+are not restored: a caller that needs torque prepares for it anew.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from twind_drivers.dynamixel.control_tables import TableRegister
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.servo_command_state import ServoCommandState
 
-BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
+BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz; a servo is off the bus some 0.1 s
 
 RESTORED = (
     "led",
@@ -41,13 +41,14 @@ RESTORED = (
     "profile_acceleration",
     "profile_velocity",
 )
-OFF = ("torque_enable", "bus_watchdog")  # what must read 0 afterwards
+OFF = ("torque_enable", "bus_watchdog")  # registers that must read 0 afterwards
 
 
 def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: bool) -> Script[RestartResult]:
     """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
 
-    `shut_down`: torque reads on, but the hardware error (70) has taken it; refused where that error reads 0.
+    `shut_down`: torque enable reads on, but the hardware error (70) has switched the output off. Refused if
+    that error reads 0: a restart would then drop the load.
     """
     fields = settings(servo)
     state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
@@ -61,7 +62,7 @@ def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: boo
 def give_back(
     reader: DynamixelReader, servo: ServoCommandState, before: Mapping[str, int]
 ) -> Script[RestartResult]:
-    """RAM settings of a device without torque as they were `before`, read back. Raises NoReply."""
+    """Restore the RAM settings `before` on a device without torque and read them back. Raises NoReply."""
     fields = settings(servo)
     fallen = yield from values(reader, servo, fields)
     changed = [field for field in fields if fallen[field.key] != before[field.key]]
@@ -79,7 +80,7 @@ def settings(servo: ServoCommandState) -> list[TableRegister]:
 
 
 def _may_return(servo: ServoCommandState, field: TableRegister, value: int) -> bool:
-    """Goal current is a cap here, of mode 5 at most its own, whatever stood there; `prepare` sets it."""
+    """Return False for a goal current above the cap of mode 5; `prepare` sets that register anew."""
     most = field.bounds[1] if servo.cap is None else servo.cap
     return field.key != "goal_current" or 0 <= value <= most
 
@@ -111,9 +112,9 @@ def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
 
 
 def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
-    """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot.
+    """Switch torque and watchdog off and read them back. Raises DeviceRefused, NoReply.
 
-    Raises DeviceRefused, NoReply.
+    Startup configuration (60) can switch torque on at boot, so a restart alone does not remove it.
     """
     fields = [servo.table[name] for name in OFF]
     state = yield from values(reader, servo, fields)
@@ -129,7 +130,7 @@ def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
 def values(
     reader: DynamixelReader, servo: ServoCommandState, fields: list[TableRegister]
 ) -> Script[dict[str, int]]:
-    """Registers by key, in one transaction."""
+    """Read registers in one transaction; return their values by key."""
     first = min(field.address for field in fields)
     end = max(field.end for field in fields)
     raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]

@@ -26,7 +26,7 @@ class RegisterRule:
     upper: int | None = None
     default: int | None = 0  # after power-up (RAM) or factory reset (EEPROM); None: not known here
     limit: str | None = None
-    values: frozenset[int] | None = None  # the only ones that are taken; None: all in the range
+    values: frozenset[int] | None = None  # the only permitted ones; None: all in the range
 
 
 READ_ONLY = RegisterRule(writable=False)
@@ -107,7 +107,7 @@ P: Mapping[str, RegisterRule] = {  # and PRO -R(A), RH-P12-RN(A)
 
 
 def rule(stem: str, key: str) -> RegisterRule:
-    """The rule of register `key` of the model whose table is `stem` ("xm430_w350"). Unknown: any value."""
+    """Return the rule of register `key` of the model of table `stem` ("xm430_w350"). Unknown: any value."""
     key = _numberless(key)
     if base(stem) in FACTORY:
         return _rules(base(stem)).get(key, ANY)
@@ -134,7 +134,7 @@ def _rules(stem: str) -> Mapping[str, RegisterRule]:
         found[key] = replace(series[key], default=default)
     feed = None if None in made.gains else 0  # the pages leave both open, or neither
     found.update(dict.fromkeys(FEEDS, replace(series[GAINS[0]], default=feed)))
-    if series is P:  # what its goals boot with, no page says
+    if series is P:  # no page states the goals after power-up
         for key in ("goal_pwm", "goal_velocity", "goal_current"):
             found[key] = replace(found[key], default=None)
     if stem == "rh_p12_rn":  # the gripper
@@ -145,7 +145,7 @@ def _rules(stem: str) -> Mapping[str, RegisterRule]:
 
 
 def _limits(made: FactoryDefaults, pwm: int) -> dict[str, RegisterRule]:
-    """The registers whose range or default is the model's own."""
+    """Return the rules of registers whose range or default is specific to the model."""
     low, high = made.position
     volts = RegisterRule(lower=made.volts[0], upper=made.volts[1])
     least = made.volts[0] if made.volts_least is None else made.volts_least

@@ -1,12 +1,12 @@
-"""A device on a servo bus that only tells: a block of its registers, read beside the cyclic reading. Pure.
+"""Read-only sensor on a servo bus: a block of its registers, read beside the cyclic reading. Pure.
 
-It is no servo: it has no control table of ours, nobody pings it. One that fails again and again is parked:
-probed ever more rarely. So is, at once, one whose late answer spoilt a reading of the servos.
+It is no servo: it has no control table here and gets no pings. A sensor that fails repeatedly is parked:
+probed ever more rarely. One whose late reply spoils a reading of the servos is parked at once.
 
-An answer may come late, when the next one is due. So after a miss it is asked for fewer bytes, each time
-another number, until two were answered in a row and as much time has passed as the latest answer took; or the
-late answer itself came. A late one is known by its length. What this cannot tell: of a device that does not
-answer in order, the first answer that is later than all before it.
+A reply may come late, when the next one is due. After a miss each request therefore reads fewer bytes, each
+time another number. Whole reads return after two replies in a row and as much time as the latest reply took,
+or when the late reply has come. A late reply is recognised by its length. One case remains undetected: from a
+sensor that does not reply in order, the first reply that is later than all before it.
 """
 
 from collections import deque
@@ -20,18 +20,16 @@ from numpy.typing import NDArray
 from twind_drivers.bus import Floats, ReadRequest, RequestReply
 from twind_drivers.device_presence import FIRST, MISSES, PROBE
 
-SHORTER = 8  # so many lengths are told apart
-PROOFS = 2  # short answers in a row: after them nothing older is under way
-WINDOW = 1.0  # s: `MISSES` failures in so long, and it is parked
-LATE = 1.0  # s that an answer may be late and is still known as one
-RAREST = (
-    16.0  # s between probes of one that spoils readings of the servos; twice as long each time until then
-)
+SHORTER = 8  # number of lengths that distinguish late replies
+PROOFS = 2  # short replies in a row after which no older one is under way
+WINDOW = 1.0  # s: `MISSES` failures within it park the sensor, else each would cost the tick its timeout
+LATE = 1.0  # s: a reply later than this counts as foreign
+RAREST = 16.0  # s, longest time between probes of a sensor that spoils servo readings; it doubles up to this
 
 
 @dataclass(frozen=True, slots=True)
 class SensorField:
-    """`count` numbers side by side at `address`; `kind` as numpy spells it: `<i2`."""
+    """Field of `count` adjacent numbers at `address`. `kind`: their numpy type, such as `<i2`."""
 
     address: int
     kind: str
@@ -39,12 +37,12 @@ class SensorField:
 
     @property
     def end(self) -> int:
-        """The address behind the last."""
+        """First address behind the field."""
         return self.address + self.count * np.dtype(self.kind).itemsize
 
 
 class Sensor:
-    """One device. Times in s."""
+    """Request state of one sensor. Times in s."""
 
     def __init__(self, id: int, fields: Sequence[SensorField]) -> None:
         self.id = id
@@ -54,11 +52,11 @@ class Sensor:
         most = min(SHORTER, self._whole.size - 1)
         self._short = [ReadRequest((id,), first, size) for size in range(1, most + 1)]
         self._turn = 0  # of the short ones
-        self._asked: ReadRequest | None = None
+        self._requested: ReadRequest | None = None
         self._sent = -inf
-        self._owed: list[tuple[float, int]] = []  # s and bytes of questions that may still be answered
+        self._owed: list[tuple[float, int]] = []  # time (s) and bytes of requests whose reply may still come
         self._proofs = PROOFS
-        self._longest = 0.0  # s that an answer took, of those that came late
+        self._longest = 0.0  # s, longest time that a late reply took
         self._failures: deque[float] = deque(maxlen=MISSES)  # s, the last ones
         self._failed_at = -inf
         self._parked = False
@@ -68,40 +66,40 @@ class Sensor:
 
     @property
     def query(self) -> ReadRequest:
-        """The whole block."""
+        """Read of the whole block."""
         return self._whole
 
     @property
     def parked(self) -> bool:
-        """It failed again and again, or spoilt a reading, and is probed only."""
+        """Return True if the sensor failed repeatedly or spoilt a reading, and only probes are sent."""
         return self._parked
 
     def calm(self, now: float, seconds: float) -> bool:
-        """It has answered for so long, and nothing was wrong."""
+        """Return True if the sensor has replied for `seconds` without a fault."""
         return not self._parked and now - self._failed_at >= seconds
 
     def ask(self, now: float) -> ReadRequest | None:
-        """What to ask now; None: it is left alone for a while. `take` must follow."""
+        """Return the request that is due; None: none now. `take` must follow."""
         if self._parked:
             if now < self._due:
                 return None
             self._rest(now)
-        self._asked = self._whole
+        self._requested = self._whole
         self._sent = now
         if self._doubts(now):
-            self._asked = self._short[self._turn]
+            self._requested = self._short[self._turn]
             self._turn = (self._turn + 1) % len(self._short)
-        return self._asked
+        return self._requested
 
     def take(self, reply: RequestReply, now: float) -> list[Floats] | None:
-        """The numbers of each field, raw; None: it did not answer, or answered to less than all."""
-        asked = self._asked
-        self._asked = None
-        if asked is None:
+        """Return the numbers of each field (count,), raw; None: no reply, or one to a shortened request."""
+        request = self._requested
+        self._requested = None
+        if request is None:
             return None
         data = reply.data.get(self.id)
-        if data is None or len(data) != asked.size:
-            self._owed.append((self._sent, asked.size))
+        if data is None or len(data) != request.size:
+            self._owed.append((self._sent, request.size))
             self._proofs = 0
             self._fail(now)
             return None
@@ -109,28 +107,28 @@ class Sensor:
         if now - self._failed_at > max(WINDOW, self._pause):
             self._pause = FIRST
             self._most = PROBE
-        if asked is self._whole:
+        if request is self._whole:
             self._proofs = PROOFS
             return self._decoded(data)
         self._proofs += 1
         return None
 
     def late(self, size: int, now: float) -> bool:
-        """Its status of `size` bytes came out of its turn; True: it is the answer to an earlier question."""
-        for place, (sent, asked) in enumerate(self._owed):
-            if asked == size:
-                del self._owed[: place + 1]  # answers come in their order
+        """Record a status of `size` bytes out of turn; return True if it replies to an earlier request."""
+        for place, (sent, requested) in enumerate(self._owed):
+            if requested == size:
+                del self._owed[: place + 1]  # replies come in order
                 self._longest = max(self._longest, min(now - sent, LATE))
                 return True
         return False
 
     def owes(self, now: float) -> bool:
-        """A question was not answered, and may still be."""
+        """Return True if the reply to an earlier request may still come."""
         self._owed = [(sent, size) for sent, size in self._owed if now - sent < LATE]
         return bool(self._owed)
 
     def spoil(self, now: float) -> None:
-        """Its late answer cost the servos a reading: parked at once, for longer each time."""
+        """Park the sensor at once, longer each time: its late reply cost the servos a reading."""
         self._owed.clear()
         self._most = RAREST
         self._failed_at = now
@@ -139,15 +137,15 @@ class Sensor:
         self._parked = True
 
     def forget(self) -> None:
-        """The port was closed: nothing is on its way any more."""
-        self._asked = None
+        """Drop expected replies after the port was closed."""
+        self._requested = None
         self._proofs = PROOFS
         self._parked = False
         self._owed.clear()
         self._failures.clear()
 
     def _doubts(self, now: float) -> bool:
-        """The answer to an earlier question may be on its way."""
+        """Return True if the reply to an earlier request may be under way."""
         if self._proofs >= PROOFS and now - self._failed_at >= self._longest:
             self._owed.clear()
         return self.owes(now)
@@ -168,7 +166,7 @@ class Sensor:
 
 
 def decoded(data: bytes, at: int, kind: str, count: int) -> Floats:
-    """`count` numbers from byte `at` of `data` on, raw."""
-    with np.errstate(invalid="ignore"):  # a NaN may signal
+    """Return `count` raw numbers (count,) from byte `at` of `data`."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN would raise a warning
         raw: NDArray[np.float64] = np.frombuffer(data, kind, count, at).astype(np.float64)
     return raw

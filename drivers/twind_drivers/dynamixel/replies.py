@@ -1,7 +1,8 @@
-"""Replies to requests: their form, and finding them in untrusted bytes (RX_SHAPE). Pure: no I/O, no clock.
+"""Replies to requests: their form, and their search in untrusted bytes (RX_SHAPE). Pure: no I/O, no clock.
 
-A reply owns one fixed buffer. The code that does the I/O reads into `room()` and calls `take(count)`; when
-done, or at the deadline, `end()`. Then `heard`, `error` and `data` hold the answers, in the order of `ids`.
+A reply owns one fixed buffer. The code that does the I/O reads into `receive_buffer()` and calls
+`take(count)`; when done, or at the deadline, `end()`. Then `heard`, `error` and `data` hold the replies, in
+the order of `ids`.
 """
 
 from collections.abc import Sequence
@@ -23,46 +24,46 @@ from twind_drivers.dynamixel.packet import (
 )
 
 Octets = NDArray[np.uint8]
-FAILED = 0x7F  # bits of the error byte: a number that says why it was not done; bit 7 is the alert
+FAILED = 0x7F  # bits of the error byte: number of the reason of a failure; bit 7 is the alert (e-manual)
 
 
 class PendingReply(Protocol):
-    """A reply under way."""
+    """Reply under way."""
 
     ids: tuple[int, ...]
     size: int  # data bytes of each device
     expected: int  # bytes of the whole reply, nothing stuffed
-    heard: NDArray[np.bool_]  # (m,) its data came whole, and not as part of an error
-    error: Octets  # (m,) error byte of each status; also of one that carried no data; 0: none came
-    data: Octets  # (m, size), zero where not heard; valid until the next `start`
+    heard: NDArray[np.bool_]  # (m,) data received whole, and not as part of an error
+    error: Octets  # (m,) error byte of each status, with or without data; 0: no status
+    data: Octets  # (m, size), zero where `heard` is False; valid until the next `start`
     answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
-    whole: bool  # everybody was heard
-    strays: int  # bytes that were no part of it
+    whole: bool  # `heard` of all devices
+    strays: int  # received bytes that are no part of the reply
     unasked: Sequence[Packet]  # whole sound packets among those
-    first: bytes  # what came first, if it was not all as usual (an echo of the request begins there)
+    first: bytes  # first bytes of an irregular reply (an echo of the request begins there)
 
     def start(self) -> None:
-        """Forget the last one."""
+        """Discard the previous reply."""
 
     def receive_buffer(self) -> memoryview:
-        """Where the next bytes go; never empty before it is done."""
+        """Return the buffer for the next bytes; never empty before the reply is complete."""
 
     def take(self, count: int) -> bool:
-        """`count` bytes were put into `room()`; True when nothing more can come."""
+        """Process `count` bytes put into `receive_buffer()`; True when the reply is complete."""
 
     def end(self) -> None:
-        """No more bytes: settle what was heard."""
+        """Settle the result: no more bytes follow."""
 
 
 def _check_ids(ids: Sequence[int], expected: int) -> None:
     if expected > CAPACITY:
         raise ValueError(
-            f"a reply of {len(ids)} devices would be {expected} bytes, more than {CAPACITY}: ask fewer"
+            f"a reply of {len(ids)} devices would be {expected} bytes, more than {CAPACITY}: request fewer"
         )
 
 
 def _row(stride: int) -> np.dtype[np.void]:
-    """One status as a record: its first 8 bytes as one number, the error byte, the CRC."""
+    """Return the record type of a status: its first 8 bytes as one number, the error byte, the CRC."""
     fields: Any = {
         "names": ["head", "error", "crc"],
         "formats": ["<u8", "u1", "<u2"],
@@ -74,12 +75,12 @@ def _row(stride: int) -> np.dtype[np.void]:
 
 
 def _status_head(id: int, size: int) -> bytes:
-    """The first 8 bytes of a status of `size` data bytes."""
+    """Return the first 8 bytes of a status of `size` data bytes."""
     return HEADER + bytes((id,)) + (size + 4).to_bytes(2, "little") + bytes((STATUS,))
 
 
 class StatusReply:
-    """One status per device, `size` data bytes each: of a sync read, or of anything sent to one device.
+    """Reply of one status per device, `size` data bytes each: to a sync read, or to a single device.
 
     The usual case, all rows whole and none stuffed, is checked in a few numpy calls. Everything else (stuffed
     rows, a missing device, noise) goes through the framer.
@@ -111,7 +112,7 @@ class StatusReply:
         self.start()
 
     def start(self) -> None:
-        """Forget the last one."""
+        """Discard the previous reply."""
         self._got = self.strays = 0
         self._framing = self.whole = False
         self.first = b""
@@ -121,11 +122,11 @@ class StatusReply:
             self.unasked = ()
 
     def receive_buffer(self) -> memoryview:
-        """Where the next bytes go."""
+        """Return the buffer for the next bytes."""
         return self._view if self._framing else self._view[self._got :]
 
     def take(self, count: int) -> bool:
-        """Count them in; look only once there may be enough."""
+        """Process `count` bytes; they are checked only once the reply may be complete."""
         if self._framing:
             return self._frame(count)
         self._got += count
@@ -134,7 +135,7 @@ class StatusReply:
         return self._is_complete() or self._reframe()
 
     def end(self) -> None:
-        """Settle what was heard."""
+        """Settle the result."""
         if not (self.whole or self._framing):
             self._reframe()
         if self._framing:
@@ -143,7 +144,7 @@ class StatusReply:
             self.whole = bool(self.heard.all())
 
     def _is_complete(self) -> bool:
-        """All rows are there, in order, intact; what follows them is stray."""
+        """Return True if all rows are present, in order and intact; bytes behind them are stray."""
         if np.count_nonzero(self._heads != self._head) or self._bytes.find(STUFFED, 0, self.expected) >= 0:
             return False
         if np.count_nonzero(self._crcs != self._crc(self._checked)):
@@ -167,7 +168,7 @@ class StatusReply:
         self._framer.clear()
 
     def _reframe(self) -> bool:
-        """From here on by the framer, beginning with what is in the buffer."""
+        """Pass the buffer and all later bytes through the framer."""
         self._framing, self.first = True, bytes(self._view[: self._got])
         self._spare.fill(0)
         self.error = np.zeros(len(self.ids), np.uint8)
@@ -202,11 +203,11 @@ class StatusReply:
 
 
 class FastSyncReadReply:
-    """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
+    """Common status of a fast sync read: not stuffed, each block's CRC covers all bytes before it.
 
-    A missing device ends the reply, so an intact prefix is kept: its devices did answer. A device that
-    answered with an error number is not heard. A whole status of another device in the middle of the reply is
-    taken out.
+    A missing device ends the reply (e-manual, "Fast Sync Read"). The intact prefix is kept: the CRC of its
+    last block proves it. Data of a device that reports an error number are dropped. A whole status of another
+    device in the middle of the reply is taken out.
     """
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
@@ -230,12 +231,12 @@ class FastSyncReadReply:
         self.error = np.zeros(count, np.uint8)
         self.data = self._rows[:, 2:-2]
         self._errors = self._rows[:, 0]
-        self._framer = Framer(status=None)  # of what is no part of it
+        self._framer = Framer(status=None)  # for bytes that are no part of the reply
         self.unasked: Sequence[Packet] = ()
         self.start()
 
     def start(self) -> None:
-        """Forget the last one."""
+        """Discard the previous reply."""
         self._got = self.strays = 0
         self._settled = self.whole = False
         self.first = b""
@@ -245,16 +246,16 @@ class FastSyncReadReply:
             self.unasked = ()
 
     def receive_buffer(self) -> memoryview:
-        """Where the next bytes go."""
+        """Return the buffer for the next bytes."""
         return self._view[self._got :]
 
     def take(self, count: int) -> bool:
-        """Count them in; look only once there may be enough."""
+        """Process `count` bytes; they are checked only once the reply may be complete."""
         self._got += count
         return self._got >= self.expected and self._settle(final=False)
 
     def end(self) -> None:
-        """Settle what was heard: the intact prefix."""
+        """Settle the result: the intact prefix."""
         if not self._settled:
             self._settle(final=True)
 
@@ -277,12 +278,12 @@ class FastSyncReadReply:
             self._shift(1)  # a false head
 
     def _interrupted(self) -> bool:
-        """True if another packet lies in between: a second header, or last bytes that may begin one."""
+        """Return True if another packet lies in between: a second header, or the first bytes of one."""
         begins = any(self._view[self._got - n : self._got] == HEADER[:n] for n in range(1, len(HEADER)))
         return begins or self._bytes.find(HEADER, len(HEADER), self._got) >= 0
 
     def _cut_out(self) -> bool:
-        """Take out the first whole status that stands behind the head; False: there is none."""
+        """Take out the first whole status behind the head; return False if there is none."""
         at = self._bytes.find(HEADER, len(HEADER), self._got)
         while at >= 0:
             end = at + 7 + int.from_bytes(self._view[at + 5 : at + 7], "little")
@@ -308,9 +309,9 @@ class FastSyncReadReply:
         self.unasked = (*self.unasked, *self._framer.feed(self._view[first:end]))
 
     def _intact(self) -> int:
-        """Return how many devices' blocks, from the first, are there and right."""
+        """Return the number of intact blocks from the first."""
         there = self._bytes[9 : self.expected : self._stride] if self._got >= self.expected else b""
-        # The last CRC is over all before it, the other CRCs included.
+        # The last CRC covers all bytes before it, the other CRCs included: one check proves all blocks.
         if there == self._wanted and crc16(self._all) == int.from_bytes(self._last, "little"):
             return len(self.ids)
         stride = self._stride
@@ -338,7 +339,7 @@ class FastSyncReadReply:
         return True
 
     def _leave_out_failed(self) -> None:
-        """Mark devices that answered with an error number as not heard."""
+        """Drop the data of devices that reported an error number."""
         failed = (self.error & FAILED) != 0
         if failed.any():
             self.whole, self.answered = False, self.heard.copy()

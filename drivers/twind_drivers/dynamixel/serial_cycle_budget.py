@@ -1,4 +1,4 @@
-"""What a cycle costs on the wire: bytes, seconds, reachable rate, refusal with the arithmetic. Pure.
+"""Cost of a cycle on the wire: bytes, seconds, reachable rate, refusal with the arithmetic. Pure.
 
 10 bits a byte (8N1). Sources: e-manual "Protocol 2.0" for the packet sizes; a return delay counts once per
 status, so N times for a plain sync read and once for a fast one.
@@ -16,49 +16,49 @@ STATE_BLOCK = 7  # torque enable .. hardware error
 WATCHDOG = 1
 HEALTH_BLOCK = 27  # realtime tick .. input voltage, temperature
 INDIRECT_BLOCK = 8  # all of these and nothing between
-# refresh of the slow registers, at least
+# lowest refresh rates of the slow registers
 STATUS_HZ = 20.0
 HEALTH_HZ = 5.0
 
 
 def wire(count: int, baud: int) -> float:
-    """Seconds that `count` bytes take."""
+    """Return the time (s) of `count` bytes on the wire."""
     return count * BITS / baud
 
 
 def sync_request(count: int) -> int:
-    """Bytes of a (fast) sync read request to `count` devices."""
+    """Return the bytes of a (fast) sync read request to `count` devices."""
     return 14 + count
 
 
 def plain_reply(count: int, size: int) -> int:
-    """Bytes of `count` statuses that carry `size` data bytes each."""
+    """Return the bytes of `count` statuses of `size` data bytes each."""
     return count * (11 + size)
 
 
 def fast_reply(count: int, size: int) -> int:
-    """Bytes of one fast reply of `count` devices."""
+    """Return the bytes of one fast reply of `count` devices."""
     return 8 + count * (4 + size)
 
 
 def bulk_request(count: int) -> int:
-    """Bytes of a (fast) bulk read request to `count` devices: each one's own address and size."""
+    """Return the bytes of a (fast) bulk read request to `count` devices, with address and size of each."""
     return 10 + 5 * count
 
 
 def sync_write(count: int, size: int) -> int:
-    """Bytes of a sync write of `size` bytes to each of `count` devices."""
+    """Return the bytes of a sync write of `size` bytes to each of `count` devices."""
     return 14 + count * (1 + size)
 
 
 def slice_bytes(count: int, size: int, *, fast: bool) -> int:
-    """Bytes of one read of `size` bytes of `count` devices, both directions."""
+    """Return the bytes of one read of `size` bytes of `count` devices, both directions."""
     return sync_request(count) + (fast_reply if fast else plain_reply)(count, size)
 
 
 @dataclass(frozen=True, slots=True)
 class SlowReadSchedule:
-    """Round robin of the slow registers: in every `slots` calls all devices' status, one slice of health.
+    """Round robin of the slow registers: in `slots` calls the status of all devices, one slice of health.
 
     Called f times a second, `slots = floor(f / 20 Hz)`; one call in a round reads the health of `health`
     devices (all of them in 4 rounds, 1/5 s), the others the status of all. Below 40 Hz two slots are the
@@ -77,7 +77,7 @@ class SlowReadSchedule:
 
     @property
     def most(self) -> int:
-        """Bytes of its longest slice, both directions."""
+        """Bytes of the longest slice, both directions."""
         fast = self.watch > 0
         rows = [(self.state, STATE_BLOCK if fast else STATUS_BLOCK), (self.health, HEALTH_BLOCK)]
         rows += [(self.watch, WATCHDOG)] if fast else []
@@ -85,7 +85,7 @@ class SlowReadSchedule:
 
 
 def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> SlowReadSchedule:
-    """The round robin that refreshes all at STATUS_HZ and HEALTH_HZ when called `rate_hz`.
+    """Make the round robin that refreshes all registers at STATUS_HZ and HEALTH_HZ with `rate_hz` calls.
 
     `groups`: devices of each register layout; one slice holds devices of one layout.
     """
@@ -102,7 +102,7 @@ def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> Slow
 
 
 def _cut(groups: Sequence[int], turns: int) -> int:
-    """Devices in a slice, so that `turns` slices hold all; more slices where there are more layouts."""
+    """Return the devices per slice, so that `turns` slices hold all; layouts do not share a slice."""
     size = ceil(sum(groups) / turns)
     while size < max(groups, default=0) and sum(ceil(count / size) for count in groups) > turns:
         size += 1
@@ -110,17 +110,17 @@ def _cut(groups: Sequence[int], turns: int) -> int:
 
 
 def indirect_bytes(count: int, rate_hz: float, *, fast: bool) -> int:
-    """What a slice would cost if torque, error, watchdog, tick, voltage and temperature were mapped together.
+    """Return the bytes of a slice if the slow registers were mapped to adjacent indirect addresses.
 
-    8 bytes at the servos' indirect addresses, all of them at STATUS_HZ. Why it is not done:
-    `dynamixel_slow_registers.py`.
+    These are torque, error, watchdog, tick, voltage and temperature, 8 bytes, all read at STATUS_HZ. The
+    reasons against it are in `dynamixel_slow_registers.py`.
     """
     return slice_bytes(ceil(count / max(1, floor(rate_hz / STATUS_HZ + 1e-9))), INDIRECT_BLOCK, fast=fast)
 
 
 @dataclass(frozen=True, slots=True)
 class SerialCycleBudget:
-    """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
+    """Budget of one bus's cycle. `lines`: the arithmetic, for display."""
 
     bytes: int  # of a whole cycle: goals, request, replies, upkeep slice
     seconds: float
@@ -128,7 +128,7 @@ class SerialCycleBudget:
     lines: tuple[str, ...]
 
     def refusal(self, rate_hz: float) -> str | None:
-        """Why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
+        """Return the reason why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
         if self.reachable_hz >= rate_hz:
             return None
         return (
@@ -151,11 +151,11 @@ def budget(
     groups: Sequence[int] = (),
     sensor: tuple[int, float] | None = None,
 ) -> SerialCycleBudget:
-    """The cycle of `count` devices: goals (`write`), cyclic reading, and with `upkeep_hz` its longest slice.
+    """Return the budget of a cycle: goals (`write`), cyclic reading, with `upkeep_hz` the longest slice.
 
-    `groups`: devices of each register layout where there are several: read by bulk read, written in one
-    packet for each. `usb_s`: what the adapter adds to each transaction, s. `sensor`: bytes and return delay
-    (us) of what is read besides. Raises ValueError for no devices or no baud rate.
+    `groups`: devices of each register layout if there are several: read by bulk read, written in one packet
+    for each. `usb_s`: time that the adapter adds to each transaction, s. `sensor`: bytes and return delay
+    (us) of a sensor on the bus. Raises ValueError for no devices or no baud rate.
     """
     if count < 1 or baud < 1:
         raise ValueError(f"a budget needs devices and a baud rate, got {count} and {baud}")
@@ -184,7 +184,7 @@ def budget(
 def _sum(
     rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float, own_us: float
 ) -> SerialCycleBudget:
-    """`own_us`: the return delay of a sensor."""
+    """Add up the rows (text, bytes, return delays). `own_us`: return delay of a sensor."""
     total = sum(size for _, size, _ in rows)
     delays = sum(each for _, _, each in rows)
     seconds = wire(total, baud) + (delays * delay_us + own_us) * 1e-6 + usb_s

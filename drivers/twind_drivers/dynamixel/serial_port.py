@@ -1,6 +1,7 @@
-"""A serial port as a `Transport`: pyserial opens and configures it, then the raw descriptor is used.
+"""Serial port as a `ByteTransport`: pyserial opens and configures it, then the raw descriptor is used.
 
-Opened exclusively: the flock decides (root gets past TIOCEXCL), TIOCEXCL keeps out those who do not ask.
+The port is opened exclusively. The flock decides, since root bypasses TIOCEXCL; TIOCEXCL excludes programs
+that do not use the flock.
 """
 
 import errno
@@ -21,32 +22,32 @@ from twind_drivers.bus import PortError, PortFault, output_full
 from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
-SCRATCH = 4096  # bytes thrown away per read while draining
-TCGETS2 = 0x802C542A  # x86 and ARM; the speed that the kernel really set, in bit/s
+SCRATCH = 4096  # bytes discarded per read while draining
+TCGETS2 = 0x802C542A  # x86 and ARM; reads the speed that the kernel set, in bit/s
 SPEED_AT = 40  # bytes into struct termios2: 4 flags, line, 19 control characters, input and output speed
 BAUD_TOLERANCE = 0.025  # of the rate; a UART of 10 bits a byte loses its place near 5 % of both ends together
 
 
 class SerialTransport:
-    """One open port, 8N1, raw, non-blocking.
+    """Open serial port, 8N1, raw, non-blocking.
 
-    `latency_ms`: the adapter's latency timer as it reads now, ms; None where there is none to read (a pty, an
-    on-board port). `warning`: what is wrong with the port though it works, and the remedy; empty: nothing.
+    `latency_ms`: reading of the adapter's latency timer, ms; None if there is none (a pty, an on-board port).
+    `warning`: a fault under which the port still works, with its remedy; empty: none.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        """Open `path`. Raises PortError that says what is wrong and what to do."""
+        """Open `path`. Raises PortError with cause and remedy."""
         self.name = path
         self.baud = baud
         self._path = os.path.realpath(path)
         self._port = _open(path, baud)
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
-        # A pty keeps the flag while its other side is open, so a killed holder would lock everybody out.
+        # A pty keeps the flag while its other side is open: after a killed holder no program could open it.
         if not self._path.startswith("/dev/pts/"):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
-        self.holds = not self._path.startswith("/dev/pts/")  # a pty hands over at once
-        self._waiting = bytearray(4)  # FIONREAD's and TIOCOUTQ's answer
+        self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
+        self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         try:
             self._check_speed(baud)
@@ -57,11 +58,11 @@ class SerialTransport:
         self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
 
     def fileno(self) -> int:
-        """Descriptor to poll; -1 once closed."""
+        """Return the descriptor to poll; -1 once closed."""
         return self._fd
 
     def arrival(self) -> float:
-        """Unknown: poll tells."""
+        """Return `inf` (unknown): `poll` reports arrivals."""
         return inf
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
@@ -95,7 +96,7 @@ class SerialTransport:
 
     def backlog(self) -> int:
         """Bytes written that have not left yet (TIOCOUTQ). Raises PortError of kind LOST."""
-        return self._ask(termios.TIOCOUTQ, "write")
+        return self._query_kernel(termios.TIOCOUTQ, "write")
 
     def flush(self) -> None:
         """Throw away what has not left yet (TCOFLUSH). Raises PortError of kind LOST."""
@@ -107,10 +108,10 @@ class SerialTransport:
             raise self._make_lost_error("write", OSError(errno.EBADF, "")) from error
 
     def set_baud(self, baud: int) -> None:
-        """Another rate on the same open port; what was under way is lost. Raises PortError."""
+        """Change the rate of the open port; bytes under way are lost. Raises PortError."""
         if baud < 1:  # 0 would hang up
             raise PortError(self.name, f"baud rate {baud} is not supported: it must be positive")
-        self._ask(termios.FIONREAD, "read")  # is it there at all? pyserial's own error would not tell
+        self._query_kernel(termios.FIONREAD, "read")  # a lost port raises here; pyserial's error is ambiguous
         try:
             self._port.baudrate = baud
         except (ValueError, OverflowError, OSError, termios.error) as error:
@@ -119,8 +120,8 @@ class SerialTransport:
         self.baud = baud
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        """Throw away what has arrived; bytes thrown, put into `thrown` too (of a babbling line the last)."""
-        if not self._ask(termios.FIONREAD, "read"):
+        """Discard received bytes; return their number and copy them to `thrown` (the last of a long run)."""
+        if not self._query_kernel(termios.FIONREAD, "read"):
             return 0
         total = 0
         while count := self.read_into(self._scratch):
@@ -132,7 +133,7 @@ class SerialTransport:
         return total
 
     def close(self) -> None:
-        """Let go of the port. May be called twice."""
+        """Release the port. May be called twice."""
         if self._fd >= 0:
             self._fd = -1
             self._port.close()
@@ -144,7 +145,7 @@ class SerialTransport:
             self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", kind=PortFault.LOST
         )
 
-    def _ask(self, question: int, what: str) -> int:
+    def _query_kernel(self, question: int, what: str) -> int:
         try:
             fcntl.ioctl(self._fd, question, self._waiting)
         except OSError as error:
@@ -154,18 +155,18 @@ class SerialTransport:
         return int.from_bytes(self._waiting, sys.byteorder)
 
     def _check_speed(self, baud: int) -> None:
-        """Is the speed that the kernel set the one that was asked for? A driver may round or ignore it."""
+        """Check the speed that the kernel has set: a kernel driver may round or ignore the requested one."""
         answer = bytearray(64)
         try:
             fcntl.ioctl(self._fd, TCGETS2, answer)
         except OSError:
-            return  # no such question here: trust the call that set it
+            return  # no such ioctl on this platform: rely on the call that set the speed
         (real,) = struct.unpack_from("=I", answer, SPEED_AT)
         if abs(real - baud) > BAUD_TOLERANCE * baud:
             raise PortError(self.name, f"baud rate {baud} is not supported: the adapter makes it {real}")
 
     def _lower_latency(self) -> int | None:
-        """Ask for 1 ms and read back what the adapter says: the ioctl alone has been seen to do nothing."""
+        """Request 1 ms and return the timer read back: the ioctl may have no effect (DynamixelSDK PR 116)."""
         with suppress(OSError, ValueError, NotImplementedError):  # a pty: ENOTTY, as ValueError
             self._port.set_low_latency_mode(True)
         timer = Path("/sys/class/tty") / os.path.basename(self._path) / "device/latency_timer"
@@ -176,7 +177,7 @@ class SerialTransport:
 
 
 def _slow_timer(tty: str, latency_ms: int | None) -> str:
-    """What to do about a latency timer that is not 1 ms; empty where it is, or where there is none."""
+    """Return the remedy for a latency timer above 1 ms; empty for 1 ms or no timer."""
     if latency_ms is None or latency_ms <= 1:
         return ""
     timer = f"/sys/bus/usb-serial/devices/{tty}/latency_timer"
@@ -195,7 +196,7 @@ def _open(path: str, baud: int) -> serial.Serial:
         there = f"; there are: {', '.join(near)}" if near else "; no USB serial adapter is plugged in"
         raise PortError(path, f"no such port{there}") from None
     except OSError as error:
-        raise PortError(path, f"cannot be looked at: {os.strerror(error.errno or 0)}") from error
+        raise PortError(path, f"cannot be examined: {os.strerror(error.errno or 0)}") from error
     if not stat.S_ISCHR(node.st_mode):
         raise PortError(path, "is not a character device, so it is no serial port")
     if baud < 1:

@@ -1,4 +1,4 @@
-"""One device as the writer commands it: its mode, where its registers lie, what it is given. Pure."""
+"""Command state of one servo: its mode, its register blocks, its gains and caps. Pure."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from twind_drivers.dynamixel.operating_modes import (
 
 MAX_ACCELERATION = 32767  # counts of register 108 (e-manual)
 
-Rows = list[tuple[int, RegisterBlock, bytes]]  # id, where, what
+Rows = list[tuple[int, RegisterBlock, bytes]]  # id, registers, data
 
 
 class RawGains(NamedTuple):
@@ -32,7 +32,7 @@ class RawGains(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServoCommandState:
-    """One device."""
+    """Command state of one servo."""
 
     id: int
     table: ControlTable
@@ -40,29 +40,29 @@ class ServoCommandState:
     mode: OperatingMode
     gains: bytes  # D, I, P as they lie in the registers
     cap: int | None  # goal current in mode 5, counts
-    acceleration: int | None  # profile acceleration in mode 1, counts; None: as the servo has it
+    acceleration: int | None  # profile acceleration in mode 1, counts; None: unchanged
 
     def register_span(self, *names: str) -> RegisterBlock:
-        """From the first of these registers to the end of the last."""
+        """Return the block from the first of these registers to the end of the last."""
         return block(self.table, *names)
 
     @property
     def goal(self) -> RegisterBlock:
-        """The register that commands it."""
+        """Goal register of its mode."""
         return self.register_span(self.mode.goal)
 
     @property
     def most_pwm(self) -> int:
-        """The largest PWM limit that this model can have, counts."""
+        """Largest PWM limit of this model, counts; 0 without such a register."""
         return self.table["goal_pwm"].bounds[1] if "goal_pwm" in self.table else 0
 
     @property
     def capped_by(self) -> str:
-        """The register that caps its output: the current in mode 5, else the PWM."""
+        """Register that caps the output: goal current in mode 5, else goal PWM."""
         return "goal_pwm" if self.cap is None else "goal_current"
 
     def word(self, goal: int) -> bytes:
-        """A goal as it lies in that register."""
+        """Encode a goal for that register, little-endian."""
         return goal.to_bytes(self.goal.size, "little", signed=True)
 
 
@@ -74,9 +74,9 @@ def servos_of(
     gains: Sequence[tuple[int | None, int | None, int | None]] | None,
     accelerations: Sequence[int | None] | None,
 ) -> tuple[ServoCommandState, ...]:
-    """The devices of a bus (m), in the order of its ids; None: the default for all.
+    """Make the command states (m) of a bus, in the order of its ids; None: the default for all.
 
-    Raises ValueError that names the device: a mode that cannot be, a missing cap, a gain out of range.
+    Raises ValueError naming the device for an impossible mode, a missing cap, a gain out of range.
     """
     count = len(reader.ids)
     given: tuple[Sequence[Any], ...] = (
@@ -107,7 +107,7 @@ def _servo(
 
 
 def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
-    """D, I, P as they lie in the registers."""
+    """Encode the gains D, I, P in register order."""
     parts = []
     for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
         field = table[f"position_{key}_gain"]
@@ -122,12 +122,12 @@ def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
 def rows(
     servos: Iterable[ServoCommandState], what: Callable[[ServoCommandState], tuple[RegisterBlock, bytes]]
 ) -> Rows:
-    """`what` of each of them."""
+    """Return one row of `what` per servo."""
     return [(servo.id, *what(servo)) for servo in servos]
 
 
 def groups(wanted: Rows) -> dict[RegisterBlock, Mapping[int, bytes]]:
-    """The same by where it lies: one group packet, or one read, for each."""
+    """Group rows by register block: one group packet, or one read, for each."""
     found: dict[RegisterBlock, dict[int, bytes]] = {}
     for id, where, data in wanted:
         found.setdefault(where, {})[id] = data
@@ -135,5 +135,5 @@ def groups(wanted: Rows) -> dict[RegisterBlock, Mapping[int, bytes]]:
 
 
 def writes(wanted: Rows) -> tuple[WriteRequest, ...]:
-    """One group write for each (address, size)."""
+    """Return one group write for each register block."""
     return tuple(WriteRequest(data, where.address) for where, data in groups(wanted).items())

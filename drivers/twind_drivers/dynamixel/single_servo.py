@@ -1,9 +1,9 @@
-"""One servo of a bus driven by itself, weakly: in current-based position (mode 5), its current capped.
+"""Control of one servo alone in current-based position (mode 5) with capped current, to find an endstop.
 
-For finding a stop. Nobody else on the bus is given anything but torque off. The mode is EEPROM: it changes
-without torque alone, the change resets gains, profile and goal limits, and the position limits (48, 52) are
-out of force in mode 5 (e-manual, "Operating Mode (11)", "Min/Max Position Limit"). So goals are bounded here,
-and what the servo was before is given back and read back. Not verified on hardware.
+The other devices of the bus receive only torque off. The mode is EEPROM: it changes only without torque, and
+the change resets gains, profile and goal limits. The position limits (48, 52) have no effect in mode 5
+(e-manual, "Operating Mode (11)", "Min/Max Position Limit"). So goals are bounded here, and the earlier
+settings are restored and read back. Not verified on hardware.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,8 +24,8 @@ from twind_drivers.dynamixel.servo_command_state import ServoCommandState
 SLAVE = 2
 TIMED = 4
 TORQUE_BY_GOAL = 8
-FOREIGN = SLAVE | TORQUE_BY_GOAL  # with one of them it is not driven by what is written here alone
-# EEPROM that must read afterwards what it read before; only the mode is ever written.
+FOREIGN = SLAVE | TORQUE_BY_GOAL  # a slave follows another servo; the other bit lets a goal switch torque on
+# EEPROM registers that must be unchanged afterwards; only the mode is ever written.
 EEPROM = (
     "drive_mode",
     "operating_mode",
@@ -40,15 +40,14 @@ EEPROM = (
 
 @dataclass(frozen=True, slots=True)
 class SavedSettings:
-    """What a servo was set to before: register name in snake case -> value."""
+    """Settings of a servo before a search: register name in snake case -> value."""
 
     eeprom: Mapping[str, int]
     ram: Mapping[str, int]
 
 
 class SingleServoControl:
-    """Implements `twind_drivers.single_device.SingleDeviceControl`. Counts are the servo's own, as it tells
-    them in mode 5."""
+    """Single-device control of a Dynamixel servo (`SingleDeviceControl`). Counts are those of mode 5."""
 
     def __init__(
         self,
@@ -60,10 +59,10 @@ class SingleServoControl:
         profile: int,
         watchdog: int,
     ) -> None:
-        """`cap`: most goal current, raw. `profile`: profile velocity, raw, 1 at least: a goal that is far off
-        is approached no faster. `watchdog`: x 20 ms.
+        """Make the control; `cap`: largest goal current, raw. `watchdog`: x 20 ms.
 
-        Raises ValueError: no such id, a mode or model that cannot be driven so, a cap out of range.
+        `profile`: profile velocity, raw, at least 1: it bounds the speed towards a distant goal. Raises
+        ValueError for an unknown id, a mode or model that cannot be driven so, a cap out of range.
         """
         own = {servo.id: servo for servo in servos}
         if id not in own:
@@ -89,18 +88,18 @@ class SingleServoControl:
         self._check = self._fenced(0, -1)
 
     def set_goal_limits(self, lower: int, upper: int) -> None:
-        """Goals that may be sent from now on; none before. Raises ValueError: lower above upper."""
+        """Set the range of goals (counts); none may be sent before. Raises ValueError for lower > upper."""
         goal = block(self._servo.table, "goal_position")
         bounds = np.array([lower], np.int64), np.array([upper], np.int64)
         self._goal = GoalPacket(self._reader.name, [self.id], goal, *bounds)
         self._check = self._fenced(lower, upper)
 
     def judge(self, data: bytes) -> None:
-        """The last look at an order's bytes while this one is driven. Raises WireClamp."""
+        """Check the bytes of an order while this servo is driven alone. Raises WireClamp."""
         self._check.judge(data)
 
     def goal(self, tick: int) -> None:
-        """Goal for the next `request`, to this servo alone. Raises WireClamp; then nothing is pending."""
+        """Set the goal of the next `request`, to this servo alone. Raises WireClamp; then none is pending."""
         line = self._reader.line
         line.goals = b""
         if self._goal is None:
@@ -110,7 +109,7 @@ class SingleServoControl:
     # --------------------------------------------------------------------------- scripts
 
     def look(self) -> Script[SavedSettings]:
-        """What it is set to. Raises DeviceRefused: torque on, a hardware error, an odd Drive Mode."""
+        """Read the settings. Raises DeviceRefused for torque on, a hardware error, a foreign Drive Mode."""
         servo = self._was
         table = self._was.table
         eeprom = yield from values(self._reader, servo, [table[name] for name in EEPROM if name in table])
@@ -127,24 +126,24 @@ class SingleServoControl:
         return SavedSettings(eeprom, ram)
 
     def describe_leftovers(self, kept: SavedSettings) -> str:
-        """The mode, and what its change resets."""
+        """Return a text of the mode and of the settings that its change resets."""
         was = kept.eeprom["operating_mode"]
         return (
             f"Operating Mode (11) {CURRENT_BASED} (was {was}) and gains, profile and Goal Current of a search"
         )
 
     def enter_current_mode(self, kept: SavedSettings) -> Script[None]:
-        """Into mode 5, read back. Raises DeviceRefused, NoReply."""
+        """Switch to mode 5 and read it back. Raises DeviceRefused, NoReply."""
         if kept.eeprom["operating_mode"] != CURRENT_BASED:
             yield from self._write("operating_mode", CURRENT_BASED)
         yield from self._verify_register({"operating_mode": CURRENT_BASED})
 
     def prepare(self, kept: SavedSettings, tick: int) -> Script[None]:
-        """Cap, gains, profile, goal := `tick`, watchdog: all that stands before torque, read back together.
+        """Write cap, gains, profile, goal `tick` and watchdog before torque, and read all of them back.
 
         Raises DeviceRefused, NoReply, WireClamp.
         """
-        timed = kept.eeprom["drive_mode"] & TIMED  # then the profile is a time, and none is used
+        timed = kept.eeprom["drive_mode"] & TIMED  # the profile would be a time, not a speed: none is used
         gains = {
             f"position_{key}_gain": int.from_bytes(self._servo.gains[at : at + 2], "little")
             for at, key in ((0, "d"), (2, "i"), (4, "p"))
@@ -158,13 +157,17 @@ class SingleServoControl:
             "goal_position": tick,
             "bus_watchdog": self.watchdog,
         }
-        yield from self._write("bus_watchdog", 0)  # one that has tripped takes no goals
+        yield from self._write("bus_watchdog", 0)  # a tripped watchdog locks the goals (error 4)
         for name, value in wanted.items():
             yield from self._write(name, value)
         yield from self._verify_register(wanted | {"operating_mode": CURRENT_BASED, "torque_enable": 0})
 
     def energise(self) -> Script[None]:
-        """Torque on, read back, in the mode that obeys the cap alone. Raises DeviceRefused, NoReply."""
+        """Switch torque on and read it back. Raises DeviceRefused, NoReply.
+
+        The mode is read before, since only mode 5 obeys the cap, and again after: a restart in between would
+        leave torque without cap and watchdog.
+        """
         mode = {"operating_mode": CURRENT_BASED}
         yield from self._verify_register(mode)
         self._reader.registers.torque[self._reader.ids.index(self.id)] = -1
@@ -173,9 +176,10 @@ class SingleServoControl:
         yield from self._verify_register({"torque_enable": 1} | mode | cap)
 
     def give_back(self, kept: SavedSettings) -> Script[RestartResult]:
-        """Torque and watchdog off, mode and RAM settings as they were, all read back, EEPROM compared.
+        """Switch torque and watchdog off, restore mode and RAM settings, read them back, compare EEPROM.
 
-        Raises DeviceRefused, that names what differs; NoReply.
+        The mode comes before the RAM settings, which its change resets. Raises NoReply; DeviceRefused naming
+        the difference.
         """
         table = self._was.table
         yield from let_go(self._reader, self._was)
@@ -200,7 +204,7 @@ class SingleServoControl:
         return DynamixelWireCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
 
     def _write(self, name: str, value: int) -> Script[None]:
-        """Acknowledged. Raises DeviceRefused with the servo's own reason."""
+        """Write one register with acknowledgement. Raises DeviceRefused with the reported reason."""
         field = self._was.table[name]
         field.check(value)
         order: Order = WriteRequest({self.id: field.encode(value)}, field.address)

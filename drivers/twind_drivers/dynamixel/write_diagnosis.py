@@ -1,7 +1,7 @@
-"""Why a device does not hold what it was given: hardware error, watchdog, mode, limit registers.
+"""Diagnosis of a write that a device did not keep: hardware error, watchdog, mode, limit registers.
 
-Read-only scripts. Sync writes are never answered: a refusal is only seen by reading back, and its reason
-stands in other registers.
+The scripts only read. Sync writes have no reply: a refusal is only visible in the read-back, and its reason
+in other registers.
 """
 
 from contextlib import suppress
@@ -13,12 +13,12 @@ from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.operating_modes import MODES, POSITION
 from twind_drivers.dynamixel.servo_command_state import ServoCommandState
 
-TRIPPED = 255  # what the bus watchdog (98) reads when it has tripped
+TRIPPED = 255  # reading of the bus watchdog (98) after it has tripped
 LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register that bounds it
 
 
 def limit_words(reader: DynamixelReader, id: int, field: TableRegister) -> Script[str]:
-    """Name and value of the register that bounds `field`; empty where none does, or the device is silent."""
+    """Return name and value of the register that bounds `field`; empty for none or a silent device."""
     if field.rule.limit is not None:
         with suppress(NoReply, DeviceRefused):
             bound = yield from reader.read(id, field.rule.limit)
@@ -29,9 +29,9 @@ def limit_words(reader: DynamixelReader, id: int, field: TableRegister) -> Scrip
 def explain(
     reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
 ) -> Script[str]:
-    """What explains that `data` did not stay at `where`: "; reason; reason", empty where nothing does.
+    """Return the reasons why `data` did not stay at `where`: "; reason; reason", empty without any.
 
-    Never raises for a device that does not answer: then only what is known already is said.
+    Never raises for a silent device: then only the values already in `registers` are used.
     """
     found: list[str] = []
     for look in (_state, _mode, _limits):
@@ -48,7 +48,7 @@ def _state(
     place = reader.ids.index(servo.id)
     state = reader.registers
     status = servo.layout.status
-    with suppress(NoReply, DeviceRefused):  # then what was read of it before explains
+    with suppress(NoReply, DeviceRefused):  # without a reply the values read before serve
         yield from reader.collect((servo.id,), status.address, status.size)  # kept in `registers`
     if state.fault[place] > 0:
         return [f"hardware error {state.fault[place]:#04x} (register 70): find the cause, then reboot it"]

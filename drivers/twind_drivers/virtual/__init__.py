@@ -1,1 +1,1 @@
-"""Virtual servos that speak the real protocol: registers, rules, wire timing, faults; and their muscles."""
+"""Virtual servos with the real protocol: registers, rules, wire timing, faults, and their physics."""

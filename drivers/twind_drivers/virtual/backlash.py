@@ -1,4 +1,4 @@
-"""Play between the encoder of a servo and the joint that it turns."""
+"""Backlash between the encoder of a servo and the joint that it turns."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ class Backlash:
     """
 
     def __init__(self, muscles: ServoPhysics, play: NDArray[np.float64]) -> None:
-        """`play` (m,): ticks, from one side to the other."""
+        """Make the backlash; `play` (m,): ticks, from one side to the other."""
         self._muscles = muscles
         self._half = play / 2.0
         self.position, self._seen = muscles.position.copy(), muscles.position.copy()

@@ -1,4 +1,4 @@
-"""What the registers tell the motors: gains, caps and goals of each operating mode.
+"""Motor commands from the registers: gains, caps and goals of each operating mode.
 
 Sources: e-manual, "Goal PWM" (a cap in every mode but 16, where it is the goal), "Goal Current" (a cap in
 mode 5, the goal in mode 0), "Goal Velocity"; the limit registers 36, 38 and 44 bound them all.
@@ -37,7 +37,7 @@ WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
 
 
 class DriveFirmware:
-    """What m servos are set to do, as of the latest `changed`. Arrays (m,)."""
+    """Motor commands of m servos, as of the latest `changed`. Arrays (m,)."""
 
     def __init__(self, memory: RegisterMemory, registers: RegisterColumns) -> None:
         self._registers = registers
@@ -73,7 +73,8 @@ class DriveFirmware:
         return hottest, lowest / 10.0, highest / 10.0
 
     def shape(self) -> tuple[Ints, Ints, Bools, Bools]:
-        """Profile velocity and acceleration (112, 108), who has them in ms, whose goal is a velocity.
+        """Return profile velocity and acceleration (112, 108), servos with times in ms and with velocity
+        goals.
 
         112 counts in the position modes only (e-manual, "Profile Velocity"): current and PWM have no profile.
         """
@@ -81,9 +82,10 @@ class DriveFirmware:
         return velocity, self._registers["profile_acceleration"], self.timed, self.spins
 
     def drive(self, supply: Floats) -> DriveState:
-        """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.
+        """Return the drive of each motor; `supply` (m,): share of the nominal voltage.
 
-        `supply`: of the nominal voltage.
+        A slave follows only its master's cable (e-manual, "Dual Mode"), which is not simulated: it has no
+        drive.
         """
         registers = self._registers
         gains = {key: registers[key].astype(np.float64) for key in GAINS}
@@ -108,7 +110,7 @@ class DriveFirmware:
         )
 
     def goals(self, position: Floats) -> Floats:
-        """`position` where one is sought, else raw current, velocity or PWM inside its limit register."""
+        """Return `position` in position modes, else raw current, velocity or PWM inside its limit."""
         registers = self._registers
         bounds = {mode: registers[f"{key}_limit"].astype(np.float64) for mode, key in WANTED.items()}
         goals = [

@@ -1,7 +1,7 @@
-"""The instructions that turn a servo back: factory reset, clear, control table backup.
+"""Instructions that reset a servo: factory reset, clear, control table backup.
 
 Each answers an error number and acts on one servo; `servos.changed` must follow. Source: e-manual "Protocol
-2.0", sections of those names. What no page says is decided here: a wrong or missing parameter is a range or
+2.0", sections of those names. Cases on no page are decided here: a wrong or missing parameter is a range or
 length error and does nothing, a restore without a backup fails.
 """
 
@@ -26,7 +26,7 @@ def factory_reset(servos: VirtualServos, row: int, packet: Packet, now: float) -
     old = servos.memory.raw[row].copy()
     if option not in (RESET_ALL, KEEP_ID, KEEP_ID_AND_BAUD):
         return StatusErrorCode.DATA_RANGE
-    if packet.id == BROADCAST and option == RESET_ALL and _knows(servos, row, "clear_from"):
+    if packet.id == BROADCAST and option == RESET_ALL and _supports(servos, row, "clear_from"):
         return (
             StatusErrorCode.RESULT_FAIL
         )  # of MX(2.0) and X, with the firmware that also brought the clear instruction
@@ -41,7 +41,7 @@ def factory_reset(servos: VirtualServos, row: int, packet: Packet, now: float) -
 
 def clear(servos: VirtualServos, row: int, packet: Packet, now: float) -> StatusErrorCode:
     """The position falls back to one turn; the goal register keeps its number. Refused while moving."""
-    if not _knows(servos, row, "clear_from"):
+    if not _supports(servos, row, "clear_from"):
         return StatusErrorCode.INSTRUCTION
     if len(packet.params) < len(TURNS):
         return StatusErrorCode.DATA_LENGTH
@@ -56,7 +56,7 @@ def clear(servos: VirtualServos, row: int, packet: Packet, now: float) -> Status
 
 def backup(servos: VirtualServos, row: int, packet: Packet, now: float) -> StatusErrorCode:
     """Store the table, or restore its EEPROM and reboot (RAM settings: see startup configuration, bit 1)."""
-    if not _knows(servos, row, "backup_from"):
+    if not _supports(servos, row, "backup_from"):
         return StatusErrorCode.INSTRUCTION
     if len(packet.params) < 1 + len(BACKUP_TAIL):
         return StatusErrorCode.DATA_LENGTH
@@ -74,7 +74,7 @@ def backup(servos: VirtualServos, row: int, packet: Packet, now: float) -> Statu
     return StatusErrorCode.NONE
 
 
-def _knows(servos: VirtualServos, row: int, what: str) -> bool:
-    """Does its firmware know this? `what`: a `..._from` of the model's facts."""
+def _supports(servos: VirtualServos, row: int, what: str) -> bool:
+    """Return True if its firmware supports this. `what`: a `..._from` of the model's facts."""
     first: int | None = getattr(servos.memory.tables[row].facts, what)
     return first is not None and servos.memory.firmwares[row] >= first

@@ -1,6 +1,6 @@
-"""The bytes between wire and host where something bends them: noise, bit errors, an adapter and its habits.
+"""Byte stream between wire and host with faults: noise, bit errors, adapter behaviour.
 
-Healthy, a bus goes straight to its wire; only while `bent` do its bytes pass here.
+Without faults the bus uses its wire directly; bytes pass here only while `bent`.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ PAYLOAD = 62  # bytes of a full-speed USB packet of an FTDI chip, behind its two
 
 @dataclass(frozen=True, slots=True)
 class SerialAdapter:
-    """How the adapter is made: what no `clear` heals."""
+    """Properties of the adapter, which `clear` does not reset."""
 
-    echo: bool = False  # the host hears what it sends
+    echo: bool = False  # the host receives what it sends
     latency: float = 0.0  # s, latency timer; 0: bytes are handed over at once
     payload: int = PAYLOAD  # bytes after which it does not wait for the timer: 62 full speed, 510 high speed
 
 
 class FaultyByteStream:
-    """What `send` lets through to the servos and `take` to the host. Random, but the same for one seed."""
+    """Faulty byte stream: `send` to the servos, `take` to the host. Random, but the same for one seed."""
 
     def __init__(self, wire: HalfDuplexWire, adapter: SerialAdapter, seed: int) -> None:
         self._wire = wire
@@ -52,12 +52,12 @@ class FaultyByteStream:
         # writes to come; flipped bits, in the first so many bytes
         self.mangled = 0
         self.mangling = (1, MOST)
-        self.noise_left = 0.0  # s of noise that begins at the next look
+        self.noise_left = 0.0  # s of noise that begins at the next `take`
         self._noise_at = self._noise_end = -inf  # s
         self.look()
 
     def look(self) -> None:
-        """Is there anything that bends the bytes? To be asked after every change."""
+        """Return True if any fault affects the bytes. To be called after every change."""
         self.bent = bool(
             self.adapter.echo
             or self.adapter.latency
@@ -83,7 +83,7 @@ class FaultyByteStream:
         self.look()
 
     def babble(self, on: bool) -> None:
-        """Noise from the next look on, without end; False: it ends."""
+        """Send noise from the next `take` on, without end; False: end it."""
         self.noise_left = inf if on else 0.0
         self._noise_at = self._noise_end = -inf
         self.look()
@@ -91,7 +91,7 @@ class FaultyByteStream:
     # ---------------------------------------------------------------------------------- the host sends
 
     def send(self, data: bytes, now: float) -> bytes:
-        """What the servos hear when the host sends `data` at `now`; empty: nothing yet."""
+        """Return the bytes that the servos receive when the host sends `data` at `now`; empty: none yet."""
         if self.stalled:
             self.held += data[: MOST - len(self.held)]
             return b""
@@ -100,19 +100,19 @@ class FaultyByteStream:
         if not data:
             return data
         self._begin_noise(now)
-        heard = self._flipped(self._mangled(data), self.to_servos)
+        received = self._flipped(self._mangled(data), self.to_servos)
         if self._noise_at < self._noise_end:
-            heard = self._drowned(heard)
-        met = self._wire.collide(now, heard) if self.colliding else None
+            received = self._drowned(received)
+        met = self._wire.collide(now, received) if self.colliding else None
         if met is None and self.adapter.echo:
             start = self._wire.free_at(now)
             self._wire.interject(start + self._wire.span(len(data)), data)
-        return heard if met is None else met
+        return received if met is None else met
 
-    # ---------------------------------------------------------------------------------- the host hears
+    # ---------------------------------------------------------------------------------- bytes to the host
 
     def next_output_time(self) -> float:
-        """When there is something to take again, s; `inf`: nothing is under way, `-inf`: at once."""
+        """Return the next time with bytes for the host, s; `inf`: none under way, `-inf`: at once."""
         if (self.held and not self.stalled) or self.noise_left:
             return -inf
         first = min(self._wire.next_output_time(), self._next_noise())
@@ -121,7 +121,7 @@ class FaultyByteStream:
         return min(first, self._tick if self.adapter.latency else self._piece_at)
 
     def take(self, now: float) -> bytes:
-        """What has come to the host by `now`; of noise at most `MOST` bytes."""
+        """Return the bytes that have reached the host by `now`; of noise at most `MOST` bytes."""
         self._begin_noise(now)
         come = self._flipped(self._wire.take(now), self.to_host)
         if self._noise_at < self._noise_end:
@@ -188,7 +188,7 @@ class FaultyByteStream:
         return self.noise(self._noise_at - since)
 
     def _drowned(self, data: bytes) -> bytes:
-        """Where two talk the line is low as soon as one of them pulls it low."""
+        """Mix noise into `data`: with two senders the line is low as soon as one of them pulls it low."""
         noise = np.frombuffer(self.random.bytes(len(data)), np.uint8)
         return (np.frombuffer(data, np.uint8) & noise).tobytes()
 

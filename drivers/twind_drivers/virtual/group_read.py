@@ -1,4 +1,4 @@
-"""Group reads of the same block of many servos, as one numpy pass: plain and fast sync read.
+"""Group reads of the same block of many servos in one numpy pass: plain and fast sync read.
 
 A group is remembered with its request, so the next equal request costs no parsing. Both layouts by e-manual,
 "Sync Read" and "Fast Sync Read".
@@ -71,7 +71,7 @@ class FastSyncReadGroup:
         span: tuple[int, int],
         asked: int,
     ) -> None:
-        """`rows` are those that answer, the first ones of `asked`: behind a missing one all are silent."""
+        """Make the read; `rows`: those that reply, the first of `asked`; a missing one silences the rest."""
         address, size = span
         count = len(rows)
         block = 4 + size

@@ -122,10 +122,10 @@ class HalfDuplexWire:
         self._free = start
         if not met:
             return None
-        heard = clash([(start, data), *((each.start, each.data) for each in met)], self.baud)
+        received = clash([(start, data), *((each.start, each.data) for each in met)], self.baud)
         self._loose = [each for each in self._loose if each not in met]
-        self.interject(max(end, *(each.end for each in met)), heard)
-        return heard
+        self.interject(max(end, *(each.end for each in met)), received)
+        return received
 
     def _loosen(self) -> None:
         """Split every answer under way into shares of their own."""

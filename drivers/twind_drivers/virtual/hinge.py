@@ -1,6 +1,6 @@
 """Joints at virtual shafts, and external forces (a hand) that move a limp joint.
 
-A servo knows neither its joint nor its zero; the code that moves a joint by hand does.
+A servo has no data of its joint or zero; the code that moves a joint by hand has.
 """
 
 import math
@@ -41,7 +41,7 @@ class ShaftGrip:
     ) -> None:
         """`turns`: places per turn of the shaft; `shown`: of a row and a count that it shows, the place.
 
-        `grip`: takes a row to a place with so many places per s; NaN: lets go of it.
+        `grip`: takes a row to a place with so many places per s; NaN: releases it.
         """
         self._hinges = hinges
         self._turns = turns
@@ -62,7 +62,7 @@ class ShaftGrip:
         """Move the joint to `rad`. Raises ValueError, also for a shaft that turns no joint."""
         hinge = self._hinges[row]
         if hinge is None:
-            raise ValueError("hand: this servo turns no joint of a robot file: say `to` in its own counts")
+            raise ValueError("hand: this servo turns no joint of a robot file: give `to` in its own counts")
         self._go(row, hinge.place(_finite("rad", rad)), speed)
 
     def pose(self, angles: Mapping[str, float], speed: float) -> None:

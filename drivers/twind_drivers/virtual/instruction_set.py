@@ -1,4 +1,4 @@
-"""What servos do with one instruction packet, and what each of them answers. No wire, no time of arrival.
+"""Instruction set of virtual servos: the effect of one packet, and the replies. No wire, no time of arrival.
 
 Instructions and broadcast rules by e-manual "Protocol 2.0", "Instruction Details".
 """
@@ -18,7 +18,7 @@ WRITE_LEVEL = 2
 
 
 class ServoStatus(NamedTuple):
-    """One servo's status. `id`: under which it answers, the one it had when it was asked."""
+    """Status of one servo. `id`: its id when the request came."""
 
     row: int
     id: int
@@ -27,7 +27,7 @@ class ServoStatus(NamedTuple):
 
 
 class InstructionReplies(NamedTuple):
-    """In the order on the wire. `promised`: LEN of a joint (fast) reply, 0 for statuses of their own."""
+    """Replies in the order on the wire. `promised`: LEN of a common (fast) reply, 0 for separate statuses."""
 
     statuses: Sequence[ServoStatus]
     level: int
@@ -40,7 +40,7 @@ Act = Callable[[int, bool], tuple[int, bytes]]  # (row, was it meant by its shad
 
 
 class InstructionSet:
-    """The instruction set of the servos of one bus. `places` is the bus's and may change under us."""
+    """Instruction set of the servos of one bus. `places` belongs to the bus and may change."""
 
     def __init__(self, servos: VirtualServos, places: Places) -> None:
         self._servos = servos
@@ -122,7 +122,7 @@ class InstructionSet:
         return self._each(packet, act, WRITE_LEVEL)
 
     def _reg_write(self, packet: Packet, now: float) -> InstructionReplies:
-        """A write that would be refused now is refused now; no page says when a servo looks at it."""
+        """Store a write; one that would be refused is refused now: no page states when a servo checks it."""
         if len(packet.params) < 2:
             return self._refuse(packet, StatusErrorCode.DATA_LENGTH)
         address = int.from_bytes(packet.params[:2], "little")
@@ -154,7 +154,7 @@ class InstructionSet:
         return self._each(packet, restart, WRITE_LEVEL)
 
     def _turn_back(self, packet: Packet, now: float) -> InstructionReplies:
-        """By its shadow id a servo may lose its turns, but nothing that is in its EEPROM."""
+        """Reset a servo; by its shadow id it may lose its turns, but no EEPROM value."""
         does = {
             Instruction.FACTORY_RESET: factory_reset,
             Instruction.CLEAR: clear,
@@ -183,7 +183,7 @@ class InstructionSet:
     def _group_read(
         self, wishes: Sequence[tuple[int, int, int]], now: float, *, fast: bool
     ) -> InstructionReplies:
-        """Each (id, address, size) in the order asked. A fast reply ends before the first that is missing."""
+        """Reply to each (id, address, size) in order. A fast reply ends before the first missing servo."""
         self._servos.settle(now)
         statuses: list[ServoStatus] = []
         registers = self._servos.registers
@@ -198,7 +198,7 @@ class InstructionSet:
         return InstructionReplies(statuses, READ_LEVEL, promised)
 
     def _joins(self, row: int) -> bool:
-        """Does it take its turn in a joint answer: does it know of such, and is it to answer reads?"""
+        """Return True if the servo takes its turn in a common reply, by firmware and status level."""
         registers = self._servos.registers
         return registers.answers_fast(row) and registers.level(row) >= READ_LEVEL
 
@@ -216,7 +216,7 @@ class InstructionSet:
         return SILENCE
 
     def _write_all(self, id: int, address: int, data: bytes) -> None:
-        """Never answered: what a servo refuses is seen by reading back only."""
+        """Write without reply: a refusal of a servo is only visible in a read-back."""
         for row in self._places.get(id, ()):
             write(self._servos, row, address, data)
         for row in self.shadows.get(id, ()):

@@ -1,4 +1,4 @@
-"""Operating modes (register 11) of the X series and the unit that each of them takes its goal in."""
+"""Operating modes (register 11) of the X series and the units of their goals."""
 
 from typing import Any
 
@@ -15,5 +15,5 @@ FULL_PWM = 885.0  # counts: 100 % of 0.113 %, the whole supply voltage
 
 
 def seeks_position(mode: NDArray[Any]) -> NDArray[np.bool_]:
-    """(m,) Is the goal a position (modes 3, 4, 5)? Else raw current (0), velocity (1) or PWM (16)."""
+    """Return (m,) True for position goals (modes 3, 4, 5), False for current (0), velocity (1), PWM (16)."""
     return np.asarray((mode >= POSITION) & (mode <= CURRENT_POSITION))

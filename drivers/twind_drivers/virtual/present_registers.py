@@ -1,4 +1,4 @@
-"""What a servo measures and shows: the present registers, filled from its muscles."""
+"""Present registers of a servo, filled from its physics."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,13 +50,13 @@ class PresentRegisters:
         # of the last refresh
         self._encoder = np.zeros(count)
         self._at = 0.0
-        self._told = True
+        self._reported = True
         self._slow_at = -np.inf
         self._spikes: dict[int, tuple[float, float]] = {}  # row -> °C shown, until when
         self._shaped = True  # may the velocity trajectory be other than 0?
 
     def follow(self, way: Floats, seeks: Bools) -> None:
-        """From now on: direction (m,) of velocity, current and PWM; which servos seek a position."""
+        """Set the direction (m,) of velocity, current and PWM, and the servos with position goals."""
         self._way = None if (way > 0).all() else way.copy()
         self._seeks = None if seeks.all() else seeks.copy()
 
@@ -90,13 +90,13 @@ class PresentRegisters:
             self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
         self._encoder = encoder
         self._at = now
-        self._told = False
+        self._reported = False
 
     def refresh_slow_values(self, direction: Floats, shift: Floats, profile: ServoProfile) -> None:
         """All that is read more rarely, as of the last refresh."""
-        if self._told:
+        if self._reported:
             return
-        self._told = True
+        self._reported = True
         now = self._at
         muscles = self._muscles
         way = self._way
@@ -125,7 +125,7 @@ class PresentRegisters:
             self._voltage.put(np.rint(np.maximum(10.0 * self._protection.volts, 0.0)))
 
     def _show_step(self, goal: Floats, encoder: Floats, direction: Floats, shift: Floats) -> None:
-        """Everyone seeks a position and nobody has a profile: the goal is the trajectory."""
+        """Fill the registers if all goals are positions without profile: the goal is the trajectory."""
         gap = np.abs(goal - encoder)
         near = gap < IN_POSITION
         if np.count_nonzero(near) == len(near):

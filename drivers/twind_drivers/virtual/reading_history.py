@@ -1,4 +1,4 @@
-"""What the servos showed, and when: what a reading of a host is judged by."""
+"""History of the servos' positions with time, against which a host's reading is checked."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ class ReadingHistory:
     """A ring of the last readings of m servos: every value that the present position registers ever held."""
 
     def __init__(self, servos: int, size: int) -> None:
-        """`size` readings are kept. Raises ValueError outside 1..100,000."""
+        """Make the history of `size` readings. Raises ValueError outside 1..100,000."""
         if not 1 <= size <= MOST:
             raise ValueError(f"record: {size} readings are outside 1..{MOST}")
         self._time = np.full(size, np.nan)

@@ -1,4 +1,4 @@
-"""The registers that rules and packets care about, as columns over all servos of a bus."""
+"""Columns over all servos of a bus for the registers that rules and packets use."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -54,7 +54,7 @@ COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a
 
 
 class RegisterColumns:
-    """Named columns of one memory, and what single servos tell of themselves."""
+    """Named columns of one memory, and derived values of single servos."""
 
     def __init__(self, memory: RegisterMemory) -> None:
         self._memory = memory
@@ -64,7 +64,7 @@ class RegisterColumns:
         }
 
     def __getitem__(self, key: str) -> NDArray[Any]:
-        """(m,) values of one of `COLUMNS`; do not write to them."""
+        """Return the values (m,) of one of `COLUMNS`; do not write to them."""
         return self._columns[key].get()
 
     def put(self, key: str, value: Any, rows: Any = slice(None)) -> None:
@@ -88,7 +88,7 @@ class RegisterColumns:
         return [int(each) for each in found]
 
     def hearing(self) -> list[bool]:
-        """Which are set to Protocol 2.0 (register 13). Set to another they hear nothing of this wire's."""
+        """Servos (m,) set to Protocol 2.0 (register 13). With another one they ignore this wire."""
         other = self._has["protocol_type"] & (self["protocol_type"] != PROTOCOL)
         return [bool(each) for each in ~other]
 
@@ -97,26 +97,26 @@ class RegisterColumns:
         return int(self["status_return_level"][row])
 
     def delays(self, rows: Sequence[int]) -> list[float]:
-        """Return delay (register 9, 2 us units) of each, s."""
+        """Return the return delay (register 9, 2 us units) of each row, s."""
         return [int(self["return_delay_time"][row]) * 2e-6 for row in rows]
 
     def identity(self, row: int) -> bytes:
-        """What a ping tells: model number, firmware."""
+        """Return the data of a ping: model number, firmware."""
         model = int(self["model_number"][row]).to_bytes(2, "little")
         return model + bytes((int(self["firmware_version"][row]),))
 
     def read(self, row: int, address: int, size: int) -> tuple[int, bytes]:
-        """(error, data): the registers of one servo, gaps as 0. Error 7 where no register is."""
+        """Return (error, data): the registers of one servo, gaps as 0. Error 7 without any register."""
         if not self._memory.readable(row, address, size):
             return StatusErrorCode.ACCESS, b""
         return StatusErrorCode.NONE, self._memory.read(row, address, size)
 
     def has_measured_registers(self, rows: Sequence[int], address: int, size: int) -> int:
-        """Does the span touch registers that the servos write themselves? As `Memory.live`."""
+        """Return True if the span contains registers that the servos write themselves. As `Memory.live`."""
         return max(self._memory.has_measured_registers(row, address, size) for row in rows)
 
     def answers_fast(self, row: int) -> bool:
-        """Does its firmware know the fast reads? (e-manual, "Fast Sync Read")"""
+        """Return True if its firmware supports the fast reads (e-manual, "Fast Sync Read")."""
         first = self._memory.tables[row].facts.fast_from
         return first is not None and int(self["firmware_version"][row]) >= first
 

@@ -1,4 +1,4 @@
-"""The register memory of all servos of one bus: one byte array, each register as numbers over all servos."""
+"""Register memory of all servos of one bus: one byte array, each register as numbers over all servos."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -86,10 +86,12 @@ class MemoryLayout:
 
 
 class RegisterMemory:
-    """(m, size) bytes. A register that a model lacks lives behind its table, where no packet reaches it.
+    """Memory of (m, size) bytes.
 
-    `where` (m, size): where byte `address` of each servo really lies. Elsewhere only for indirect data, and
-    through one indirect address only: an entry that points at the data of another sees what lies there.
+    A register that a model lacks lies behind its table, out of reach of packets.
+
+    `where` (m, size): index of byte `address` of each servo. It differs only for indirect data, and through
+    one indirect address only: an entry that points at the data of another reads its byte.
     """
 
     def __init__(self, tables: Sequence[ControlTable], firmwares: Sequence[int]) -> None:
@@ -166,15 +168,15 @@ class RegisterMemory:
         return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 
     def block(self, rows: Sequence[int], address: int, size: int) -> "RegisterSpan":
-        """The same span of several servos, to be read again and again, until an indirect address changes."""
+        """Return the same span of several servos for repeated reads, until an indirect address changes."""
         return RegisterSpan(self, rows, address, size)
 
 
 class RegisterSpan:
-    """One span of several servos, (k, size) bytes: a slice where it lies as asked for, else gathered."""
+    """Span of several servos, (k, size) bytes: a slice without indirect addresses, else gathered."""
 
     def __init__(self, memory: RegisterMemory, rows: Sequence[int], address: int, size: int) -> None:
-        """All rows must hold the span readably."""
+        """Make the span; it must be readable on all rows."""
         self._raw = memory.raw
         self._span = slice(address, address + size)
         every = list(rows) == list(range(len(memory.raw)))
@@ -198,7 +200,7 @@ def _fields(table: ControlTable, firmware: int) -> dict[int, TableRegister]:
     """Return the fields by address. A register newer than the firmware is a gap: reads as 0, not writable."""
     facts = table.facts
     since = {"bus_watchdog": facts.watchdog_from, "backup_ready": facts.backup_from}
-    if facts.startup_from is not None:  # None: there, but no page says since when
+    if facts.startup_from is not None:  # None: it exists, but no page states since when
         since["startup_configuration"] = facts.startup_from
     unknown = {key for key, first in since.items() if first is None or firmware < first}
     fields = [each for each in table.fields.values() if not each.key.startswith("indirect_")]

@@ -1,4 +1,4 @@
-"""Faults of single answers on their way to the host: lost, flipped, cut, doubled, late."""
+"""Faults of single replies on their way to the host: lost, flipped, cut, doubled, late."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -16,7 +16,7 @@ class FaultedReply(NamedTuple):
     data: bytes
     after: bytes  # comes behind
     late: float  # s
-    ended: bool  # nobody goes on with this joint answer
+    ended: bool  # no further servo continues this common reply
 
 
 class ReplyFaults:
@@ -31,7 +31,7 @@ class ReplyFaults:
         self.stream = stream
         self._orders: dict[tuple[str, int | None], tuple[int, float]] = {}  # answers left, value
         self._late: dict[int, float] = {}  # id -> s
-        self.active = False  # is any answer looked at one by one?
+        self.active = False  # True if replies are processed one by one
 
     def drop(self, count: int, id: int | None = None) -> None:
         """Lose the next answers. Raises ValueError below 0, KeyError for an id that is not there."""

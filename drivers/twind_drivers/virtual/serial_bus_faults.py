@@ -1,4 +1,4 @@
-"""Faults on demand, by name: of answers, of the line, of servos, of the plug."""
+"""Faults on demand, by name: of replies, of the line, of servos, of the plug."""
 
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
@@ -10,7 +10,7 @@ from twind_drivers.virtual.virtual_servos import VirtualServos
 
 
 class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
-    """What goes wrong on one bus. Each method is an order; `docs/virtual.md` lists them."""
+    """Faults of one bus. Each method is an order; `docs/virtual.md` lists them."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
         self.plugged = True
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
-        """Pull the connector of one device or (None) of all: it hears and says nothing, keeps its power.
+        """Pull the connector of one device or (None) of all: it receives and sends nothing, keeps its power.
 
         `clear` plugs all in. Raises KeyError.
         """
@@ -47,13 +47,13 @@ class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
             ServoFaults.silence(self, id, on)
 
     def power(self, on: bool) -> None:
-        """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
+        """The supply of the bus. Off: no servo replies or holds. On: all boot, RAM and turns are lost."""
         ServoFaults.power(self, on)
         if self._sensor is not None:
             self._sensor.silenced = not on
 
     def require(self, id: int) -> None:
-        """Somebody has this id. Raises KeyError that names the ids there are."""
+        """Raise KeyError, listing the ids, if no device has this id."""
         if self._sensor is None or id != self._sensor.id:
             self.rows(id)
 
@@ -62,7 +62,7 @@ class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
         return ServoFaults.rows(self, id)
 
     def look(self) -> None:
-        """To be called after every change of what is wrong with answers or line."""
+        """Update the byte path after a change of faults of replies or line."""
         LineFaults.look(self)
         ReplyFaults.look(self)
 

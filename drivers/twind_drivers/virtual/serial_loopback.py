@@ -1,4 +1,4 @@
-"""The virtual bus as a transport in the same process: the mock bus of the tests, under a fake clock."""
+"""In-process transport to the virtual bus: the mock bus of the tests, under a fake clock."""
 
 from twind_drivers.bus import PortError, PortFault
 from twind_drivers.clock import Clock
@@ -7,7 +7,7 @@ from twind_drivers.virtual.servable_bus import ServableBus
 
 
 class Loopback:
-    """A `Transport` without descriptor: `arrival` tells the clock when the next answer is complete."""
+    """`ByteTransport` without descriptor: `arrival` gives the clock the time of the next complete reply."""
 
     def __init__(self, bus: ServableBus, clock: Clock) -> None:
         self.name = f"virtual:{bus.name}"
@@ -68,7 +68,7 @@ class Loopback:
         self._bus.flush()
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Release the port."""
         self._open = False
 
     def _check(self) -> None:

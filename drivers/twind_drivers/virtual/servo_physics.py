@@ -1,7 +1,7 @@
-"""Motion of a virtual servo's shaft: the protocol, in servo units, and its cheapest implementation.
+"""Motion of a virtual servo's shaft: the interface, in servo units, and its simplest implementation.
 
-A servo knows encoder ticks, raw velocity, raw current and raw PWM. It does not know whether a formula or a
-physics engine moves it. Ticks here are the bare encoder's, continuous over turns, without homing offset.
+A servo uses encoder ticks, raw velocity, raw current and raw PWM. A formula or a physics engine may move it.
+Ticks here are the bare encoder's, continuous over turns, without homing offset.
 """
 
 from dataclasses import dataclass

@@ -89,7 +89,10 @@ class ServoPower:
             self._settings[row] = settings
 
     def up(self, row: int) -> None:
-        """RAM defaults, the caps at their limits, turns lost, the goal where it is, torque as 60 says."""
+        """Boot a servo: RAM defaults, caps at their limits, turns lost, goal at its position.
+
+        Torque follows register 60.
+        """
         registers = self._registers
         memory = self._memory
         self.boots_at[row] = inf

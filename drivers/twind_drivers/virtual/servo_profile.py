@@ -1,7 +1,7 @@
-"""The reference that a loop follows towards its goal, by profile velocity (112) and acceleration (108).
+"""Reference of a servo's loop towards its goal, by profile velocity (112) and acceleration (108).
 
 A goal makes a plan at once: gather speed, cruise, brake. The plan is exact at any time, so its shape does not
-depend on how often somebody looks. Sources: e-manual, "Profile Acceleration", "Profile Velocity", "Velocity
+depend on how often it is read. Sources: e-manual, "Profile Acceleration", "Profile Velocity", "Velocity
 Override": a new goal on the way begins at the speed that is there.
 """
 
@@ -29,7 +29,7 @@ class ServoProfile:
     """Plans of m servos. A place is in ticks (`spins` False) or raw velocity, speed is that per second."""
 
     def __init__(self, position: Floats, turn: Floats | float = 4096.0, rpm: Floats | float = RPM) -> None:
-        """At rest at `position` (m,), every goal a step. `turn`: ticks a turn; `rpm`: of one raw velocity."""
+        """Begin at rest at `position` (m,). `turn`: ticks a turn; `rpm`: of one raw velocity."""
         count = position.size
         self.raw = np.broadcast_to(
             np.asarray(turn * rpm / 60.0, np.float64), (count,)
@@ -89,7 +89,7 @@ class ServoProfile:
         self.shaped = bool(self._shaping().any() or self.running.any())
 
     def hold(self, rows: Any, place: Floats | float) -> None:
-        """At rest at `place`, without a plan: torque came on, or the watchdog stopped it (profile as 0)."""
+        """Rest at `place` without a plan: torque came on, or the watchdog stopped it (profile as 0)."""
         self.reference[rows] = self.target[rows] = place
         self.speed[rows] = 0.0
         self.running[rows] = False
@@ -178,5 +178,5 @@ class ServoProfile:
 
 
 def _share(passed: Floats, whole: Floats) -> Floats:
-    """`passed` / `whole`, 1 where that phase has no time."""
+    """Return `passed` / `whole`, 1 for a phase without time."""
     return np.where(whole > 0.0, passed / np.maximum(whole, TINY), 1.0)

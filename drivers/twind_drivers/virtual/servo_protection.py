@@ -1,7 +1,7 @@
-"""What a servo protects itself from: its supply, its heat, its load. Bits of register 70 by physics.
+"""Self-protection of a servo: its supply, its heat, its load. Bits of register 70 by physics.
 
-The manual names the errors, not their models ("Shutdown"): the numbers here are assumptions, made so that a
-robot that is used as it should be never meets them. Encoder and electrical shock errors come on order only.
+The manual names the errors, not their models ("Shutdown"). The numbers here are assumptions, chosen so that a
+robot in normal use never reaches them. Encoder and electrical shock errors come on order only.
 """
 
 from collections.abc import Sequence
@@ -50,10 +50,10 @@ def nominal(table: ControlTable) -> float:
 
 
 class ServoProtection:
-    """Voltage, temperature and load of m servos. Whoever owns it calls `step` ten times a second."""
+    """Voltage, temperature and load of m servos. Its owner calls `step` ten times a second."""
 
     def __init__(self, tables: Sequence[ControlTable], stall: Floats, now: float = 0.0) -> None:
-        """At rest at `AMBIENT` and the nominal voltage. `stall` (m,): raw current of a blocked motor."""
+        """Begin at `AMBIENT` and the nominal voltage. `stall` (m,): raw current of a blocked motor."""
         self.ampere = np.array([ampere(each) for each in tables])
         self.nominal = np.array([nominal(each) for each in tables])
         self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
@@ -77,13 +77,13 @@ class ServoProtection:
         self._sense()
 
     def watch(self, hottest: Floats, lowest: Floats, highest: Floats) -> None:
-        """From now on: limits (m,) by registers 31 (°C), 34 and 32 (V)."""
+        """Set the limits (m,) by registers 31 (°C), 34 and 32 (V)."""
         self._hottest = hottest
         self._lowest = lowest
         self._highest = highest
 
     def supply(self, volts: float) -> None:
-        """What feeds the bus from now on, V. Raises ValueError outside 0..60 V."""
+        """Set the supply of the bus, V. Raises ValueError outside 0..60 V."""
         if not 0.0 <= volts <= 60.0:
             raise ValueError(f"supply: {volts} V is outside 0..60 V")
         self.source = float(volts)
@@ -92,7 +92,7 @@ class ServoProtection:
         self._sense()
 
     def drop(self, row: int, volts: float) -> None:
-        """So much of the supply is lost in the cable to one servo. Raises ValueError outside 0..60 V."""
+        """Set the voltage lost in the cable to one servo, V. Raises ValueError outside 0..60 V."""
         if not 0.0 <= volts <= 60.0:
             raise ValueError(f"sag: {volts} V is outside 0..60 V")
         self._lost[row] = volts
@@ -108,12 +108,12 @@ class ServoProtection:
 
     @property
     def strength(self) -> Floats:
-        """(m,) supply over nominal voltage: what 100 % of PWM is worth. The sag is left out."""
+        """Supply over nominal voltage (m,): the value of 100 % PWM. The sag is left out."""
         return np.where(self.own, 1.0, self.source / self.nominal)
 
     @property
     def dark(self) -> Bools:
-        """(m,) too little voltage for the controller."""
+        """Servos (m,) with too little voltage for the controller."""
         return np.asarray(~(self.volts >= self._least))
 
     def rest(self, row: int) -> None:
@@ -139,13 +139,13 @@ class ServoProtection:
         return self._weary or bool(np.count_nonzero(fine & (self.celsius < self._hottest)) < len(fine))
 
     def errors(self) -> NDArray[np.int64]:
-        """(m,) bits of register 70 that hold now."""
+        """Bits of register 70 (m,) that hold now."""
         fine = (self.volts >= self._lowest) & (self.volts <= self._highest)
         bits = np.where(fine, 0, INPUT_VOLTAGE) + np.where(self.celsius < self._hottest, 0, OVERHEATING)
         return np.asarray(bits + np.where(self._tired < TIRED - 1e-9, 0, OVERLOAD), np.int64)
 
     def _sense(self) -> None:
-        """What the sensors inside show, (m,): °C, and V that sag by what all servos draw together."""
+        """Return the sensor values (m,): °C, and V with the sag by the current of all servos."""
         self.celsius = self.surroundings + self._warm[0] + self._warm[1]
         self.volts = self.connector_volts - SAG * self._drawn - self._lost
 

@@ -1,4 +1,4 @@
-"""True state of virtual servos, independent of the bus: for tests that judge the host's view of them."""
+"""True state of virtual servos, independent of the bus, for tests that check the host's view of them."""
 
 import math
 from typing import Any

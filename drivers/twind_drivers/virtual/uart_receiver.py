@@ -24,11 +24,11 @@ def clash(sent: Sequence[tuple[float, bytes]], baud: int) -> bytes:
     return _decode(line)
 
 
-def misheard(data: bytes, sent: int, heard: int) -> bytes:
-    """Return the bytes that a receiver at `heard` baud decodes from `data` sent at `sent` baud."""
+def misheard(data: bytes, sender_baud: int, receiver_baud: int) -> bytes:
+    """Return the bytes that a receiver at `receiver_baud` decodes from `data` sent at `sender_baud`."""
     bits = _bits(data)
-    count = -(-len(bits) * heard * SAMPLES // sent)
-    return _decode(bits[np.arange(count) * sent // (heard * SAMPLES)])
+    count = -(-len(bits) * receiver_baud * SAMPLES // sender_baud)
+    return _decode(bits[np.arange(count) * sender_baud // (receiver_baud * SAMPLES)])
 
 
 def _bits(data: bytes) -> Levels:

@@ -1,6 +1,6 @@
-"""A device among virtual servos that only tells: an inertial sensor, whose registers somebody feels for.
+"""Virtual inertial sensor on a servo bus, which only reports.
 
-It answers ping and read, and refuses every write; group instructions it does not know.
+It answers ping and read, refuses every write, and ignores group instructions.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ class SensorRegisters:
 
 
 class VirtualSensor:
-    """One of them. `tell`: what its fields are true of now, SI, in their order."""
+    """Virtual sensor. `tell`: source of the true values of its fields, SI, in their order."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class VirtualSensor:
         self._size = max(HEAD, *(each.field.end for each in cells))
 
     def err(self, gyro_noise: float = 0.0, acceleration_noise: float = 0.0, gyro_bias: float = 0.0) -> None:
-        """From now on: noise (standard deviation, rad/s, m/s²) and bias (rad/s) on each axis; 0: none.
+        """Set noise (standard deviation, rad/s, m/s²) and bias (rad/s) of each axis; 0: none.
 
         Raises ValueError for a noise below 0, and beyond 10 rad/s and 100 m/s².
         """
@@ -65,7 +65,7 @@ class VirtualSensor:
         self._bias = np.array([gyro_bias, 0.0])
 
     def answer(self, packet: Packet) -> bytes:
-        """Its status to a sound packet; nothing where it is not meant."""
+        """Return its status to a sound packet; empty for a packet to another device."""
         ping = packet.instruction == Instruction.PING
         if self.silenced or not (packet.id == self.id or (packet.id == BROADCAST and ping)):
             return b""
@@ -91,10 +91,10 @@ class VirtualSensor:
         return bytes(memory)
 
 
-def _raw(cells: SensorRegisters, told: Floats) -> bytes:
-    """As the register holds it: rounded, and at its end where the value is beyond."""
+def _raw(cells: SensorRegisters, values: Floats) -> bytes:
+    """Return the register values: rounded, and at the end of the range for a value beyond."""
     kind = np.dtype(cells.field.kind)
-    raw = told / cells.lsb + cells.zero
+    raw = values / cells.lsb + cells.zero
     if kind.kind == "f":
         return raw.astype(kind).tobytes()
     ends = np.iinfo(kind)

@@ -1,7 +1,7 @@
-"""A virtual bus: bytes from the host in, bytes of the servos out when their time has come.
+"""Virtual serial bus: bytes from the host in, bytes of the servos out at their time.
 
-Requests that come again and again take a short way: the same sync read, goals by sync write. Everything else
-goes through the framer to `instructions`. While a fault is ordered, answers take the long way, one by one.
+Repeated requests take a short way: the same sync read, goals by sync write. All others go through the framer
+to `instructions`. While a fault is ordered, replies take the long way, one by one.
 """
 
 from collections.abc import Callable, Sequence
@@ -59,11 +59,11 @@ class VirtualBus:
         made: Callable[..., VirtualServos] = VirtualServos,
         sensor: VirtualSensor | None = None,
     ) -> None:
-        """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
+        """Make the bus; `baud`: of the line; a servo with another baud register receives and sends nothing.
 
-        `seed`: of all that is random in the faults; the same orders and bytes then give the same bytes.
-        `made`: what makes the servos, as `Servos` is made; others of that kind may live by other rules.
-        `sensor`: hangs there too.
+        `seed`: of the random faults; the same orders and bytes then give the same bytes.
+        `made`: constructor of the servos, with the arguments of `VirtualServos`.
+        `sensor`: a sensor on the bus.
         """
         self.name = name
         self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
@@ -158,7 +158,7 @@ class VirtualBus:
     # --------------------------------------------------------------------------------- the short way
 
     def _complete_packet_size(self, data: bytes, place: int) -> int:
-        """Size of the packet that begins at `place` and is whole; 0: the framer must look."""
+        """Return the size of the whole packet that begins at `place`; 0: the framer must process it."""
         if len(self._framer) or not data.startswith(HEADER, place) or len(data) < place + 10:
             return 0
         size = (data[place + 5] | data[place + 6] << 8) + 7
@@ -323,13 +323,13 @@ class VirtualBus:
             heard += pieces[-1]
         return pieces
 
-    def _block(self, heard: bytes, promised: int, answer: ServoStatus) -> bytes:
-        """One servo's part of a joint answer, behind what it `heard`; the first announces the LEN of all."""
+    def _block(self, before: bytes, promised: int, answer: ServoStatus) -> bytes:
+        """Return one servo's part of a common reply, behind `before`; the first announces the whole LEN."""
         row = (self._error(answer), answer.id, answer.data)
-        if not heard:
+        if not before:
             return fast_status([row], promised)[0]
         block = bytes(row[:2]) + answer.data
-        return block + crc16(heard + block).to_bytes(2, "little")
+        return block + crc16(before + block).to_bytes(2, "little")
 
     def _babel(self) -> None:
         """Send "unknown instruction" from servos at another rate; the host receives it at its own."""

@@ -1,8 +1,8 @@
-"""The servos of one bus: what their firmware does with torque, goals, watchdog and time.
+"""Servos of one bus: the behaviour of their firmware with torque, goals, watchdog and time.
 
-No packets here (`bus`), no register rules (`writing`), no physics (`muscles`). Time is an argument. Rows are
-places in `specs`. Positions of the motor are encoder ticks, continuous; those in registers have direction,
-turn and homing offset. Goals of the other modes are raw velocity, current or PWM (`drive`).
+No packets here (`virtual_serial_bus`), no register rules (`write_instruction`), no physics (`muscles`). Time
+is an argument. Rows are indices of `specs`. Positions of the motor are encoder ticks, continuous; those in
+registers have direction, turn and homing offset. Goals of the other modes are raw velocity, current or PWM.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from twind_drivers.virtual.servo_protection import ServoProtection
 SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
 REFRESH = 0.001  # s between two refreshes of the present registers
-CHECK = 0.1  # s between two looks at supply, heat and load
+CHECK = 0.1  # s between two checks of supply, heat and load
 WATCHDOG_UNIT = 0.02  # s, register 98
 TRIPPED = 255  # what register 98 reads then (-1)
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
@@ -65,7 +65,7 @@ class VirtualServos:
     def __init__(
         self, specs: Sequence[ServoSpec], muscles: ServoPhysics, *, now: float = 0.0, keep_goal: bool = True
     ) -> None:
-        """`keep_goal`: at torque on the goal register keeps its old value (the harsher case), else present.
+        """Make the servos; `keep_goal`: at torque on the goal register keeps its value (the harsher case).
 
         Raises KeyError for an unknown model and ValueError for one without the registers simulated here.
         """
@@ -90,13 +90,13 @@ class VirtualServos:
         self.shift = self.power.shift
         count = len(specs)
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
-        # shut: by a hardware error, until reboot; silenced: connector pulled, it hears and says nothing
-        # s, the last time, and how long after the last packet heard before that
+        # shut: by a hardware error, until reboot; silenced: connector pulled, it receives and sends nothing
+        # s, the last time, and how long after the last received packet before that
         self.tripped_at = np.full(count, np.nan)
         self.trip_delay = np.full(count, np.nan)
-        self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
+        self.heard_at = np.full(count, now)  # (m,) s, last instruction packet that each servo received
         self.baud = 0  # of the line; 0: whatever each servo is set to
-        # ticks, ticks/s; NaN: nobody's
+        # ticks, ticks/s; NaN: no hand
         self._hand = np.full(count, np.nan)
         self._reach = np.zeros(count)
         self.listening = np.ones(count, np.bool_)
@@ -108,7 +108,7 @@ class VirtualServos:
         self._fresh = -inf
         self._simple = True
         self._by_goal: NDArray[np.bool_] | None = (
-            None  # whose torque a goal position turns on; None: nobody's
+            None  # servos whose torque a goal position turns on; None: none
         )
         for row, spec in enumerate(specs):
             memory.fill(row)
@@ -137,7 +137,7 @@ class VirtualServos:
             self._move(now)
 
     def run_timers(self, now: float) -> None:
-        """Only what has a time of its own until `now`: watchdogs that trip, boots that end."""
+        """Run all timers until `now`: watchdogs that trip, boots that end."""
         while self._event <= now:
             at = self._event
             self._move(at)
@@ -147,7 +147,7 @@ class VirtualServos:
             self.invalidate_cache()
 
     def feed(self, now: float) -> None:
-        """An intact instruction packet was on the bus: it feeds the watchdog of every servo that heard it."""
+        """Feed the watchdog of every servo that received an intact instruction packet."""
         if self._simple:
             self.heard_at.fill(now)
             self._event = now + self._shortest
@@ -240,7 +240,7 @@ class VirtualServos:
         self._retarget()
 
     def allows(self, row: int, goal: int) -> bool:
-        """Is `goal` inside the position limits of this servo (they count in mode 3 only)?"""
+        """Return True if `goal` is inside the position limits of this servo (they count in mode 3 only)."""
         return bool(self._firmware.lower[row] <= goal <= self._firmware.upper[row])
 
     def _torque_by_goal(self, by_goal: NDArray[np.bool_], rows: Any) -> None:
@@ -278,7 +278,7 @@ class VirtualServos:
                 self.power.goal_is_present(row)
 
     def inject_error(self, row: int, bits: int) -> None:
-        """A hardware error: alert on every status, and shutdown where register 63 asks for it."""
+        """Raise a hardware error: alert on every status, and shutdown where register 63 selects it."""
         error = int(self["hardware_error_status"][row]) | bits
         self.registers.put("hardware_error_status", error, row)
         if error & int(self["shutdown"][row]):
@@ -287,7 +287,7 @@ class VirtualServos:
         self.invalidate_cache()
 
     def supply(self, volts: float) -> None:
-        """What feeds the bus from now on, V; too little reboots them. Raises ValueError outside 0..60 V."""
+        """Set the supply of the bus, V; too little reboots the servos. Raises ValueError outside 0..60 V."""
         self.protection.supply(volts)
         self._check(self.now)
         self.invalidate_cache()
@@ -298,9 +298,9 @@ class VirtualServos:
         self.muscles.block(self._blocked)
 
     def set_hand_position(self, row: int, place: float, speed: float) -> None:
-        """A hand takes a shaft to `place` (encoder ticks; NaN: lets go of it), ticks/s, and holds it there.
+        """Move a shaft by hand to `place` (encoder ticks; NaN: release it), ticks/s, and hold it there.
 
-        Nothing in a servo can tell it; where torque is on it slips.
+        No register shows it; where torque is on the hand slips.
         """
         self._hand[row] = place
         self._reach[row] = speed

@@ -1,7 +1,7 @@
-"""What a servo does with a write: which error it answers, and what follows from a register that changed.
+"""Write instruction of a servo: its error, and the effects of changed registers.
 
-Errors by e-manual "Protocol 2.0", section Error: 4 range (and any goal while the bus watchdog has tripped),
-5 length, 6 limit register, 7 access (read-only, undefined, EEPROM while torque is on). All or nothing.
+Errors by e-manual "Protocol 2.0", section Error: 4 range (and any goal while the bus watchdog has tripped), 5
+length, 6 limit register, 7 access (read-only, undefined, EEPROM while torque is on). All or nothing.
 """
 
 from twind_drivers.dynamixel.control_tables import TableRegister
@@ -35,14 +35,14 @@ def write(
 def judge(
     servos: VirtualServos, row: int, address: int, data: bytes, *, shadow: bool = False
 ) -> StatusErrorCode:
-    """What `write` would answer now; nothing is written."""
+    """Return the error that `write` would give now; nothing is written."""
     return _judge_all(servos, row, address, data, [], shadow=shadow)
 
 
 def _judge_all(
     servos: VirtualServos, row: int, address: int, data: bytes, changes: Changes, *, shadow: bool
 ) -> StatusErrorCode:
-    """Every register that the span holds, into `changes`. Indirect data is the register it points at."""
+    """Check every register of the span, into `changes`. Indirect data is the register that it points at."""
     layout = servos.memory.layouts[row]
     end = address + len(data)
     if not data:
@@ -86,7 +86,7 @@ def _judge(servos: VirtualServos, row: int, register: TableRegister, value: int)
 
 
 def _drive_bits(servos: VirtualServos, row: int) -> int:
-    """Which bits this model has with its firmware (e-manual, "Drive Mode"); the others are always 0."""
+    """Return the bits of this model and firmware (e-manual, "Drive Mode"); the others are always 0."""
     table = servos.memory.tables[row]
     firmware = servos.memory.firmwares[row]
     since = table.facts.torque_on_by_goal_from
@@ -99,7 +99,7 @@ def _drive_bits(servos: VirtualServos, row: int) -> int:
 
 
 def _follow(servos: VirtualServos, row: int, key: str, value: int) -> None:
-    """What a register that was just stored sets off."""
+    """Apply the effects of a register that was just stored."""
     match key:
         case "torque_enable":
             servos.torque(row, bool(value))

@@ -121,7 +121,7 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
     with port(2) as there:
         assert main(["scan", "--port", there.path, *FEW]) == 0
     said = capsys.readouterr().err
-    assert "1000000 baud: asking everybody" in said
+    assert "1000000 baud: broadcast ping" in said
     assert re.search(r"\rscan  ━+─* +\d+%  0:0\d  1000000 baud: reading id 2\x1b\[K", said)
     assert said.endswith("\r\x1b[K")
 

@@ -1,4 +1,4 @@
 """Virtual CAN actuators: nodes of four families on one wire, behind an adapter of frames or slcan text.
 
-Written a second time, from the vendors' frames, and not by our own codecs: a mistake in those shows here.
+They are written independently, from the vendors' frames: an error of the driver's codecs shows here.
 """

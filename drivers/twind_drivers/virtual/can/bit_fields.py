@@ -4,9 +4,9 @@ import math
 
 
 def pack(value: float, span: float, bits: int) -> int:
-    """`value` in -span..span as a field of so many bits: cut off, not rounded (CubeMars manual p. 48).
+    """Pack `value` in -span..span into a field of so many bits: cut off, not rounded (CubeMars manual p. 48).
 
-    What is beyond stays at the edge: a motor has no other way to tell. Not a number reads as the middle.
+    A value beyond stays at the edge: the field has no other form. Not a number becomes the middle.
     """
     most = (1 << bits) - 1
     if not math.isfinite(value):

@@ -8,7 +8,7 @@ from twind_drivers.virtual.can.slcan_text import SlcanText
 
 
 class CanFaults(FrameFaults, NodeFaults):
-    """What goes wrong on one bus: of answers, of nodes, of the line and the adapter."""
+    """Faults of one bus: of replies, of nodes, of the line and the adapter."""
 
     def __init__(
         self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController, text: SlcanText
@@ -32,26 +32,26 @@ class CanFaults(FrameFaults, NodeFaults):
         self._text.spoil(count, kind)
 
     def unacknowledged(self, on: bool = True) -> None:
-        """The cable behind the adapter is cut: nobody hears it, it sends its first frame again and again.
+        """Cut the cable behind the adapter: no node receives, and it repeats its first frame.
 
-        What the host sends waits, and goes out when the cable is whole.
+        Frames of the host wait, and leave when the cable is whole.
         """
         self._controller.cut = on
         self._controller.update_membership()
 
     def bus_off(self, on: bool = True) -> None:
-        """The controller has left the bus; off: it is started again, and sends what waits.
+        """Take the controller off the bus; off: start it again, and send the waiting frames.
 
-        With slcan nothing tells of it; closing and opening the channel starts it again too.
+        slcan does not report it; closing and opening the channel starts it again too.
         """
         self._controller.go_offline(on)
 
     def passive(self, on: bool = True) -> None:
-        """The controller has counted many errors and says so; frames pass as before."""
+        """Set the controller to error-passive, which it reports; frames pass as before."""
         self._controller.doubt(on)
 
     def error_frames(self, count: int) -> None:
-        """So many frames on the wire are broken by somebody: told as error frames. Raises ValueError."""
+        """Break so many frames on the wire; they are reported as error frames. Raises ValueError."""
         if not 0 <= count <= 10_000:
             raise ValueError(f"error_frames: {count} are outside 0..10000")
         self._controller.errors(count)

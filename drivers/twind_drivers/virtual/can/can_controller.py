@@ -1,4 +1,4 @@
-"""The host's CAN controller on the virtual wire: its bus state, its send queue, its received frames.
+"""CAN controller of the host on the virtual wire: its bus state, its send queue, its received frames.
 
 Error frames are those of linux/can/error.h; a kernel socket gives them to the host, slcan does not.
 """
@@ -43,7 +43,7 @@ class VirtualCanController:
         self.wire = wire
         self.adapter = adapter
         self.may_send = may_send
-        # what the bus must look at: anything; error frames to spend time on
+        # work for the bus: any; error frames to spend time on
         self.news = True
         self.broken = 0
         self.inbox: deque[CanMessage] = deque()  # has arrived, error frames among it

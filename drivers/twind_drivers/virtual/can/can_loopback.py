@@ -1,7 +1,7 @@
-"""The virtual CAN bus as a channel in the same process: the mock bus of tests, under a fake clock.
+"""In-process channel to the virtual CAN bus: the mock bus of tests, under a fake clock.
 
-Made with an adapter that `keeps`, it is a kernel's socket: frames that wait survive `purge` and `close`, and
-go out when somebody acknowledges again.
+With an adapter that `keeps` it acts as a kernel's socket: waiting frames survive `purge` and `close`, and
+leave when a node acknowledges again.
 """
 
 from twind_drivers.bus import PortError, PortFault, output_full
@@ -16,7 +16,7 @@ LEFT = 0.1  # s after which frames that wait are old ones
 
 
 class CanLoopback:
-    """A `Channel` without descriptor: `arrival` tells the clock when a frame may come."""
+    """`CanChannel` without descriptor: `arrival` gives the clock the time of the next possible frame."""
 
     def __init__(self, line: VirtualCanSegment, clock: Clock) -> None:
         self.name = f"virtual:{line.name}"
@@ -26,7 +26,7 @@ class CanLoopback:
         self._clock = clock
         self._open = True
         self._stuck_since: float | None = None  # s
-        self._deaf = False  # off for frames that nobody took, until somebody is heard
+        self._deaf = False  # off for frames without acknowledgement, until a frame is received
         line.controller.connect(True)
         line.controller.inbox.clear()
 
@@ -35,9 +35,9 @@ class CanLoopback:
         return -1
 
     def arrival(self) -> float:
-        """No frame comes before this, s; an unplugged adapter wakes its reader at once.
+        """Return the earliest time of the next frame, s; an unplugged adapter wakes its reader at once.
 
-        Of the line itself: it is text alone that an adapter hands over in batches.
+        It is that of the line itself: only text is delivered by an adapter in batches.
         """
         return (
             VirtualCanSegment.next_output_time(self._line)
@@ -57,13 +57,13 @@ class CanLoopback:
     def receive(self, now: float) -> Frames:
         """See `Channel.receive`; error frames are counted and set `condition.line`."""
         self._check()
-        heard = self._line.give_host_frames(now)
-        if not heard.size:
+        received = self._line.give_host_frames(now)
+        if not received.size:
             return NOTHING
-        wrong = (heard["id"] & ERROR) != 0
-        for frame in heard[wrong]:
+        wrong = (received["id"] & ERROR) != 0
+        for frame in received[wrong]:
             self._error(int(frame["id"]), int(frame["data"][1]))
-        good: Frames = heard[~wrong]
+        good: Frames = received[~wrong]
         if good.size and self._deaf:
             self._deaf = False
             self.condition.line = CanErrorState.ACTIVE

@@ -1,4 +1,4 @@
-"""One frame on the virtual wire: its arbitration rank and its length in bits. Pure."""
+"""Frame on the virtual wire: its arbitration rank and its length in bits. Pure."""
 
 import re
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ RUNS = re.compile(r"0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
 
 
 class CanMessage(NamedTuple):
-    """`id` with the flags of `twind_drivers.can.frame`; at most 8 bytes."""
+    """CAN frame: `id` with the flags of `twind_drivers.can.frame`; at most 8 bytes."""
 
     id: int
     data: bytes = b""
@@ -37,7 +37,7 @@ def messages(frames: Frames) -> list[CanMessage]:
 
 
 def as_frames(messages: Iterable[CanMessage]) -> Frames:
-    """(k,) frames, in order."""
+    """Return messages as frames (k,), in order."""
     listed = list(messages)
     made = np.zeros(len(listed), FRAME)
     for row, (id, data) in enumerate(listed):

@@ -1,7 +1,7 @@
-"""What turns the shaft of a virtual CAN actuator: the protocol, in SI, and the cheapest muscles that keep it.
+"""Physics of a virtual CAN actuator's shaft: the interface, in SI, and its simplest implementation.
 
 These actuators close an impedance loop at the output: torque = kp (place - q) + kd (speed - v) + torque. The
-serial servos' muscles (`twind_drivers.virtual.servo_physics`) speak in registers; one body may move both.
+serial servos' physics (`twind_drivers.virtual.servo_physics`) use registers; one body may move both.
 """
 
 from typing import Protocol
@@ -19,7 +19,7 @@ STEP = 0.002  # s, the longest step of the solution that is exact as long as not
 class CanMotorPhysics(Protocol):
     """The motors of the nodes of one bus. Arrays are (m,), in the order of the nodes.
 
-    The three readings stay true until the next `advance`; nobody but the muscles writes them.
+    The three readings stay valid until the next `advance`; only the physics writes them.
     """
 
     position: Floats  # rad of the shaft, continuous: neither wrapped nor zeroed
@@ -36,35 +36,35 @@ class CanMotorPhysics(Protocol):
         torque: Floats,
         limit: Floats,
     ) -> None:
-        """From now on: each one's last command (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m.
+        """Set the command of each motor (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m.
 
         Off: nothing but friction.
         """
 
     def block(self, held: Bools) -> None:
-        """From now on: shafts that something holds fast; they turn neither with torque nor without."""
+        """Set the blocked shafts (m,); they turn neither with torque nor without."""
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """From now on: where hands take limp shafts (rad) and hold them, NaN: nobody; rad/s.
+        """Set the positions (m,) where hands hold limp shafts, rad, NaN: no hand; their speed, rad/s.
 
         Where torque is on a hand slips.
         """
 
     def set_base_pose(self, base: str) -> None:
-        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+        """Set how the base of the robot is held. Raises KeyError: no such way, ValueError: no body."""
 
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
 
 class FirstOrderCanPhysics:
-    """Free shafts with inertia and viscous friction, and nothing that loads them.
+    """Free shafts with inertia and viscous friction, without load.
 
-    Implicit Euler in steps of at most 2 ms: stable for any gains, at rest where the command says.
+    Implicit Euler in steps of at most 2 ms: stable for any gains, at rest at the commanded position.
     """
 
     def __init__(self, start: Floats, *, speed: float = 30.0, now: float = 0.0) -> None:
-        """`start` (m,) rad; `speed`: rad/s that no shaft passes."""
+        """Begin at `start` (m,) rad; `speed`: largest speed of a shaft, rad/s."""
         self.position = np.array(start, np.float64)
         self.velocity, self.torque = np.zeros_like(self.position), np.zeros_like(self.position)
         self._speed = speed

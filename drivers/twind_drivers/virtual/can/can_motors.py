@@ -1,7 +1,7 @@
-"""The motors of the nodes of one bus: what each was told, given to the muscles in one go.
+"""Motors of the nodes of one bus: the last command of each, given to the physics together.
 
-The muscles move at most once a millisecond: what a node tells of itself is at most that old, and what it is
-commanded acts at most that much early.
+The physics advances at most once a millisecond. A node's report is at most that old, and a command acts at
+most that much early.
 """
 
 import numpy as np
@@ -15,15 +15,15 @@ class CanMotors:
     """m motors, in rows. Lists are (m,), as of the last `settle` or `advance`."""
 
     def __init__(self, muscles: CanMotorPhysics, limits: list[float], now: float) -> None:
-        """`limits`: N·m, the most that each can pull."""
+        """Make the motors; `limits` (m,): largest torque of each, N·m."""
         count = len(limits)
         self.muscles = muscles
         self.limits = np.array(limits)
         self.on: Bools = np.zeros(count, np.bool_)
-        self._told: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
-        self._last: list[tuple[float, ...]] = [()] * count  # what was told; empty: torque off
+        self._commands: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
+        self._last: list[tuple[float, ...]] = [()] * count  # last command; empty: torque off
         self._held = np.zeros(count, np.bool_)
-        # rad, rad/s; NaN: nobody's
+        # rad, rad/s; NaN: no hand
         self._hand = np.full(count, np.nan)
         self._reach = np.zeros(count)
         self._frozen: dict[int, float] = {}
@@ -34,18 +34,18 @@ class CanMotors:
 
     def command(self, row: int, place: float, speed: float, kp: float, kd: float, torque: float) -> None:
         """Torque is on, and follows this: rad of the shaft, rad/s, N·m/rad, N·m·s/rad, N·m."""
-        told = (place, speed, kp, kd, torque)
-        if told != self._last[row]:
-            self._last[row] = told
+        values = (place, speed, kp, kd, torque)
+        if values != self._last[row]:
+            self._last[row] = values
             self.on[row] = True
-            self._told[:, row] = told
+            self._commands[:, row] = values
             self._changed = True
 
     def release_torque(self, row: int) -> None:
         """Torque is off."""
         self.on[row] = False
         self._last[row] = ()
-        self._told[:, row] = 0.0
+        self._commands[:, row] = 0.0
         self._changed = True
 
     def limit(self, row: int, torque: float) -> None:
@@ -59,14 +59,17 @@ class CanMotors:
         self.muscles.block(self._held)
 
     def set_hand_position(self, row: int, place: float, speed: float) -> None:
-        """A hand takes a shaft to `place` (rad; NaN: lets go of it), rad/s. It slips where torque is on."""
+        """Move a shaft by hand to `place` (rad; NaN: release it), rad/s.
+
+        The hand slips where torque is on.
+        """
         self._hand[row] = place
         self._reach[row] = speed
         self.muscles.set_hand_positions(self._hand, self._reach)
         self._changed = True
 
     def freeze(self, row: int, on: bool) -> None:
-        """Its encoder repeats what it shows now."""
+        """Freeze the reading of its encoder."""
         if on:
             self._frozen[row] = self.position[row]
         else:
@@ -87,7 +90,7 @@ class CanMotors:
     def _push(self) -> None:
         if self._changed:
             self._changed = False
-            place, speed, kp, kd, torque = self._told
+            place, speed, kp, kd, torque = self._commands
             self.muscles.drive(self.on, place, speed, kp, kd, torque, self.limits)
 
     def _read(self) -> None:

@@ -1,4 +1,4 @@
-"""Nodes, wire and the host's controller together: frames in, frames out, as time passes."""
+"""CAN segment: nodes, wire and the host's controller; frames in, frames out, as time passes."""
 
 from collections.abc import Sequence
 from math import inf
@@ -18,7 +18,7 @@ from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.slcan_text import SlcanText
 from twind_drivers.virtual.reading_history import ReadingHistory
 
-IDLE = 0.01  # s after which the muscles move though nobody asks
+IDLE = 0.01  # s after which the physics advances without a request
 STRANGER = -2  # sender: another master on the wire
 
 
@@ -55,7 +55,7 @@ class VirtualCanSegment:
         self.faults.now = now
         self._noted = now
         self._hears = self._host_may = False  # the controller; see `_changed`
-        self._alone = False  # nobody acknowledges what the controller sends
+        self._alone = False  # no node acknowledges the controller's frames
 
     @property
     def is_plugged(self) -> bool:

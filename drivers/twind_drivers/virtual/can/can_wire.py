@@ -1,4 +1,4 @@
-"""One CAN wire: order of frames by arbitration. A frame that no receiver acknowledges waits.
+"""CAN wire: order of frames by arbitration. A frame without acknowledging receiver waits.
 
 Senders are the host's adapter (`HOST`) and nodes by their row. Each has a queue of its own that keeps its
 order, as a controller with one mailbox does: only heads compete. A frame occupies the wire for its own bits,
@@ -34,7 +34,7 @@ class FrameInFlight(NamedTuple):
 
 
 class CanWire:
-    """Frames that wait, and the order in which the wire carries them.
+    """Waiting frames, and the order in which the wire carries them.
 
     `heard(sender)`: True when another controller is there to acknowledge, so that the sender may send.
     """

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from twind_drivers.virtual.can.can_controller import VirtualCanController
 from twind_drivers.virtual.can.can_message import CanMessage
 
-FOREIGN = CanMessage(0x6F3, bytes([0xF0, 0x0D, 0, 0, 0, 0, 0, 0]))  # of nobody on this bus
+FOREIGN = CanMessage(0x6F3, bytes([0xF0, 0x0D, 0, 0, 0, 0, 0, 0]))  # of no node on this bus
 
 
 class FaultedFrame(NamedTuple):

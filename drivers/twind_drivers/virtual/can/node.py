@@ -42,7 +42,7 @@ class VirtualCanNode:
         self.celsius = AMBIENT
         self.volts = NOMINAL
 
-    # ------------------------------------------------------------------------------- what a family says
+    # ------------------------------------------------------------------------------- interface of a family
 
     def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Return the answers to a frame, after its effect. Frames for other nodes give nothing."""

@@ -1,4 +1,4 @@
-"""The shaft of one node in its own frame, its torque, and the watchdog that ends it."""
+"""Shaft of one node in its own frame, its torque, and the watchdog that ends it."""
 
 import math
 from math import inf
@@ -9,19 +9,19 @@ TURN = 2.0 * math.pi
 
 
 class NodeShaft:
-    """The place that a node tells is that of the bare encoder less its `zero`, rad."""
+    """Shaft of a node. Its reported position is that of the bare encoder less its `zero`, rad."""
 
     def __init__(self, row: int, motors: CanMotors) -> None:
         self.row = row
         self.motors = motors
-        self.zero = 0.0  # rad of the encoder where it says 0
-        self.kept_zero = 0.0  # what of that it still knows without power
-        self.goal = 0.0  # rad, as it was told
+        self.zero = 0.0  # rad of the encoder at reading 0
+        self.kept_zero = 0.0  # rad of it that remain without power
+        self.goal = 0.0  # rad, as commanded
         self.on = False
         self.turns_due = 0  # turns that its place jumps by at the next `wrap`
 
     def enable(self) -> None:
-        """Torque on; until told otherwise it pulls with 0 N·m."""
+        """Switch torque on; until the first command it pulls with 0 N·m."""
         self.wrap()
         self.on = True
         self.motors.command(self.row, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,12 +37,12 @@ class NodeShaft:
         self.turns_due = 0
 
     def wrap_position(self) -> None:
-        """It does not know how often it has turned: its place is within -pi..pi."""
+        """Wrap the position to -pi..pi: the count of turns is lost."""
         place = self.motors.position[self.row] - self.kept_zero
         self.zero = self.kept_zero + TURN * math.floor(place / TURN + 0.5)
 
     def set_zero(self) -> None:
-        """Where it is now is 0 from now on."""
+        """Set the zero to the present position."""
         self.zero = self.kept_zero = self.motors.position[self.row]
 
     def read_state(self) -> tuple[float, float, float]:
@@ -69,11 +69,11 @@ class NodeWatchdog:
         self.trip_delay = math.nan
 
     def expiry(self, on: bool) -> float:
-        """When it expires, s; with torque only, and once."""
+        """Return the time (s) of expiry; only with torque, and once."""
         return self.heard_at + self.timeout if on and not self.tripped else inf
 
     def trip(self, now: float) -> None:
-        """It has expired."""
+        """Record the expiry."""
         self.tripped = True
         self.tripped_at = now
         self.trip_delay = now - self.heard_at

@@ -34,7 +34,7 @@ class NodeSpec:
     family: str = ""  # one of FAMILIES; empty: by the model's name
     forgets_zero: bool = False  # a zero that was set over the bus is lost at power-off (CyberGear)
     hinge: Hinge | None = None  # the joint that it turns
-    chip: int = 0  # 64-bit number of its processor, which a RobStride tells; 0: one by its id and firmware
+    chip: int = 0  # 64-bit number of its processor, which a RobStride reports; 0: one by its id and firmware
 
     @property
     def number(self) -> int:

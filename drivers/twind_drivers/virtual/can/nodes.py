@@ -1,4 +1,4 @@
-"""All nodes of one bus: who hears a frame, and who says something by itself when."""
+"""Nodes of one bus: receivers of a frame, and the times of unrequested frames."""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -23,7 +23,7 @@ KINDS: dict[str, type[VirtualCanNode]] = {
 
 
 class VirtualCanNodes:
-    """m nodes, in rows. `say(row, message, now)` takes what they send."""
+    """Nodes of one bus (m) in rows. `say(row, message, now)` takes the frames that they send."""
 
     def __init__(
         self,
@@ -44,14 +44,14 @@ class VirtualCanNodes:
         self.update_membership()
 
     def update_membership(self) -> None:
-        """Power or a connector changed, or a frame was heard: work out what follows."""
-        self._rows: dict[int, list[int]] = {}  # id, or what of it names somebody -> who listens to it
+        """Update the nodes on the wire after a change of power or a connector, or after a frame."""
+        self._rows: dict[int, list[int]] = {}  # id, or its part that addresses a node -> rows that receive it
         for row in range(len(self.each)):
             self._look(row)
         self._sum()
 
     def receive_frame(self, message: CanMessage, now: float, but: int) -> None:
-        """A frame has passed the wire: all that are there hear it, `but` the row that sent it."""
+        """Pass a frame on the wire to all connected nodes, `but` the row that sent it."""
         self.motors.settle(now)
         id = message.id
         key = id & 0xFF | EXTENDED if id & EXTENDED else id & STANDARD_MASK
@@ -66,7 +66,7 @@ class VirtualCanNodes:
         self._sum()
 
     def run_timers(self, now: float) -> None:
-        """Whoever's time has come by `now` (s): watchdogs, boots, heartbeats."""
+        """Run the timers due by `now` (s): watchdogs, boots, heartbeats."""
         self.motors.settle(now)
         for row, node in enumerate(self.each):
             if node.boots_at <= now:
@@ -102,9 +102,9 @@ class VirtualCanNodes:
         self.there = sum(self.present)  # how many
         self.event = min(self._times, default=inf)  # s, when the next one does something by itself
 
-    def _send_unsolicited(self, row: int, said: Sequence[CanMessage], now: float) -> None:
-        """What one says by itself; nobody hears it with its connector pulled."""
-        for message in said if self.present[row] else ():
+    def _send_unsolicited(self, row: int, messages: Sequence[CanMessage], now: float) -> None:
+        """Send frames of a node by itself; none leaves with its connector pulled."""
+        for message in messages if self.present[row] else ():
             self._say(row, message, now)
 
     def _answer(self, row: int, answer: CanMessage, now: float) -> None:

@@ -1,7 +1,7 @@
-"""A virtual CAN bus on python-can's `virtual` interface: frames between the two, in one process.
+"""Bridge from a virtual CAN bus to python-can's `virtual` interface, in one process.
 
-python-can's interface knows neither arbitration nor time: both happen here, before a frame is handed over.
-Whoever drives it calls `step` often enough; it has no thread and never blocks.
+python-can's interface has neither arbitration nor time: both happen here, before a frame is passed on. The
+user calls `step` often enough; there is no thread and no blocking.
 """
 
 import can
@@ -12,16 +12,16 @@ from twind_drivers.virtual.can.can_segment import VirtualCanSegment
 
 
 class PythonCanBridge:
-    """Moves what the host has sent to the nodes, and what they have said to the host."""
+    """Bridge of frames between the host and the nodes."""
 
     def __init__(self, line: VirtualCanSegment, bus: can.BusABC) -> None:
-        """`bus`: an end of its own on the host's channel."""
+        """Make the bridge; `bus`: a separate end on the host's channel."""
         self._line = line
         self._bus = bus
         line.controller.connect(True)
 
     def step(self, now: float) -> float:
-        """Everything until `now` (s); when to call again at the latest, s."""
+        """Process everything until `now` (s); return the latest time of the next call, s."""
         sent = []
         while (given := self._bus.recv(timeout=0.0)) is not None:
             if not given.is_error_frame:

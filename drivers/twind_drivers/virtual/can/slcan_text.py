@@ -1,7 +1,7 @@
-"""The slcan text of a virtual adapter: lines of the host in, answers and frames out.
+"""Slcan text of a virtual adapter: lines of the host in, answers and frames out.
 
-Commands and answers as the LAWICEL adapters have them: CR is yes, BEL is no, z and Z say that a frame was
-taken. What it answers to F is recalled from their manual (unverified): bit 2 warning, 5 passive, 7 bus error.
+Commands and answers are those of the LAWICEL adapters: CR is yes, BEL is no, z and Z acknowledge a frame. The
+answer to F is recalled from their manual (unverified): bit 2 warning, 5 passive, 7 bus error.
 """
 
 from collections.abc import Sequence
@@ -46,24 +46,24 @@ class SlcanText:
         self._kind = kind
 
     def forget(self) -> None:
-        """What had come of a line is lost."""
+        """Discard a partial line."""
         self._line.clear()
         self._deaf = False
 
     def receive_text(self, data: bytes, now: float) -> bytes:
         """Bytes of the host at `now`, s; the adapter's answers."""
-        said = b""
+        answer = b""
         *lines, rest = data.split(b"\r")
         for line in lines:
             whole = bytes(self._line) + line
             deaf = self._deaf or len(whole) > LONGEST
-            said += NO if deaf else self._obey(whole, now)
+            answer += NO if deaf else self._execute(whole, now)
             self.forget()
         self._line += rest
         if len(self._line) > LONGEST:
             self.forget()
             self._deaf = True
-        return said
+        return answer
 
     def print(self, heard: Sequence[CanMessage]) -> bytes:
         """Frames for the host; error frames have no text."""
@@ -74,7 +74,7 @@ class SlcanText:
 
     # ------------------------------------------------------------------------------------- the host's lines
 
-    def _obey(self, line: bytes, now: float) -> bytes:
+    def _execute(self, line: bytes, now: float) -> bytes:
         controller = self._controller
         order = line[:1]
         if not line:

@@ -1,6 +1,6 @@
-"""A virtual CAN bus: its nodes behind an adapter that gives frames, and slcan text around them.
+"""Virtual CAN bus: its nodes behind an adapter that gives frames, and slcan text around them.
 
-Whoever serves bytes (a pseudo-terminal, `virtual.loopback`) uses it as the bus of serial servos.
+A server of bytes (a pseudo-terminal, `serial_loopback`) uses it like the bus of serial servos.
 """
 
 from math import ceil, inf, isfinite
@@ -13,8 +13,8 @@ class VirtualCanBus(VirtualCanSegment):
 
     kind = "can"
     _held = b""  # the host has sent it while the adapter is stalled
-    _said_back = b""  # answers of the adapter to the host's lines
-    _said_at = -inf  # s, when the first of those was given
+    _text_answers = b""  # answers of the adapter to the host's lines
+    _answered_at = -inf  # s, time of the first of those
 
     @property
     def backlog(self) -> int:
@@ -22,7 +22,7 @@ class VirtualCanBus(VirtualCanSegment):
         return len(self._held)
 
     def flush(self) -> None:
-        """Those are never sent."""
+        """Discard frames that have not been sent."""
         self._held = b""
 
     def receive(self, data: bytes, now: float) -> None:
@@ -36,26 +36,26 @@ class VirtualCanBus(VirtualCanSegment):
         if self.faults.stalled:
             self._held = data
         else:
-            self._said_at = self._said_at if self._said_back else now
-            self._said_back += self.text.receive_text(data, now)
+            self._answered_at = self._answered_at if self._text_answers else now
+            self._text_answers += self.text.receive_text(data, now)
 
     def next_output_time(self) -> float:
-        """As `VirtualCanSegment.due`, for text: the adapter hands over what has come at the next batch."""
+        """Return the next output time, s; text leaves with the adapter's next batch."""
         if self._held and not self.faults.stalled:
             return -inf
         controller = self.controller
         batch = controller.adapter.batch
         if not batch:
-            return -inf if self._said_back else super().next_output_time()
+            return -inf if self._text_answers else super().next_output_time()
         first = controller.since if controller.inbox else super().next_output_time()
-        if self._said_back:
-            first = min(first, self._said_at)
+        if self._text_answers:
+            first = min(first, self._answered_at)
         return ceil(first / batch - 1e-6) * batch if isfinite(first) else first
 
     def take(self, now: float) -> bytes:
         """Text that has arrived at the host by `now`."""
         if not self.is_plugged:
-            self._said_back = b""
+            self._text_answers = b""
             return b""
         if self._held:
             self.receive(b"", now)
@@ -64,8 +64,8 @@ class VirtualCanBus(VirtualCanSegment):
             if self.next_output_time() > now:
                 return b""
         heard = self._arrived(now)
-        said = self._said_back
-        self._said_back = b""
+        said = self._text_answers
+        self._text_answers = b""
         return said + self.text.print(heard)
 
     def line(self, baud: int) -> None:

@@ -1,4 +1,4 @@
-"""A virtual CubeMars AK motor in MIT mode: it tells of itself in answer to its own frames alone.
+"""Virtual CubeMars AK motor in MIT mode: it reports only in reply to its own frames.
 
 Sources: CubeMars AK manual V1.0.8 p. 48-49. Its answer has its own id (the manual: "0 + drive ID"), and its
 first byte is that id too. Not in the manual: the error codes (public drivers, unverified), and what FB does.
@@ -22,7 +22,10 @@ ORIGIN = 0xFE
 
 
 class VirtualCubeMars(VirtualCanNode):
-    """`settings`: `timeout` s of its watchdog, which only the vendor's own tool can set or read."""
+    """Virtual CubeMars.
+
+    `settings`: `timeout` s of its watchdog, which only the vendor's own tool can set or read.
+    """
 
     def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         super().__init__(spec, row, motors, now)

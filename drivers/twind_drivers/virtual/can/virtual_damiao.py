@@ -1,8 +1,8 @@
-"""A virtual Damiao motor: MIT frames, registers on 7FF, answers on its master id.
+"""Virtual Damiao motor: MIT frames, registers on 7FF, replies on its master id.
 
-Sources: axol and lerobot `motors/damiao` as gathered in our field manual; what they do not say is marked
-"assumed" here: that a refused register write is answered with the value held, that every frame to it feeds
-its watchdog, and that communication lost drops torque.
+Sources: public drivers (axol, lerobot `motors/damiao`). What they leave open is marked "assumed" here: a
+refused register write is answered with the value held, every frame to it feeds its watchdog, and lost
+communication drops torque.
 """
 
 import math
@@ -90,7 +90,7 @@ class VirtualDamiao(VirtualCanNode):
         self._look()
 
     def accepts_id(self, key: int) -> bool:
-        """Its own id, and that of all registers."""
+        """Return True for its own id, and that of all registers."""
         return key in (self.id, REGISTERS_ID)
 
     def bounds(self) -> tuple[float, float, float]:

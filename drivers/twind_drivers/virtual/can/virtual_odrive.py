@@ -1,4 +1,4 @@
-"""A virtual ODrive axis on CANSimple: it tells of itself all the time, and its watchdog is off as delivered.
+"""Virtual ODrive axis on CANSimple: it reports periodically, and its watchdog is off as delivered.
 
 Sources: ODrive docs/can-protocol.rst, csv and firmware f9b5419c (3.x). `do_command` feeds the watchdog for
 any frame addressed to the axis, remote requests included. Not simulated: calibrations, trajectories and
@@ -65,7 +65,7 @@ class ODriveErrorCodes(NamedTuple):
 OLD = ODriveErrorCodes(0x2, 0x4, 0x40000, 0x800, 0x4000, 0x1)  # 3.x
 LATER = ODriveErrorCodes(0x200, 0x100, 0x2000, 1 << 24, 1 << 25, 0)  # S1, Pro (recalled, unverified)
 CPR = 8192
-LIMITED = 0.002  # s between two looks at an axis whose speed is limited
+LIMITED = 0.002  # s between two checks of an axis whose speed is limited
 FACTORY = {
     "watchdog_timeout": 0.0,
     "heartbeat": 0.1,
@@ -116,7 +116,7 @@ class VirtualODrive(VirtualCanNode):
         return codes.heat if what == HEAT else codes.low if what == LOW else codes.high
 
     def watchdog(self) -> int:
-        """ms; nobody can read it over this bus."""
+        """Timeout of the watchdog, ms; this bus cannot read it."""
         return round(self.held["watchdog_timeout"] * 1e3)
 
     def on_watchdog_timeout(self, now: float) -> Sequence[CanMessage]:
@@ -125,7 +125,7 @@ class VirtualODrive(VirtualCanNode):
         return self.inject_fault(self.codes.watchdog)
 
     def next_beat(self) -> float:
-        """Heartbeat, estimates, or a look at the speed limit."""
+        """Time of the next heartbeat, estimate, or check of the speed limit, s."""
         return min(self._heart_at, self._tell_at, self._look_at)
 
     def beat(self, now: float) -> Sequence[CanMessage]:
@@ -142,7 +142,7 @@ class VirtualODrive(VirtualCanNode):
         return [each for each in said if each is not None]
 
     def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
-        """Orders with data; a remote frame or an empty one asks."""
+        """Execute orders with data; a remote frame or an empty one is a request."""
         id, data = message
         if id & EXTENDED or (id & 0x7FF) >> 5 != self.id:
             return ()
@@ -155,7 +155,7 @@ class VirtualODrive(VirtualCanNode):
         self._order(command, data, now)
         return ()
 
-    # ------------------------------------------------------------------------------------- what it says
+    # ------------------------------------------------------------------------------------- reports
 
     def _make_message(self, command: int, data: bytes) -> CanMessage:
         return CanMessage(self.id << 5 | command, data)
@@ -251,10 +251,10 @@ class VirtualODrive(VirtualCanNode):
         self._pull(now)
 
     def _pull(self, now: float) -> None:
-        """The cascade as an impedance: position gain times velocity gain is a stiffness.
+        """Drive the cascade as an impedance: position gain times velocity gain is a stiffness.
 
-        While the position asks for more than the speed limit, its loop is a damper around that speed, looked
-        at again soon.
+        While the position loop requests more than the speed limit, the axis is a damper around that speed,
+        checked again soon.
         """
         place, speed, torque = self.input
         outer = self.held["position_gain"]

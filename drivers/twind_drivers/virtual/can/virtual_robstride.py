@@ -1,4 +1,4 @@
-"""A virtual RobStride motor with the vendor's private protocol: 29-bit ids, parameters, faults in the id.
+"""Virtual RobStride motor with the vendor's private protocol: 29-bit ids, parameters, faults in the id.
 
 Sources: RobStride SampleProgram, lerobot. Assumed: every frame to it feeds its timeout; a fault frame is sent
 when a fault appears. 0x7028 as the index of the timeout is unverified. A parameter that it lacks is echoed
@@ -63,7 +63,7 @@ FORMS = {index: (form, writable) for index, form, _, writable in PARAMETERS.valu
 
 
 class VirtualRobStride(VirtualCanNode):
-    """Disabled until it is enabled; answers every frame to it to the host that asked last."""
+    """Virtual RobStride motor. Disabled until it is enabled; it replies to the host of the latest request."""
 
     def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         """Raises ValueError for a setting that is no parameter."""
@@ -100,7 +100,7 @@ class VirtualRobStride(VirtualCanNode):
         return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else DRIVER
 
     def inject_fault(self, bits: int) -> Sequence[CanMessage]:
-        """Bits of the feedback's id; a new one is told by a frame of its own."""
+        """Set bits of the feedback's id; a new one sends a frame of its own."""
         news = bits & ~self.fault
         super().inject_fault(bits)
         return [self._make_message(FAULTS, struct.pack("<II", self.fault, 0))] if news else ()
@@ -115,7 +115,7 @@ class VirtualRobStride(VirtualCanNode):
         return [self.feedback()]
 
     def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
-        """Everything of the private protocol but set id, baud rate and protocol switch."""
+        """Execute all of the private protocol except set id, baud rate and protocol switch."""
         id, data = message
         if not id & EXTENDED or id & REMOTE or id & 0xFF != self.id:
             return ()
