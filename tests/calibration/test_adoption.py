@@ -240,7 +240,7 @@ def test_a_servo_that_was_only_overheard_keeps_its_place(robot: RobotFile) -> No
 def test_adoption_on_a_line_with_unsolicited_bytes_is_refused(robot: RobotFile) -> None:
     bench = Bench(robot, [settled(1), fresh()])
     bench.bus.faults.babble(on=True)
-    with pytest.raises(Rejected, match="talks on this line"):
+    with pytest.raises(Rejected, match="sends on this line"):
         bench.adopt("wrist")
     assert bench.port.writes == []
 

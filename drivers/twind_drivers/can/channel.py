@@ -41,7 +41,7 @@ class CanChannel(ArrivalSource, Protocol):
         """Send all frames, in this order, in one system call where the adapter has one.
 
         Raises PortError. Kind OUTPUT_FULL: the queue still held earlier frames. It is purged, none is sent.
-        Kind LOST: the adapter went away, or has taken nothing for a second.
+        Kind LOST: the adapter went away, or has accepted nothing for a second.
         """
 
     def receive(self, now: float) -> Frames:

@@ -79,5 +79,5 @@ class ChannelStatusTracker:
 
 
 def dead(port: str, waited: float) -> PortError:
-    """Lost: a way out that has taken nothing for `waited` s."""
-    return PortError(port, f"has taken nothing for {waited:.1f} s: {REMEDY}", kind=PortFault.LOST)
+    """Lost: a way out that has accepted nothing for `waited` s."""
+    return PortError(port, f"has accepted nothing for {waited:.1f} s: {REMEDY}", kind=PortFault.LOST)

@@ -96,7 +96,7 @@ class CanLoopback:
             self.condition.line = CanErrorState.OFF
         self._empty()
         if now - since >= DEAD:
-            raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", kind=PortFault.LOST)
+            raise PortError(self.name, f"has accepted nothing for {now - since:.1f} s", kind=PortFault.LOST)
         raise output_full(self.name, waiting, count)
 
     def _error(self, id: int, detail: int) -> None:
