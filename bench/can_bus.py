@@ -17,7 +17,7 @@ from can.interfaces.slcan import slcanBus
 from bench.can import COUNT, PATIENCE, RATE, FrameExchange, adapter, average
 from bench.can_responder import OFFSET
 from bench.harness import ROUNDS, FigureSpec, MeasuredFigure, Measurement, interleaved, medians, spread
-from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.can_units import COUNT as RADIAN
 from twind_drivers.can.can_units import EFFORT
@@ -43,7 +43,9 @@ class CanDriverCycle:
         self._writers = []
         for place, path in enumerate(paths):
             ids = range(1 + place * each, 1 + (place + 1) * each)
-            actuators = [CanActuator(id, id + OFFSET, MODEL, POSITION, VELOCITY, TORQUE) for id in ids]
+            actuators = [
+                CanActuatorIdentity(id, id + OFFSET, MODEL, POSITION, VELOCITY, TORQUE) for id in ids
+            ]
             channel = open_channel(f"can:slcan:{path}", RATE)
             reader = CanReader(f"bus{place}", channel, actuators, bitrate=RATE, slack=PATIENCE)
             wide = np.full(each, TURN)

@@ -40,7 +40,7 @@ from twind.safety.gate import GateThresholds
 from twind.standard_streams import lines, stand_in_for_closed, write_line
 from twind.twin.binding import bind
 from twind.version import __version__
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import MonotonicClock
 
 FAILED = 1
@@ -107,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
         code = USAGE
         why = str(error)
     except (PortError, OperationFailed) as error:
-        in_use = isinstance(error, PortError) and error.kind is PortFault.IN_USE
+        in_use = isinstance(error, PortError) and error.kind is PortErrorCause.IN_USE
         code = TAKEN if options.failsafe and in_use else FAILED
         why = str(error)
     left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""

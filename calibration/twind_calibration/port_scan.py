@@ -12,7 +12,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan
-from twind_drivers.dynamixel.prober import Prober
+from twind_drivers.dynamixel.prober import PortProber
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 # Bits of register 70 (e-manual, "Hardware Error Status").
@@ -40,9 +40,9 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     ids = options.ids or IDS
     timer = (port.latency_ms or 0) * 1e-3
 
-    def open_prober(baud: int) -> Prober:
+    def open_prober(baud: int) -> PortProber:
         port.set_baud(baud)
-        return Prober(port, clock, baud, timer=timer)
+        return PortProber(port, clock, baud, timer=timer)
 
     seconds = sum(estimate(baud, ids, thorough=options.thorough, timer=timer) for baud in bauds)
     _begin(options, port, bauds, ids, seconds)

@@ -11,7 +11,7 @@ from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.instances import settings_of, sockets_of
+from twind.ctl.instance_paths import settings_of, sockets_of
 from twind.exceptions import InvalidInput
 
 SERVICE = Path("/etc/twind/twind.yaml")

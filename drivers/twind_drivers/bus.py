@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.exceptions import InvalidInput, TwindError
-from twind_drivers.clock import ArrivalSource
+from twind_drivers.clock import WaitableSource
 
 if TYPE_CHECKING:
     from twind_drivers.single_device import SingleDeviceControl
@@ -40,7 +40,7 @@ class BusError(TwindError):
     """A bus that did not do what was requested."""
 
 
-class PortFault(StrEnum):
+class PortErrorCause(StrEnum):
     """Cause of a PortError, as far as a caller reacts to it."""
 
     OTHER = "other"
@@ -53,7 +53,7 @@ class PortFault(StrEnum):
 class PortError(BusError):
     """A port that cannot be opened or used."""
 
-    def __init__(self, port: str, reason: str, kind: PortFault = PortFault.OTHER) -> None:
+    def __init__(self, port: str, reason: str, kind: PortErrorCause = PortErrorCause.OTHER) -> None:
         super().__init__(f"{port}: {reason}")
         self.port = port
         self.reason = reason
@@ -62,7 +62,7 @@ class PortError(BusError):
     @property
     def lost(self) -> bool:
         """True if the port is gone."""
-        return self.kind is PortFault.LOST
+        return self.kind is PortErrorCause.LOST
 
 
 def output_full(port: str, waiting: int, most: int) -> PortError:
@@ -74,7 +74,7 @@ def output_full(port: str, waiting: int, most: int) -> PortError:
         port,
         f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
         "sent; is the adapter stuck, or slower than its baud rate says?",
-        PortFault.OUTPUT_FULL,
+        PortErrorCause.OUTPUT_FULL,
     )
 
 
@@ -276,7 +276,7 @@ Script = Generator[Request, RequestReply, T]
 # --------------------------------------------------------------------------------------------- the two halves
 
 
-class PortHandle(ArrivalSource, Protocol):
+class PortHandle(WaitableSource, Protocol):
     """Port of a bus as the loop uses it: wait for it, name it, close it."""
 
     name: str  # for error messages

@@ -13,7 +13,7 @@ from typing import Protocol
 ASK_MS = 1  # ms between checks of a source without descriptor, which cannot wake a poll
 
 
-class ArrivalSource(Protocol):
+class WaitableSource(Protocol):
     """Source of bytes: a port with a descriptor, or an in-process bus that schedules their arrival."""
 
     def fileno(self) -> int:
@@ -35,7 +35,7 @@ class Clock(Protocol):
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s) or later; at once if it has passed."""
 
-    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[WaitableSource], deadline: float) -> Sequence[int]:
         """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding.
 
         Returns the indices of the ready sources; none at the deadline.
@@ -63,7 +63,7 @@ class MonotonicClock:
         if remaining > 0.0:
             time.sleep(remaining)
 
-    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[WaitableSource], deadline: float) -> Sequence[int]:
         """Poll all descriptors once. Errors and hang-ups end the wait too; the next read reports them.
 
         A source without descriptor cannot end a poll, so it is checked every millisecond.
@@ -81,7 +81,7 @@ class MonotonicClock:
         poll, places = found
         return [places[fd] for fd, _ in poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))]
 
-    def _poll_and_check(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
+    def _poll_and_check(self, sources: Sequence[WaitableSource], deadline: float) -> Sequence[int]:
         poll = select.poll()
         places = {source.fileno(): place for place, source in enumerate(sources)}
         mute = [place for place, source in enumerate(sources) if source.fileno() < 0]
@@ -115,7 +115,7 @@ class FakeClock:
         """Jump to `deadline`, never back."""
         self.time = max(self.time, deadline)
 
-    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[WaitableSource], deadline: float) -> Sequence[int]:
         """Jump to the next arrival or to `deadline`, whichever is first, never back.
 
         Returns the indices of the sources with bytes.

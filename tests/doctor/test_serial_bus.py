@@ -29,7 +29,7 @@ from twind.doctor.check import (
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector, scan_bus
-from twind.doctor.serial_survey import SerialSurvey
+from twind.doctor.serial_survey import SerialBusSurvey
 from twind.exceptions import OperationFailed
 
 
@@ -98,7 +98,7 @@ def test_scan_is_advised_on_the_free_port_or_through_the_daemon(tmp_path: Path) 
     spec = ROBOT.buses[0]
     joints = ROBOT.joints
     for servos, code in (((), "BUS_SILENT"), ((servo(joints[1]),), "SERVO_MISSING")):
-        survey = SerialSurvey(spec, "/dev/ttyUSB0", servos, joints[:1])
+        survey = SerialBusSurvey(spec, "/dev/ttyUSB0", servos, joints[:1])
         seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, surveys={"main": survey})
         checks = [check for check in CHECKS if code in check.codes]
         (alone,) = runner.run(seen, checks, runner.table()).found

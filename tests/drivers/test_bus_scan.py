@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.bus_scan import (
@@ -28,7 +28,7 @@ from twind_drivers.dynamixel.bus_scan import (
     scan,
     scan_rate,
 )
-from twind_drivers.dynamixel.prober import OLD_PING, Prober
+from twind_drivers.dynamixel.prober import OLD_PING, PortProber
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -55,9 +55,9 @@ class Bench:
         positions = 1000.0 + apart * np.arange(len(servos))
         self.bus = VirtualBus("bench", servos, FirstOrderPhysics(positions), baud=MILLION, now=20.0)
 
-    def at(self, baud: int) -> Prober:
+    def at(self, baud: int) -> PortProber:
         self.bus.line(baud)
-        return Prober(Loopback(self.bus, self.clock), self.clock, baud)
+        return PortProber(Loopback(self.bus, self.clock), self.clock, baud)
 
     def scan(self, bauds: Sequence[int] = BAUDS, *, thorough: bool = False) -> dict[int, BaudRateScan]:
         return {rate.baud: rate for rate in scan(self.at, bauds, thorough=thorough)}
@@ -70,11 +70,11 @@ def servo(id: int, baud: int = MILLION, model: str = "XM430-W350", delay: int = 
     return ServoSpec(id, model, {"baud_rate": CODES[baud], "return_delay_time": delay})
 
 
-def wired(change: Callable[[bytes], bytes], *ids: int) -> Prober:
+def wired(change: Callable[[bytes], bytes], *ids: int) -> PortProber:
     """A prober on scripted servos whose answers are bent."""
     wire = Wire(Servos(ids))
     wire.change = change
-    return Prober(wire, FakeClock(), MILLION)
+    return PortProber(wire, FakeClock(), MILLION)
 
 
 # ------------------------------------------------------------------------------------- who is there
@@ -111,7 +111,7 @@ def test_torque_and_hardware_errors_are_reported_by_the_scan() -> None:
 
 def test_an_unknown_model_is_found_without_its_registers() -> None:
     servos = Servos((5,), model=4711)
-    (found,) = scan_rate(Prober(Wire(servos), FakeClock(), MILLION)).found
+    (found,) = scan_rate(PortProber(Wire(servos), FakeClock(), MILLION)).found
     assert (found.id, found.model, found.model_name, found.torque, found.trouble) == (
         5,
         4711,
@@ -130,7 +130,7 @@ def test_a_device_that_answers_only_pings_is_found() -> None:
 
 def test_nothing_is_ever_written() -> None:
     servos = Servos((1, 2, 3))
-    scan_rate(Prober(Wire(servos), FakeClock(), MILLION), thorough=True)
+    scan_rate(PortProber(Wire(servos), FakeClock(), MILLION), thorough=True)
     assert {each.instruction for each in servos.seen} <= {packet.Instruction.PING, packet.Instruction.READ}
     assert len(servos.seen) > 253
 
@@ -240,7 +240,7 @@ def test_two_devices_of_an_unknown_model_are_distinguished_by_their_two_replies(
     servos = Servos((5,), model=4711)
     wire = Wire(servos)
     wire.change = twice
-    (found,) = scan_rate(Prober(wire, FakeClock(), MILLION)).found
+    (found,) = scan_rate(PortProber(wire, FakeClock(), MILLION)).found
     assert (found.id, found.model_name) == (5, None)
     assert clashes(found) and "two devices" in str(found.trouble)
 
@@ -258,7 +258,7 @@ def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear()
     servos = Servos((2, 9))
     wire = Wire(servos)
     wire.change = garble
-    rate = scan_rate(Prober(wire, FakeClock(), MILLION), range(12), thorough=True)
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION), range(12), thorough=True)
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert len(garbled) == 3
 
@@ -284,7 +284,7 @@ def test_a_slow_latency_timer_hides_no_servo(timer: float) -> None:
     bench = Bench(servo(2), servo(9))
     bench.at(MILLION)
     bench.bus.faults.latency(timer)
-    prober = Prober(Loopback(bench.bus, bench.clock), bench.clock, MILLION, timer=timer)
+    prober = PortProber(Loopback(bench.bus, bench.clock), bench.clock, MILLION, timer=timer)
     rate = scan_rate(prober, range(20), thorough=True)
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
 
@@ -298,7 +298,7 @@ def test_an_echoing_adapter_is_named_and_every_servo_is_found() -> None:
         answer(data)
 
     wire.write = write  # type: ignore[method-assign]
-    rate = scan_rate(Prober(wire, FakeClock(), MILLION))
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION))
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert rate.troubles == (ECHO,)
 
@@ -313,7 +313,7 @@ def test_devices_of_protocol_1_are_named() -> None:
             wire.inbox += bytes.fromhex("ffff 11 02 00 ec")  # e-manual, protocol 1.0: sum inverted
 
     wire.write = write  # type: ignore[method-assign]
-    (trouble,) = scan_rate(Prober(wire, FakeClock(), MILLION)).troubles
+    (trouble,) = scan_rate(PortProber(wire, FakeClock(), MILLION)).troubles
     assert (trouble.kind, trouble.ids) == (Kind.OLD, (17,))
     assert "protocol 1.0 (ids 17)" in str(trouble)
 
@@ -329,7 +329,7 @@ def test_unsolicited_traffic_is_named_and_causes_no_duplicates() -> None:
         return count
 
     wire.drain = babbling  # type: ignore[method-assign]
-    rate = scan_rate(Prober(wire, FakeClock(), MILLION))
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION))
     assert TALK in rate.troubles
     assert len(rate.found) <= 1
 
@@ -337,7 +337,7 @@ def test_unsolicited_traffic_is_named_and_causes_no_duplicates() -> None:
 def test_a_rate_refused_by_the_adapter_is_reported_and_the_others_are_scanned() -> None:
     bench = Bench(servo(4))
 
-    def at(baud: int) -> Prober:
+    def at(baud: int) -> PortProber:
         if baud > 4_000_000:
             raise PortError("bench", f"baud rate {baud} is not supported")
         return bench.at(baud)
@@ -357,8 +357,8 @@ def test_a_port_that_goes_away_ends_the_scan() -> None:
 
 
 def test_a_port_that_is_gone_when_its_rate_is_set_ends_the_scan_too() -> None:
-    def at(baud: int) -> Prober:
-        raise PortError("bench", "adapter unplugged?", kind=PortFault.LOST)
+    def at(baud: int) -> PortProber:
+        raise PortError("bench", "adapter unplugged?", kind=PortErrorCause.LOST)
 
     with pytest.raises(PortError, match="unplugged"):
         next(scan(at))

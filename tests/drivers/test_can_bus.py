@@ -12,7 +12,7 @@ from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, PortError, WireClamp, WriteRequest
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
-from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.register_access import ADDRESS, COMMAND, STATE, whole_command
@@ -357,7 +357,7 @@ def test_a_bus_that_cannot_be_is_refused() -> None:
         with pytest.raises(ValueError):
             CanReader("arm", rig.channel, actuators, bitrate=1_000_000)
     with pytest.raises(KeyError):
-        CanReader("arm", rig.channel, [CanActuator(1, 17, "DM99", 12.5, 30, 10)], bitrate=1_000_000)
+        CanReader("arm", rig.channel, [CanActuatorIdentity(1, 17, "DM99", 12.5, 30, 10)], bitrate=1_000_000)
     three = np.full(3, 10.0)
     for bad in (
         {"lower": np.zeros(2, np.int64)},

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twind.config.cycle_budget import budgets, require_rate
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind_drivers.can.can_bus import CanActuator, CanReader
+from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader
 from twind_drivers.can.can_cycle_budget import budget, frame_bits, registers_at_once
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.can_loopback import CanLoopback
@@ -81,7 +81,7 @@ def test_a_rate_out_of_reach_is_refused_with_the_arithmetic() -> None:
 @pytest.mark.parametrize("bitrate", [125_000, 1_000_000])
 def test_the_upkeep_that_is_reckoned_is_that_of_the_reader(bitrate: int, rate: float) -> None:
     clock = FakeClock(0.0)
-    node = CanActuator(1, 17, "DM4310", 12.5, 30.0, 10.0)
+    node = CanActuatorIdentity(1, 17, "DM4310", 12.5, 30.0, 10.0)
     line = VirtualCanBus(
         "leg", [NodeSpec(1, "DM4310", feedback_id=17)], FirstOrderCanPhysics(np.zeros(1)), bitrate=bitrate
     )

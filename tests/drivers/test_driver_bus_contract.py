@@ -11,7 +11,7 @@ from twind_drivers.bus import (
     NoReply,
     PingRequest,
     PortError,
-    PortFault,
+    PortErrorCause,
     ReadRequest,
     Script,
     SlowRegisterValues,
@@ -43,7 +43,7 @@ def test_an_error_names_the_bus_the_device_the_value_and_the_bound(error: BusErr
 
 def test_a_port_that_cannot_be_opened_is_not_a_lost_one() -> None:
     assert not PortError("p", "r").lost
-    assert PortError("p", "r", kind=PortFault.LOST).lost
+    assert PortError("p", "r", kind=PortErrorCause.LOST).lost
 
 
 def test_registers_never_read_are_unknown_and_infinitely_old() -> None:

@@ -16,7 +16,7 @@ from tests.support.can_frames import cycle, mixed
 from tests.support.driver_rig import is_output_full
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
 from twind_drivers.bus import PortError
-from twind_drivers.can import can_interface, python_can_channel
+from twind_drivers.can import can_interface_control, python_can_channel
 from twind_drivers.can.can_interface_lock import owners
 from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.channel import CanErrorState
@@ -300,7 +300,7 @@ def test_a_real_interface_passes_frames_between_two_sockets() -> None:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         pytest.skip(f"no AF_CAN here: {error.strerror}")
-    if not can_interface.present("vcan0"):
+    if not can_interface_control.present("vcan0"):
         pytest.skip("no vcan0 here")
     with can.Bus("vcan0", interface="socketcan") as other:
         one = open_channel("can:socketcan:vcan0", 1_000_000)
@@ -321,15 +321,15 @@ def test_an_interface_unknown_to_python_can_is_named() -> None:
 def test_a_long_transmit_queue_is_reported_with_the_remedy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(can_interface, "INTERFACES", tmp_path)
+    monkeypatch.setattr(can_interface_control, "INTERFACES", tmp_path)
     for name, length, kind in (("can0", 1000, 280), ("can1", 10, 280), ("eth0", 1000, 1)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "tx_queue_len").write_text(f"{length}\n")
         (tmp_path / name / "type").write_text(f"{kind}\n")
-    assert "1000 frames" in can_interface.long_queue("can0")
-    assert "ip link set can0 txqueuelen 48" in can_interface.long_queue("can0")
-    assert can_interface.long_queue("can1") == can_interface.long_queue(NOWHERE) == ""
-    assert can_interface.interfaces() == ["can0", "can1"]
+    assert "1000 frames" in can_interface_control.long_queue("can0")
+    assert "ip link set can0 txqueuelen 48" in can_interface_control.long_queue("can0")
+    assert can_interface_control.long_queue("can1") == can_interface_control.long_queue(NOWHERE) == ""
+    assert can_interface_control.interfaces() == ["can0", "can1"]
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no device"), struct.error("short"), AttributeError("None")])

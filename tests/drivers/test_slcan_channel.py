@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
-from twind_drivers.bus import PortError, PortFault, output_full
+from twind_drivers.bus import PortError, PortErrorCause, output_full
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
 from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening
@@ -429,7 +429,7 @@ def test_closing_a_channel_empties_both_queues_and_never_raises() -> None:
     assert (adapter.flushes, adapter.told, adapter.closed) == (1, b"\r\rC\r", True)
     gone = Adapter()
     channel = opened(gone)
-    gone.error = PortError("adapter", "hung up", kind=PortFault.LOST)
+    gone.error = PortError("adapter", "hung up", kind=PortErrorCause.LOST)
     channel.close()
     assert gone.closed
 
@@ -445,7 +445,7 @@ def test_closing_a_channel_empties_both_queues_and_never_raises() -> None:
 def test_a_removed_adapter_raises_a_lost_port_error(act: Callable[[SlcanChannel], object]) -> None:
     adapter = Adapter()
     channel = opened(adapter)
-    adapter.error = PortError("adapter", "hung up (adapter unplugged?)", kind=PortFault.LOST)
+    adapter.error = PortError("adapter", "hung up (adapter unplugged?)", kind=PortErrorCause.LOST)
     with pytest.raises(PortError, match="unplugged") as lost:
         act(channel)
     assert lost.value.lost

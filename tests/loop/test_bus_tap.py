@@ -13,7 +13,7 @@ from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
 from twind.loop.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
 from twind.robot.modes import Mode
-from twind_drivers.bus import PortError, PortFault, output_full
+from twind_drivers.bus import PortError, PortErrorCause, output_full
 from twind_drivers.can.frame import FRAME
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import HEADER
@@ -298,7 +298,7 @@ class Wire:
 
     def _check(self) -> None:
         if self.broken:
-            raise PortError("wire", "gone", kind=PortFault.LOST)
+            raise PortError("wire", "gone", kind=PortErrorCause.LOST)
 
 
 @pytest.mark.parametrize("last", [4096, 10])
@@ -377,7 +377,7 @@ def test_bytes_discarded_before_a_port_loss_are_recorded(ring: FlightRing) -> No
     def gone(thrown: bytearray | None = None) -> int:
         assert thrown is not None
         thrown += b"late"
-        raise PortError("wire", "gone", kind=PortFault.LOST)
+        raise PortError("wire", "gone", kind=PortErrorCause.LOST)
 
     inside.drain = gone  # type: ignore[method-assign]
     taped = TappedTransport(inside, RecordingBusTap(ring, 0, FakeClock(1.0)))

@@ -20,7 +20,7 @@ from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, loa
 from twind.observe.replaying.replay_bus import ReplayBus
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
-    ReplayOutcome,
+    RunOutcome,
     differences,
     outcome_of,
     uncompared,
@@ -32,12 +32,12 @@ from twind_drivers.dynamixel import packet
 ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
 
 
-def played(recorded: FlightFile, folder: Path) -> ReplayOutcome:
+def played(recorded: FlightFile, folder: Path) -> RunOutcome:
     with closing(Replay(recorded, folder)) as replay:
         return replay.run()
 
 
-def found(wanted: ReplayOutcome, recorded: FlightFile, folder: Path) -> list[str]:
+def found(wanted: RunOutcome, recorded: FlightFile, folder: Path) -> list[str]:
     return list(differences(wanted, played(recorded, folder), ROUND))
 
 
@@ -160,10 +160,10 @@ def test_an_outcome_survives_its_file() -> None:
 
 
 def test_an_incomplete_command_is_compared_as_far_as_it_goes() -> None:
-    def with_answer(**fields: Any) -> ReplayOutcome:
-        return ReplayOutcome((CommandOutcome("SubmitTrajectory", **fields),), {}, "armed", "live", True)
+    def with_answer(**fields: Any) -> RunOutcome:
+        return RunOutcome((CommandOutcome("SubmitTrajectory", **fields),), {}, "armed", "live", True)
 
-    def same(then: ReplayOutcome, now: ReplayOutcome) -> bool:
+    def same(then: RunOutcome, now: RunOutcome) -> bool:
         return not list(differences(then, now, 0.1))
 
     running = with_answer(phase="running")

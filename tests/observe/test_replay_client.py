@@ -12,7 +12,7 @@ from twind import link
 from twind.observe.replaying import replay_client
 from twind.observe.replaying.replay_calls import Reply
 from twind.observe.replaying.replay_client import ReplayClient
-from twind.observe.replaying.replay_outcome import ReplayOutcome
+from twind.observe.replaying.replay_outcome import RunOutcome
 from twind.observe.replaying.replay_script import STAY, Heard, RecordedCommand, ReplayScript
 from twind.observe.replaying.replay_servos import ReplayPosition
 from twind.robot.trajectory import Trajectory
@@ -96,7 +96,7 @@ def played(
     monkeypatch.setattr(replay_client, "ReplayConnection", lambda _: Line(daemon))
     monkeypatch.setattr(replay_client, "wait", daemon.wait)
     asked = tuple(RecordedCommand(BEGIN + time, command, link.pack_path(PATH)) for time, command in SCENE)
-    recorded = ReplayOutcome((), {}, "armed", "live", True)
+    recorded = RunOutcome((), {}, "armed", "live", True)
     score = ReplayScript(
         names=("head_yaw",),
         begin=BEGIN,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
-from twind.robot.turn_range import TurnRange
+from twind.robot.measured_travel import TurnRange
 from twind.safety.multiturn import chosen, expected, inside, strayed, unfit
 
 WHOLE = 4096

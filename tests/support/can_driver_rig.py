@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.support.driver_rig import DriverRig
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_models import model
 from twind_drivers.can.can_units import COUNT, TURN
 from twind_drivers.can.frame import Frames
@@ -22,13 +22,15 @@ EDGE = TURN // 2 - 200  # counts: goals that may be sent, either way
 RANGES = {"ODrive": (12.5, 30.0, 10.0)}  # of models that no source gives ranges of
 
 
-def actuators(models: Sequence[str]) -> list[CanActuator]:
+def actuators(models: Sequence[str]) -> list[CanActuatorIdentity]:
     made = []
     for id, name in enumerate(models, start=1):
         known = model(name)
         position, velocity, torque = RANGES.get(name, (known.position, known.velocity, known.torque))
         made.append(
-            CanActuator(id, id + 0x10 if known.family == "damiao" else id, name, position, velocity, torque)
+            CanActuatorIdentity(
+                id, id + 0x10 if known.family == "damiao" else id, name, position, velocity, torque
+            )
         )
     return made
 

@@ -9,7 +9,7 @@ from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import SerialBusInspector
-from twind.doctor.serial_survey import SerialSurvey, SurveyedServo
+from twind.doctor.serial_survey import SerialBusSurvey, SurveyedServo
 from twind_drivers.clock import MonotonicClock
 
 ROBOT = load_robot("h24")
@@ -56,7 +56,7 @@ def survey_findings(*servos: SurveyedServo, calibration: Calibration | None = No
     """Findings about a bus whose other servos are well."""
     others = {each.id for each in servos}
     rest = [servo(joint) for joint in ROBOT.joints if joint.id not in others]
-    survey = SerialSurvey(ROBOT.buses[0], "/dev/ttyUSB0", (*servos, *rest), ())
+    survey = SerialBusSurvey(ROBOT.buses[0], "/dev/ttyUSB0", (*servos, *rest), ())
     seen = CheckContext(
         HostInspector(), "twind.service", robot=ROBOT, calibration=calibration, surveys={"main": survey}
     )

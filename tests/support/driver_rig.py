@@ -15,7 +15,7 @@ from twind_drivers.bus import (
     BusWriter,
     PingRequest,
     PortError,
-    PortFault,
+    PortErrorCause,
     ReadRequest,
     Request,
     Script,
@@ -28,7 +28,7 @@ RATE = 100.0  # Hz
 
 def is_output_full(error: BaseException) -> bool:
     """True for the error of a port whose output was dropped."""
-    return isinstance(error, PortError) and error.kind is PortFault.OUTPUT_FULL
+    return isinstance(error, PortError) and error.kind is PortErrorCause.OUTPUT_FULL
 
 
 class DriverRig:

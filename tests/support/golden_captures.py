@@ -26,7 +26,7 @@ from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, loa
 from twind.link import Overview, Tick, decode_news
 from twind.observe.recording.flight_messages import news
 from twind.observe.replaying.replay_calls import INTERFACE, ReplayConnection, wait
-from twind.observe.replaying.replay_outcome import ReplayOutcome, outcome_of
+from twind.observe.replaying.replay_outcome import RunOutcome, outcome_of
 from twind.observe.replaying.replay_script import score
 
 HERE = Path(__file__).parents[1] / "data" / "captures"
@@ -259,7 +259,7 @@ def keep(flight: FlightFile, name: str, why: str) -> None:
     expect(name)
 
 
-def expected(name: str) -> ReplayOutcome:
+def expected(name: str) -> RunOutcome:
     """What must come out."""
     return outcome_of(json.loads((HERE / f"{name}.expected.json").read_text()))
 

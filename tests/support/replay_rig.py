@@ -28,7 +28,7 @@ from twind.loop.service_notify import Notifier
 from twind.observe.replaying.device_timeline import story
 from twind.observe.replaying.replay_bus import ReplayBus
 from twind.observe.replaying.replay_files import lay_out
-from twind.observe.replaying.replay_outcome import ReplayOutcome
+from twind.observe.replaying.replay_outcome import RunOutcome
 from twind.observe.replaying.replay_script import SIM, STAY, RecordedCommand, ReplayScript, outcome, score
 from twind.observe.replaying.replay_servos import ReplayPosition
 from twind.robot.modes import Mode
@@ -163,7 +163,7 @@ class Replay:
             raise PortError(name, "no such port")
         return self.buses.reader(name, Loopback(self.told[name], self.clock))
 
-    def run(self) -> ReplayOutcome:
+    def run(self) -> RunOutcome:
         """Prepare, play, and what came of it."""
         self._until(lambda: self.loop.state in ("connected", "disconnected") and self._known())
         client = self.score.holder or 1 << 40

@@ -11,9 +11,9 @@ from tests.support.dynamics_rig import judge, pose
 from tests.support.free_standing_h24 import free_h24
 from twind.config.robot_file import load_robot
 from twind.robot.finding import ReasonCode
-from twind.twin.balance import INSIDE, Balance, inside, tipping
 from twind.twin.binding import Binding, bind
 from twind.twin.mirror import index
+from twind.twin.standing_feet import INSIDE, StandingFeet, inside, tipping
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]])
 
@@ -26,7 +26,7 @@ def free(tmp_path_factory: pytest.TempPathFactory) -> Binding:
 def stance(binding: Binding, **angles: float) -> tuple[list[str], float]:
     """Names of the feet on the floor, lowest first, and the margin."""
     data = mujoco.MjData(binding.model)
-    balance = Balance(binding, binding.model, data)
+    balance = StandingFeet(binding, binding.model, data)
     data.qpos[index(binding.qpos)] = pose(binding, **angles)
     stands = balance.stand()
     return [binding.model.body(body).name for body in stands.feet], stands.margin

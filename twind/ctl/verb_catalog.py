@@ -10,7 +10,7 @@ from twind.command_line.verb import GROUPS, Verb, help_text
 BUILT_IN = {
     "status": "twind.ctl.status_command:STATUS",
     "monitor": "twind.ctl.monitor_command:MONITOR",
-    "watch": "twind.ctl.watch_command:WATCH",
+    "watch": "twind.ctl.watch_events_command:WATCH",
     "mode": "twind.ctl.single_call_commands:MODE",
     "arm": "twind.ctl.single_call_commands:ARM",
     "disarm": "twind.ctl.single_call_commands:DISARM",

@@ -21,7 +21,7 @@ from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.robot_spec import BusSpec
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.instances import SERVICE, settings_of, sockets_of
+from twind.ctl.instance_paths import SERVICE, settings_of, sockets_of
 from twind.doctor.check import CheckNotApplicable, DoctorFinding
 from twind.doctor.host_inspector import HostInspector, asleep, would_start
 from twind.doctor.inspectors import PATIENCE, CanBusInspector, DaemonInspector, SerialBusInspector

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from twind.client.find_socket import socket_path
-from twind.ctl.instances import stop
+from twind.ctl.instance_paths import stop
 from twind.doctor import service
 from twind.doctor.check import (
     MANY,

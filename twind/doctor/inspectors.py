@@ -15,14 +15,14 @@ from twind.config.robot_spec import BusSpec, RobotFile
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import ByteTransport, PortError
-from twind_drivers.can.actuator import CanActuator
+from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.can_ports import open_channel, parse
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, Prober
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, PortProber
 from twind_drivers.dynamixel.replies import StatusReply
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -209,9 +209,9 @@ class SerialBusInspector:
         return (self.transport.latency_ms or 0) * 1e-3
 
     @cached_property
-    def prober(self) -> Prober:
+    def prober(self) -> PortProber:
         """One question at a time; it cannot write."""
-        return Prober(self.transport, self.clock, self.baud, timer=self.timer_s)
+        return PortProber(self.transport, self.clock, self.baud, timer=self.timer_s)
 
     def open_probe(self) -> BusProbe:
         """Return a probe on the open port. Raises OperationFailed."""
@@ -264,7 +264,7 @@ class CanBusInspector:
     def reader(self) -> CanReader:
         """Reader of the actuators that the robot file names; it cannot command."""
         actuators = [
-            CanActuator(
+            CanActuatorIdentity(
                 id=joint.id,
                 feedback_id=joint.id if joint.feedback_id is None else joint.feedback_id,
                 model=joint.type.device,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twind.config.actuator_types import CAN
-from twind.ctl.instances import stop
+from twind.ctl.instance_paths import stop
 from twind.doctor import service
 from twind.doctor.check import (
     OTHER_MASTER,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from statistics import median
 
 from twind.config.actuator_types import ServoType
-from twind.ctl.instances import stop
+from twind.ctl.instance_paths import stop
 from twind.doctor import register_fix
 from twind.doctor.check import (
     ALONE,
@@ -20,7 +20,7 @@ from twind.doctor.check import (
 )
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.serial_survey import (
-    SerialSurvey,
+    SerialBusSurvey,
     SurveyedServo,
     device_of,
     expected_servos,
@@ -188,7 +188,7 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
         yield from _noise(survey)
 
 
-def _noise(survey: SerialSurvey) -> Iterator[DoctorFinding]:
+def _noise(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     bad = survey.garbled + survey.lost
     noisy = any(trouble.kind in (Kind.NOISE, Kind.FOREIGN) for trouble in survey.troubles)
     if noisy or (bad >= LEAST and bad > LOST * survey.asked):
@@ -215,7 +215,7 @@ def check_devices(context: CheckContext) -> Iterator[DoctorFinding]:
                 yield DoctorFinding("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "no device")
 
 
-def _other_rates(survey: SerialSurvey) -> Iterator[DoctorFinding]:
+def _other_rates(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     """Yield BAUD_WRONG for replies at other rates: one factory-new servo, else all of one rate at once."""
     missing = {joint.id for joint in survey.missing}
     delivered = [each for each in survey.other_rates if each.baud == FACTORY_BAUD]
@@ -297,7 +297,7 @@ def _delays(context: CheckContext) -> Iterator[DoctorFinding]:
             )
 
 
-def _late(survey: SerialSurvey) -> Iterator[DoctorFinding]:
+def _late(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     """Compare the quickest reply of each servo, without its return delay, with the others'."""
     beyond = {
         servo: servo.delay - 2e-6 * servo.values.get("return_delay_time", 0)
@@ -313,7 +313,7 @@ def _late(survey: SerialSurvey) -> Iterator[DoctorFinding]:
             yield DoctorFinding("BUS_NOISE", servo.thing, text, expected, advice=advice)
 
 
-def _budget(context: CheckContext, survey: SerialSurvey) -> Iterator[DoctorFinding]:
+def _budget(context: CheckContext, survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     """Judge the cycle with the return delays and firmwares of the devices."""
     robot = context.need_robot()
     known = survey.described_servos
@@ -362,11 +362,11 @@ def _model(servo: SurveyedServo) -> str:
     return servo.model_name or f"servo of model number {servo.model}"
 
 
-def _bus(survey: SerialSurvey) -> str:
+def _bus(survey: SerialBusSurvey) -> str:
     return f"bus {survey.spec.name} ({survey.port})"
 
 
-def _scan(context: CheckContext, survey: SerialSurvey) -> str:
+def _scan(context: CheckContext, survey: SerialBusSurvey) -> str:
     """Describe how to scan: only the daemon that has a port can use it."""
     alone = f"`twindctl scan --port {survey.port}`"
     if context.daemon is None:

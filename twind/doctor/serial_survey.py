@@ -20,7 +20,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScannedDevice, Trouble, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
-from twind_drivers.dynamixel.prober import Prober
+from twind_drivers.dynamixel.prober import PortProber
 from twind_drivers.dynamixel.register_sensor import decoded
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
@@ -74,7 +74,7 @@ class SurveyedImu:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SerialSurvey:
+class SerialBusSurvey:
     """One serial bus."""
 
     spec: BusSpec
@@ -99,20 +99,20 @@ def device_of(joint: JointSpec) -> Devices:
     return Devices(joint.bus, [(joint.id, joint.name)])
 
 
-def serial_surveys(context: CheckContext) -> Iterator[SerialSurvey]:
+def serial_surveys(context: CheckContext) -> Iterator[SerialBusSurvey]:
     """Yield the survey of every serial bus. Raises as `CheckContext.survey_buses`."""
 
-    def look(spec: BusSpec) -> SerialSurvey:
+    def look(spec: BusSpec) -> SerialBusSurvey:
         if context.daemon is not None:
             return survey_by_daemon(context.daemon, spec, context.need_robot())
         if spec.name not in context.lines:
             raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_port(context.lines[spec.name], spec, context.need_robot())
 
-    return context.survey_buses(can=False, look=look, kind=SerialSurvey)
+    return context.survey_buses(can=False, look=look, kind=SerialBusSurvey)
 
 
-def expected_servos(context: CheckContext) -> Iterator[tuple[SerialSurvey, SurveyedServo]]:
+def expected_servos(context: CheckContext) -> Iterator[tuple[SerialBusSurvey, SurveyedServo]]:
     """Yield every servo that has a joint and the joint's model, with its bus. Raises as above."""
     for survey in serial_surveys(context):
         yield from ((survey, servo) for servo in survey.described_servos if servo.is_expected_model)
@@ -123,7 +123,7 @@ def expected_servos(context: CheckContext) -> Iterator[tuple[SerialSurvey, Surve
 
 def survey_port(
     line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
-) -> SerialSurvey:
+) -> SerialBusSurvey:
     """Survey one bus completely; other rates only where a device is missing. Raises OperationFailed.
 
     `ids`: the ids to ping; all of them take about a second at each rate.
@@ -134,7 +134,7 @@ def survey_port(
         raise OperationFailed(str(error)) from error
 
 
-def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialSurvey:
+def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialBusSurvey:
     rate = scan_rate(line.prober, ids)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
     probe = line.open_probe()
@@ -151,7 +151,7 @@ def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequ
     delays = _ping_rounds(probe, [servo.id for servo in servos if not servo.trouble], quality)
     missing = tuple(joint for id, joint in joints.items() if id not in answered)
     wanted = range(max(joints) + 1)  # id 1, as from the factory, and those of the robot
-    return SerialSurvey(
+    return SerialBusSurvey(
         spec,
         line.port,
         tuple(replace(servo, delay=delays.get(servo.id)) for servo in servos),
@@ -265,9 +265,9 @@ def _scan_other_rates(
 ) -> tuple[ScannedDevice, ...]:
     """Return the devices that answer at other baud rates; restores the rate of the port afterwards."""
 
-    def open_prober(baud: int) -> Prober:
+    def open_prober(baud: int) -> PortProber:
         line.transport.set_baud(baud)
-        return Prober(line.transport, line.clock, baud, timer=line.timer_s)
+        return PortProber(line.transport, line.clock, baud, timer=line.timer_s)
 
     try:
         rates = list(scan(open_prober, [baud for baud in BAUDS if baud != spec.baud], ids))
@@ -279,7 +279,7 @@ def _scan_other_rates(
 # ------------------------------------------------------------------------------------------- daemon
 
 
-def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
+def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> SerialBusSurvey:
     """Survey one bus through the daemon. Raises OperationFailed: not open, or no answer of the daemon."""
     port = daemon.port_of(spec.name)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
@@ -293,7 +293,7 @@ def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -
         )
         measured = None if imu is None else _ask_imu(client, imu)
     missing = tuple(joint for id, joint in joints.items() if id not in present)
-    return SerialSurvey(spec, port, servos, missing, imu=measured)
+    return SerialBusSurvey(spec, port, servos, missing, imu=measured)
 
 
 def _ask_imu(client: Client, imu: ImuSpec) -> SurveyedImu:

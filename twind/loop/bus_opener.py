@@ -15,7 +15,7 @@ from twind.config.robot_spec import JointSpec
 from twind.loop.bus_tap import RecordingBusTap, TappedChannel, TappedTransport
 from twind.robot.joints import JointBusMap, JointMap
 from twind_drivers.bus import BusReader, BusWriter, ByteTransport
-from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_ports import open_channel, present
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.dynamixel.control_tables import number_of
@@ -66,7 +66,7 @@ class BusOpener:
     def can_reader(self, name: str, channel: CanChannel) -> BusReader:
         """Return the reader of a CAN bus on any channel."""
         actuators = [
-            CanActuator(
+            CanActuatorIdentity(
                 id=joint.id,
                 feedback_id=joint.id if joint.feedback_id is None else joint.feedback_id,
                 model=kind.device,

@@ -20,7 +20,7 @@ from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import JointState
 from twind.safety.guard_types import BusTraffic
-from twind_drivers.bus import BusSample, BusWriter, PortError, PortFault, Script, WireClamp
+from twind_drivers.bus import BusSample, BusWriter, PortError, PortErrorCause, Script, WireClamp
 from twind_drivers.clock import Clock
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -228,7 +228,7 @@ class Hardware:
         """Close the bus at that place, so that nothing queued leaves later; it counts as lost."""
         pair = self.pairs[bus]
         if pair[0].reader is not None:
-            self._lose(pair, PortError(pair[0].name, why, kind=PortFault.LOST))
+            self._lose(pair, PortError(pair[0].name, why, kind=PortErrorCause.LOST))
 
     def reachable(self, position: Floats) -> Floats:
         """Return `position` (n,), rad, clipped to the range of goals; NaN stays."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from twind.loop import torque, torque_release
 from twind.loop.bus_port import IDENTIFY_AGAIN, BusPort, PortState
-from twind.loop.joint_verification import JointVerification
+from twind.loop.joint_verification import JointVerificationState
 from twind.loop.procedures import Priority
 from twind.robot.arrays import Bools, some
 from twind.robot.event_codes import EventCode
@@ -59,7 +59,7 @@ class IdentificationState:
         # bus -> findings on missing devices and other models
         self.missing: dict[str, tuple[Finding, ...]] = {}
         self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
-        self.verified = JointVerification(loop)
+        self.verified = JointVerificationState(loop)
 
     @property
     def troubles(self) -> list[Finding]:

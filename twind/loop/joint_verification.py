@@ -24,13 +24,13 @@ from twind.safety.multiturn import chosen, inside, strayed, unfit
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
-    from twind.robot.turn_range import TurnRange
+    from twind.robot.measured_travel import TurnRange
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
 
 
-class JointVerification:
+class JointVerificationState:
     """Verification state of each joint; arrays are (n,)."""
 
     def __init__(self, loop: Loop) -> None:

@@ -26,7 +26,7 @@ from twind.exceptions import InvalidInput, OperationFailed
 if TYPE_CHECKING:
     from twind.flight import FlightFile
     from twind.observe.replaying.replay_bus import ReplayBus
-    from twind.observe.replaying.replay_outcome import ReplayOutcome
+    from twind.observe.replaying.replay_outcome import RunOutcome
     from twind.observe.replaying.replay_script import ReplayScript
     from twind.observe.replaying.replay_servos import ReplayPosition
 
@@ -42,7 +42,7 @@ class ReplayResult:
     """A recording, played."""
 
     asked: "ReplayScript"
-    outcome: "ReplayOutcome"
+    outcome: "RunOutcome"
     verbatim: float  # share of the questions that were answered with recorded bytes
     missed: int  # ticks of the daemon
 
@@ -241,7 +241,7 @@ def _verdict(
     yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
 
 
-def _outcome(what: str, outcome: "ReplayOutcome") -> Iterator[str]:
+def _outcome(what: str, outcome: "RunOutcome") -> Iterator[str]:
     yield f"{what}:"
     for number, each in enumerate(outcome.answers, 1):
         yield f"  {number:3}  {each.words()}"

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
+from twind.robot.measured_travel import TurnRange
 from twind.robot.transmission import MappedTransmission
-from twind.robot.turn_range import TurnRange
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.turn_range import TurnRange
+from twind.robot.measured_travel import TurnRange
 
 _BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
 _REBOOT = "switch its power off and on"

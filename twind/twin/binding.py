@@ -21,8 +21,8 @@ from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.attitude import Quaternion
 from twind.robot.joint_limits import JointLimits
 from twind.robot.joints import JointBusMap, JointMap
+from twind.robot.measured_travel import TurnRange
 from twind.robot.transmission import MappedTransmission
-from twind.robot.turn_range import TurnRange
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin

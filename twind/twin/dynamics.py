@@ -13,9 +13,9 @@ import numpy as np
 
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.twin.balance import Balance, Stance, tipping
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
+from twind.twin.standing_feet import Stance, StandingFeet, tipping
 
 SHARE = 0.8  # share of a joint's torque: more is reported or refused
 # samples between two yields: some 1 ms each
@@ -41,7 +41,7 @@ class Dynamics:
         self._speed = index(binding.dof)
         self._dof = binding.dof
         self._base = binding.robot.base
-        self._balance = Balance(binding, self._model, self._data) if binding.floating else None
+        self._balance = StandingFeet(binding, self._model, self._data) if binding.floating else None
 
     def judging(
         self, time: Floats, position: Floats, velocity: Floats, acceleration: Floats

@@ -12,13 +12,13 @@ from twind.client import Client, ClientError, NoDaemon
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
 from twind.ctl.command_hint import command_hint
-from twind.ctl.instances import stop
+from twind.ctl.instance_paths import stop
 from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_configurator import WritableProber
 from twind_calibration.adoption.servo_locations import choose, joint_of, look, lookout, serial_buses
 from twind_calibration.robot_description import RobotDescription, read
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -56,7 +56,7 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
-        hint = f". A daemon there? {stopped}, then try again" if error.kind is PortFault.IN_USE else ""
+        hint = f". A daemon there? {stopped}, then try again" if error.kind is PortErrorCause.IN_USE else ""
         raise Rejected(f"{error}{hint}") from error
 
 

@@ -12,13 +12,13 @@ from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
 from twind_drivers.dynamixel.packet import StatusErrorCode
-from twind_drivers.dynamixel.prober import Prober, ProbeWindow
+from twind_drivers.dynamixel.prober import PortProber, ProbeWindow
 
 TRIES = 3  # writes of one register
 PINGED = 3  # bytes of an answer to a ping: model number 2, firmware 1
 
 
-class WritableProber(Prober):
+class WritableProber(PortProber):
     """A prober that can write too."""
 
     def write(self, id: int, address: int, data: bytes) -> ProbeWindow:

@@ -14,7 +14,7 @@ from twind.config.actuator_types import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
-from twind_drivers.dynamixel.prober import Prober
+from twind_drivers.dynamixel.prober import PortProber
 
 # Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
 RATES = (
@@ -86,7 +86,7 @@ def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
     return {bus.baud: known} | {each.baud: IDS for each in fresh}
 
 
-def look(at: Callable[[int], Prober], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
+def look(at: Callable[[int], PortProber], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
     """Scan a bus at the rates and ids that adoption needs (`lookout`). Writes nothing. Raises PortError."""
     return [each for baud, ids in lookout(robot, bus).items() for each in scan(at, [baud], ids)]
 

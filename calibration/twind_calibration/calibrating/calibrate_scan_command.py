@@ -13,7 +13,7 @@ from twind.doctor.can_bus import ACTUATORS, CanSurvey
 from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.serial_bus import BUSES
-from twind.doctor.serial_survey import SerialSurvey
+from twind.doctor.serial_survey import SerialBusSurvey
 from twind.doctor.servo_settings import SERVOS
 from twind_drivers.clock import MonotonicClock
 
@@ -58,7 +58,7 @@ def scan(options: argparse.Namespace) -> int:
 def _devices(examined: CheckContext) -> Iterator[dict[str, Any]]:
     """Everybody who answers, bus by bus, with the registers that were read."""
     for survey in examined.surveys.values():
-        if isinstance(survey, SerialSurvey):
+        if isinstance(survey, SerialBusSurvey):
             for servo in survey.servos:
                 yield {
                     "bus": servo.bus,

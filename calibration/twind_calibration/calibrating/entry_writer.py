@@ -16,7 +16,7 @@ from twind.config.calibration_file import (
 )
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
-from twind.ctl.instances import restart
+from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership

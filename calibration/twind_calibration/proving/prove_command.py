@@ -16,7 +16,7 @@ from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
 from twind.ctl.command_hint import command_hint
-from twind.ctl.instances import restart
+from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class CanActuator:
+class CanActuatorIdentity:
     """Identity and field ranges of an actuator; ranges that it reports at identification replace these."""
 
     id: int

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import Bools, Floats, Ints
-from twind_drivers.can.actuator import CanActuator, place_of
+from twind_drivers.can.actuator import CanActuatorIdentity, place_of
 from twind_drivers.can.actuator_family import (
     ActuatorFamily,
     ActuatorFeedback,
@@ -67,7 +67,7 @@ class ActuatorGroup:
     def __init__(
         self,
         name: str,
-        actuators: Sequence[CanActuator],
+        actuators: Sequence[CanActuatorIdentity],
         families: Sequence[tuple[ActuatorFamily, Sequence[int]]],
     ) -> None:
         """Make the group; `families`: each with the rows of its actuators, in the order of its ids.

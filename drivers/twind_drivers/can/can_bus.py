@@ -1,7 +1,7 @@
 """CAN bus of the loop: reader, writer, and the description of an actuator."""
 
-from twind_drivers.can.actuator import CanActuator
+from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_writer import CanWriter
 
-__all__ = ["CanActuator", "CanReader", "CanWriter"]
+__all__ = ["CanActuatorIdentity", "CanReader", "CanWriter"]

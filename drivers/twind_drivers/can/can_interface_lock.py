@@ -11,7 +11,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.dynamixel.port_holder import command
 
 NAME = "\0twind-can-"  # and the interface
@@ -32,7 +32,7 @@ class CanInterfaceLock:
             self._sign.close()
             if error.errno == errno.EADDRINUSE:
                 raise PortError(
-                    interface, f"in use by {_lock_name(interface)}; stop it first", PortFault.IN_USE
+                    interface, f"in use by {_lock_name(interface)}; stop it first", PortErrorCause.IN_USE
                 ) from error
             reason = f"its owner cannot be told: {os.strerror(error.errno or 0)}"
             raise PortError(interface, reason) from error

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from twind.exceptions import InvalidInput
 from twind_drivers.bus import PortError
-from twind_drivers.can.can_interface import present as link_present
+from twind_drivers.can.can_interface_control import present as link_present
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.slcan_channel import SlcanChannel
 from twind_drivers.dynamixel.serial_port import SerialTransport

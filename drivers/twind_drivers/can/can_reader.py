@@ -27,7 +27,7 @@ from twind_drivers.bus import (
     Script,
     SlowRegisterValues,
 )
-from twind_drivers.can.actuator import CanActuator
+from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.actuator_family import ActuatorFamily, FamilyRegister, FieldRanges
 from twind_drivers.can.actuator_group import ActuatorGroup
 from twind_drivers.can.can_cyclic_read import ALERT, CanCyclicRead, alert
@@ -73,7 +73,7 @@ class CanReader:
         self,
         name: str,
         channel: CanChannel,
-        actuators: Sequence[CanActuator],
+        actuators: Sequence[CanActuatorIdentity],
         *,
         bitrate: int,
         rate_hz: float = 100.0,
@@ -303,7 +303,7 @@ class CanReader:
         raise NoReply(self.name, [id], waited, f"read of {FAULTS}")
 
 
-def _families(name: str, actuators: Sequence[CanActuator]) -> list[tuple[ActuatorFamily, list[int]]]:
+def _families(name: str, actuators: Sequence[CanActuatorIdentity]) -> list[tuple[ActuatorFamily, list[int]]]:
     """Return the actuators' families in order of their first, each with its rows."""
     kinds: dict[str, list[int]] = {}
     for row, each in enumerate(actuators):
@@ -313,7 +313,7 @@ def _families(name: str, actuators: Sequence[CanActuator]) -> list[tuple[Actuato
     return made
 
 
-def _family(name: str, kind: str, own: Sequence[CanActuator]) -> ActuatorFamily:
+def _family(name: str, kind: str, own: Sequence[CanActuatorIdentity]) -> ActuatorFamily:
     table = ranges_of([model(each.model) for each in own])
     ranges = FieldRanges(
         np.array([each.position for each in own]),

@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Ints, PortError, PortFault
+from twind_drivers.bus import Bools, Ints, PortError, PortErrorCause
 from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
@@ -173,7 +173,7 @@ class CanTransactor:
             if len(lead) or len(exchange.frames):
                 self.channel.send(joined([lead, exchange.frames]), now)
         except PortError as error:
-            if error.kind is PortFault.OUTPUT_FULL:
+            if error.kind is PortErrorCause.OUTPUT_FULL:
                 self._requeue_urgent()
                 self._excuse(now)
             else:

@@ -10,7 +10,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from twind_drivers.can.frame import Frames
-from twind_drivers.clock import ArrivalSource
+from twind_drivers.clock import WaitableSource
 
 
 class CanErrorState(IntEnum):
@@ -30,7 +30,7 @@ class CanChannelStatus:
     errors: int = 0  # error frames, and bytes or lines that were no frame
 
 
-class CanChannel(ArrivalSource, Protocol):
+class CanChannel(WaitableSource, Protocol):
     """Channel of frames to and from one wire."""
 
     name: str  # for error messages: can0, /dev/ttyACM0

@@ -14,7 +14,7 @@ from twind_drivers.can.actuator_group import joined
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_transactor import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
-from twind_drivers.can.can_wire_check import CanWireCheck
+from twind_drivers.can.command_frame_check import CanWireCheck
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
 

@@ -19,8 +19,8 @@ from math import inf
 import can
 import numpy as np
 
-from twind_drivers.bus import PortError, PortFault
-from twind_drivers.can.can_interface import interfaces, long_queue, restart
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.can.can_interface_control import interfaces, long_queue, restart
 from twind_drivers.can.can_interface_lock import CanInterfaceLock
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import (
@@ -162,7 +162,7 @@ class PythonCanChannel:
         try:
             self._bus = self._open_bus()
         except PortError as error:
-            raise PortError(self.name, error.reason, kind=PortFault.LOST) from error
+            raise PortError(self.name, error.reason, kind=PortErrorCause.LOST) from error
 
     def close(self) -> None:
         """Purge and release the port. May be called twice; never raises."""
@@ -207,7 +207,7 @@ class PythonCanChannel:
 
     def _require(self) -> can.BusABC:
         if self._bus is None:
-            raise PortError(self.name, "the channel is closed", kind=PortFault.LOST)
+            raise PortError(self.name, "the channel is closed", kind=PortErrorCause.LOST)
         return self._bus
 
     def _refuse(self, taken: int, count: int, now: float) -> None:
@@ -246,7 +246,7 @@ class PythonCanChannel:
     def _make_lost_error(self, what: str, error: Exception) -> PortError:
         number = _number(error)
         hint = " (interface down, or adapter unplugged?)" if number in GONE else ""
-        return PortError(self.name, f"{what} failed: {error}{hint}", kind=PortFault.LOST)
+        return PortError(self.name, f"{what} failed: {error}{hint}", kind=PortErrorCause.LOST)
 
 
 def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import ByteTransport, PortError, PortFault, output_full
+from twind_drivers.bus import ByteTransport, PortError, PortErrorCause, output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.can.slcan_codec import SlcanDecoder, encode
@@ -112,7 +112,7 @@ class SlcanChannel:
             if error.lost:
                 raise
             self._on_port_full(now, len(frames))
-            if error.kind is PortFault.OUTPUT_FULL:
+            if error.kind is PortErrorCause.OUTPUT_FULL:
                 raise
             raise output_full(self.name, len(lines), len(lines)) from error
 

@@ -7,7 +7,7 @@ are dropped as congestion.
 
 from math import inf
 
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 
 DEAF = 0.1  # s of refusals and silence: no node acknowledges; the actuators' watchdogs have run out then
@@ -18,7 +18,7 @@ REMEDY = "check the power of the actuators, the wiring and its termination, and 
 def queue_full(port: str, taken: int, count: int) -> PortError:
     """Build the error for a queue that took `taken` of `count` frames. The rest was dropped."""
     reason = f"the queue was full after {taken} of {count} frames, the rest was dropped: {REMEDY}"
-    return PortError(port, reason, PortFault.OUTPUT_FULL)
+    return PortError(port, reason, PortErrorCause.OUTPUT_FULL)
 
 
 class TransmitStall:
@@ -80,4 +80,4 @@ class ChannelStatusTracker:
 
 def dead(port: str, waited: float) -> PortError:
     """Lost: a way out that has accepted nothing for `waited` s."""
-    return PortError(port, f"has accepted nothing for {waited:.1f} s: {REMEDY}", kind=PortFault.LOST)
+    return PortError(port, f"has accepted nothing for {waited:.1f} s: {REMEDY}", kind=PortErrorCause.LOST)

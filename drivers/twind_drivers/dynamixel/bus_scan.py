@@ -19,7 +19,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.broadcast_ping import SIZE, SLOT
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, Prober, ProbeWindow
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, PortProber, ProbeWindow
 from twind_drivers.dynamixel.serial_cycle_budget import wire
 
 # Rates of register 8, the most usual first (e-manual, "Baud Rate").
@@ -117,7 +117,7 @@ class BaudRateScan:
 
 
 Tell = Callable[[int, str], None]  # baud, what is being done
-AtRate = Callable[[int], Prober]  # sets the port to a rate; raises PortError where it cannot
+AtRate = Callable[[int], PortProber]  # sets the port to a rate; raises PortError where it cannot
 
 
 def estimate(baud: int, ids: Sequence[int] = IDS, *, thorough: bool = False, timer: float = 0.0) -> float:
@@ -150,7 +150,7 @@ def scan(
 
 
 def scan_rate(
-    prober: Prober,
+    prober: PortProber,
     ids: Sequence[int] = IDS,
     *,
     thorough: bool = False,
@@ -181,7 +181,7 @@ def scan_rate(
 
 
 def _singly(
-    prober: Prober, ids: Sequence[int], known: dict[int, bytes], garbled: set[int], tell: Tell
+    prober: PortProber, ids: Sequence[int], known: dict[int, bytes], garbled: set[int], tell: Tell
 ) -> bool:
     """Ping one id after the other; return True if all replies are garbage: a fault of the line."""
     for done, id in enumerate(ids):
@@ -198,7 +198,7 @@ def _singly(
     return False
 
 
-def _line(prober: Prober) -> Iterator[Trouble]:
+def _line(prober: PortProber) -> Iterator[Trouble]:
     """Yield the faults of the line as a whole: traffic, echo, older protocol."""
     if prober.listen(LISTEN):
         yield TALK
@@ -226,7 +226,7 @@ def _old_statuses(raw: bytes) -> set[int]:
     return found
 
 
-def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
+def _ping(prober: PortProber, id: int) -> tuple[bytes | None, bool]:
     """Return the bytes of a ping's reply (model, firmware), and True if no reply was sound."""
     answer = None
     for _ in range(PROBES):
@@ -238,7 +238,7 @@ def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
     return answer, True
 
 
-def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
+def _look(prober: PortProber, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
     """Read torque and hardware error of one id, and check that it is one device; count garbled answers."""
     if answer is None:
         return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
@@ -256,7 +256,7 @@ def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple
     return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
+def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
     """Return the evidence for more than one device, None without any; and the number of garbled answers."""
     if known is None:
         return None, 0
@@ -272,7 +272,7 @@ def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble
     return UNEQUAL, PROBES
 
 
-def _value(prober: Prober, id: int, known: ControlTable | None, name: str) -> int | None:
+def _value(prober: PortProber, id: int, known: ControlTable | None, name: str) -> int | None:
     """Read one register; None where it is missing, or unreadable (status return level 0)."""
     if known is None or name not in known:
         return None

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.bus import ByteTransport, PortError, PortFault, output_full
+from twind_drivers.bus import ByteTransport, PortError, PortErrorCause, output_full
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
@@ -98,7 +98,7 @@ class HalfDuplexTransactor:
         try:
             self._send(exchange, now, goals=goals)
         except PortError as error:
-            if error.kind is PortFault.OUTPUT_FULL:
+            if error.kind is PortErrorCause.OUTPUT_FULL:
                 self.exchange = None
                 self._done = True
                 self.urgent = self.urgent or self._leaving

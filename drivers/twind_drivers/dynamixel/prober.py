@@ -60,7 +60,7 @@ class ProbeWindow:
         self.strays = self._framer.discarded
 
 
-class Prober:
+class PortProber:
     """Prober of one port at one baud rate. Every method may raise PortError."""
 
     def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import PortError, PortFault, output_full
+from twind_drivers.bus import PortError, PortErrorCause, output_full
 from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -91,7 +91,7 @@ class SerialTransport:
         except OSError as error:
             raise self._make_lost_error("read", error) from error
         if count == 0 and len(buffer):  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
-            raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortFault.LOST)
+            raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortErrorCause.LOST)
         return count
 
     def backlog(self) -> int:
@@ -142,7 +142,7 @@ class SerialTransport:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"
         hint = f" ({gone})" if error.errno in GONE else ""
         return PortError(
-            self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", kind=PortFault.LOST
+            self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", kind=PortErrorCause.LOST
         )
 
     def _query_kernel(self, question: int, what: str) -> int:
@@ -200,18 +200,24 @@ def _open(path: str, baud: int) -> serial.Serial:
     if not stat.S_ISCHR(node.st_mode):
         raise PortError(path, "is not a character device, so it is no serial port")
     if baud < 1:
-        raise PortError(path, f"baud rate {baud} is not supported: it must be positive", PortFault.BAUD_RATE)
+        raise PortError(
+            path, f"baud rate {baud} is not supported: it must be positive", PortErrorCause.BAUD_RATE
+        )
     try:
         # inter_byte_timeout=0 sets VMIN 1, VTIME 0: then a read of 0 bytes can only mean a hang-up
         return serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
     except (ValueError, OverflowError, termios.error) as error:
-        raise PortError(path, f"baud rate {baud} is not supported: {error}", PortFault.BAUD_RATE) from error
+        raise PortError(
+            path, f"baud rate {baud} is not supported: {error}", PortErrorCause.BAUD_RATE
+        ) from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            raise PortError(path, f"in use by {holder(path)}; stop it first", PortFault.IN_USE) from error
+            raise PortError(
+                path, f"in use by {holder(path)}; stop it first", PortErrorCause.IN_USE
+            ) from error
         if "baud" in str(error).lower():  # pyserial has no code for it
             raise PortError(
-                path, f"baud rate {baud} is not supported: {error}", PortFault.BAUD_RATE
+                path, f"baud rate {baud} is not supported: {error}", PortErrorCause.BAUD_RATE
             ) from error
         raise PortError(path, _reason(path, node, error)) from error
 

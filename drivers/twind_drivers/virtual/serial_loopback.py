@@ -1,6 +1,6 @@
 """In-process transport to the virtual bus: the mock bus of the tests, under a fake clock."""
 
-from twind_drivers.bus import PortError, PortFault
+from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.faulty_byte_stream import MOST
 from twind_drivers.virtual.servable_bus import ServableBus
@@ -73,6 +73,6 @@ class Loopback:
 
     def _check(self) -> None:
         if not self._open:
-            raise PortError(self.name, "the port is closed", kind=PortFault.LOST)
+            raise PortError(self.name, "the port is closed", kind=PortErrorCause.LOST)
         if not self._bus.is_plugged:
-            raise PortError(self.name, "the adapter was unplugged", kind=PortFault.LOST)
+            raise PortError(self.name, "the adapter was unplugged", kind=PortErrorCause.LOST)

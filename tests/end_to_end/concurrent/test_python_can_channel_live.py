@@ -44,9 +44,9 @@ APART = """
 import ctypes, os, sys
 if ctypes.CDLL(None, use_errno=True).unshare(0x10000000 | 0x40000000):  # a user and a network of its own
     print("denied"); sys.exit()
-from twind_drivers.can.can_interface import restart
+from twind_drivers.can.can_interface_control import restart
 import fcntl, socket
-from twind_drivers.can.can_interface import FLAGS, REQUEST
+from twind_drivers.can.can_interface_control import FLAGS, REQUEST
 def up():
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
         return REQUEST.unpack(fcntl.ioctl(asking, FLAGS, REQUEST.pack(b"lo", 0)))[1] & 1

@@ -20,11 +20,11 @@ from tests.support.adoption_rig import robot_of
 from tests.support.single_answer import answering
 from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
-from twind.ctl.instances import sockets_of, stop
+from twind.ctl.instance_paths import sockets_of, stop
 from twind_calibration.adoption.adopt_command import status_at
 from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.prober import Prober
+from twind_drivers.dynamixel.prober import PortProber
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 
@@ -61,7 +61,7 @@ def test_a_servo_as_delivered_answers_at_its_place_afterwards(
         assert main([*words, "wrist", "--port", port, "--yes"]) == 0
         said = capsys.readouterr()
         transport = SerialTransport(port, 1_000_000)
-        asked = Prober(transport, MonotonicClock(), 1_000_000)
+        asked = PortProber(transport, MonotonicClock(), 1_000_000)
         assert [each.id for each in asked.ping(7).statuses] == [7]
         assert asked.ping(1).statuses == []
         transport.close()

@@ -8,7 +8,7 @@ from typing import Any
 
 from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
-from twind.bridge.fleet.reply_queue import ReplyQueue
+from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
 from twind.bridge.motion_session import ENDS
 
@@ -27,7 +27,7 @@ class RemoteGoal:
         reach: RemoteRobotEndpoint,
         hold: LeaseRenewer,
         path: Mapping[str, Any],
-        inbox: ReplyQueue,
+        inbox: OutgoingQueue,
         now: float,
     ) -> None:
         """Send the goal. `path`: a Trajectory; `now`: s, monotonic."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.bridge.fleet.answers import error_name
-from twind.bridge.fleet.reply_queue import ReplyQueue
+from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
 
 AGAIN = 0.1  # s from a question that nobody did to the next
@@ -20,7 +20,7 @@ class RemoteStop:
         reach: RemoteRobotEndpoint,
         method: str,
         parameters: Mapping[str, Any],
-        inbox: ReplyQueue,
+        inbox: OutgoingQueue,
         now: float,
     ) -> None:
         """Sends it. `now`: s, monotonic."""

@@ -18,9 +18,9 @@ import zenoh
 
 from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
+from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.remote_goal import RemoteGoal
 from twind.bridge.fleet.remote_stop import RemoteStop
-from twind.bridge.fleet.reply_queue import ReplyQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
 from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
@@ -58,7 +58,7 @@ class ZenohClientLine:
         self._robot = robot
         self._way = way
         self._reach: RemoteRobotEndpoint | None = None
-        self._inbox = ReplyQueue()
+        self._inbox = OutgoingQueue()
         self._hold: LeaseRenewer | None = None
         self._there = threading.Event()
         self._errand: RemoteGoal | RemoteStop | None = None  # what is looked after until it is over
@@ -74,7 +74,7 @@ class ZenohClientLine:
         if self._reach is not None:
             return
         reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
-        inbox = self._inbox = ReplyQueue()
+        inbox = self._inbox = OutgoingQueue()
         try:
             self._there = threading.Event()
             gone = f"{self.where}: it went away, or the way to it is lost"

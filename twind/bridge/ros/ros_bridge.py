@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.bridge.ros.command_journal import CommandJournal
+from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
 from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
 from twind.bridge.ros.ros_endpoints import (
@@ -32,7 +33,6 @@ from twind.bridge.ros.ros_endpoints import (
 )
 from twind.bridge.ros.ros_service_calls import RosServiceCalls, denied
 from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
-from twind.bridge.ros.ros_subscriber import RosSubscriber
 from twind.bridge.ros.ros_transport import RosTransport
 from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
 from twind.client import Client, NoDaemon

@@ -16,11 +16,11 @@ from twind.learn.randomise.physics_randomiser import ModelAddresses
 from twind.learn.task.observation import BodyReading, height_of
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats, Ints, frozen
-from twind.twin.balance import Balance
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding, bind
 from twind.twin.mirror import index
 from twind.twin.pinning import free_joints
+from twind.twin.standing_feet import StandingFeet
 
 BASE_SITE = "twind_base"
 IMU_SITE = "twind_imu"
@@ -195,7 +195,7 @@ def _imu(spec: Any, robot: RobotFile) -> Any:
 def _soles(binding: Binding) -> list[tuple[int, Floats]]:
     """Body and place of the left and the right sole. Raises InvalidInput: the robot has not two feet."""
     data = mujoco.MjData(binding.model)
-    found = Balance(binding, binding.model, data).soles()
+    found = StandingFeet(binding, binding.model, data).soles()
     if len(found) != 2:
         names = ", ".join(binding.model.body(body).name for body, _ in found) or "nothing"
         raise InvalidInput(

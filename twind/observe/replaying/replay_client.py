@@ -11,7 +11,7 @@ from twind.observe.replaying.replay_calls import ReplayConnection, Reply, call, 
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
     Named,
-    ReplayOutcome,
+    RunOutcome,
     StandingFaults,
     answer,
 )
@@ -149,7 +149,7 @@ class ReplayClient:
 
     # ------------------------------------------------------------------------------------- the recording
 
-    def play(self) -> ReplayOutcome:
+    def play(self) -> RunOutcome:
         """All commands at their times."""
         places = {id(each): place for place, each in enumerate(self._score.commands)}
         for asked in sorted(self._score.asked, key=lambda each: each.call_time):
@@ -170,9 +170,9 @@ class ReplayClient:
         while (left := moment + self._passage.shift - self._clock.now()) > 0.0:
             self._pump(left)
 
-    def _outcome(self) -> ReplayOutcome:
+    def _outcome(self) -> RunOutcome:
         last = self._last or self._status
-        return ReplayOutcome(
+        return RunOutcome(
             tuple(self._answers()), self._standing.end(), last["state"], last["mode"], bool(last["armed"])
         )
 

@@ -33,7 +33,7 @@ class CommandOutcome:
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayOutcome:
+class RunOutcome:
     """Result of a recording or of its replay; two of them are compared."""
 
     answers: tuple[CommandOutcome, ...]
@@ -65,9 +65,9 @@ class ReplayOutcome:
         }
 
 
-def outcome_of(plain: Mapping[str, Any]) -> ReplayOutcome:
+def outcome_of(plain: Mapping[str, Any]) -> RunOutcome:
     """The inverse of `ReplayOutcome.plain`. Raises KeyError."""
-    return ReplayOutcome(
+    return RunOutcome(
         tuple(
             CommandOutcome(
                 each["method"],
@@ -128,7 +128,7 @@ class StandingFaults:
         self._last = {}
 
 
-def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: float) -> Iterator[str]:
+def differences(recorded: RunOutcome, replayed: RunOutcome, tolerance: float) -> Iterator[str]:
     """Yield the differences of two outcomes, in words; times may differ by `tolerance` (s)."""
     if len(recorded.answers) != len(replayed.answers):
         yield f"recorded {len(recorded.answers)} commands, replayed {len(replayed.answers)}"
@@ -152,7 +152,7 @@ def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: flo
             yield f"{what} at the end: recorded {then}, replayed {now}"
 
 
-def uncompared(recorded: ReplayOutcome, replayed: ReplayOutcome) -> Iterator[str]:
+def uncompared(recorded: RunOutcome, replayed: RunOutcome) -> Iterator[str]:
     """Yield, in words, the commands whose end the recording does not contain, and their replayed result."""
     pairs = zip(recorded.answers, replayed.answers, strict=False)
     for number, (then, now) in enumerate(pairs, 1):

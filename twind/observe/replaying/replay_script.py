@@ -25,7 +25,7 @@ from twind.link import (
     decode_news,
 )
 from twind.observe.recording.flight_messages import news
-from twind.observe.replaying.replay_outcome import CommandOutcome, ReplayOutcome, StandingFaults, answer
+from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome, StandingFaults, answer
 from twind.robot.arrays import Floats
 
 LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
@@ -73,7 +73,7 @@ class ReplayScript:
     holder: int  # the client that had the lease at the beginning, 0: none
     goal: Floats  # rad (n,), what joints were told at the beginning, NaN: nothing
     asked: tuple[RecordedCommand, ...]
-    recorded: ReplayOutcome
+    recorded: RunOutcome
     left_out: tuple[str, ...]  # what is not asked again, in words
     whole: bool  # nothing of that would have changed anything: checks alone
     heard: Mapping[int, Heard]  # client -> what of its calls was answered when it hung up
@@ -130,7 +130,7 @@ def score(flight: FlightFile, last: float = inf) -> ReplayScript:
 
 def outcome(
     names: JointNames, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]
-) -> ReplayOutcome:
+) -> RunOutcome:
     """Build the outcome of the commands from the messages of a loop. `begin`: s, from which faults are
     counted."""
     replies: dict[int, list[Reply]] = {}
@@ -150,7 +150,7 @@ def outcome(
             overview = None
     answers = tuple(_answer(names, each, replies.get(each.ticket, [])) for each in commands)
     state, mode, armed = ("", "", False) if tick is None else (tick.state, tick.mode, tick.armed)
-    return ReplayOutcome(answers, standing.end(), state, mode, armed)
+    return RunOutcome(answers, standing.end(), state, mode, armed)
 
 
 def _answer(names: JointNames, command: link.Command, replies: list[Reply]) -> CommandOutcome:

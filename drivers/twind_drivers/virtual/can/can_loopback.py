@@ -4,7 +4,7 @@ With an adapter that `keeps` it acts as a kernel's socket: waiting frames surviv
 leave when a node acknowledges again.
 """
 
-from twind_drivers.bus import PortError, PortFault, output_full
+from twind_drivers.bus import PortError, PortErrorCause, output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
@@ -96,7 +96,9 @@ class CanLoopback:
             self.condition.line = CanErrorState.OFF
         self._empty()
         if now - since >= DEAD:
-            raise PortError(self.name, f"has accepted nothing for {now - since:.1f} s", kind=PortFault.LOST)
+            raise PortError(
+                self.name, f"has accepted nothing for {now - since:.1f} s", kind=PortErrorCause.LOST
+            )
         raise output_full(self.name, waiting, count)
 
     def _error(self, id: int, detail: int) -> None:
@@ -110,6 +112,6 @@ class CanLoopback:
 
     def _check(self) -> None:
         if not self._open:
-            raise PortError(self.name, "the channel is closed", kind=PortFault.LOST)
+            raise PortError(self.name, "the channel is closed", kind=PortErrorCause.LOST)
         if not self._line.is_plugged:
-            raise PortError(self.name, "the adapter was unplugged", kind=PortFault.LOST)
+            raise PortError(self.name, "the adapter was unplugged", kind=PortErrorCause.LOST)

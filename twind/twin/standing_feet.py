@@ -40,7 +40,7 @@ class _FootGeometry:
     normal: Floats  # (3,), in its frame: up, when it is flat on the floor
 
 
-class Balance:
+class StandingFeet:
     """The feet of a robot: its lowest bodies when it stands upright in its rest pose.
 
     Writes the base's place in `data`, which its owner fills with the joints' angles.
