@@ -16,7 +16,7 @@ import json, os, sys, time
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
 from twind.bridge.ros.rclpy_node import RclpyTransport
-from twind.bridge.ros.ros_transport import OperationFailed
+from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, encode
 
 heard, told = [], []
