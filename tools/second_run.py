@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-MOST = 5
+MOST = 10
 PASSED = 0
 FAILED = 1  # pytest's exit code for failed tests; any other is no result of a test
 CACHE = Path(".pytest_cache")
