@@ -50,7 +50,7 @@ class Watched(Rig):
         return reader
 
     def _watch(self, controller: Any, reader: Any) -> None:
-        hear = controller.hear
+        hear = controller.receive_frame
         finish = reader.finish
         feed = reader.feed
         self.waited: list[float] = []
@@ -78,7 +78,7 @@ class Watched(Rig):
             looks = 0
             return sample
 
-        controller.hear = came
+        controller.receive_frame = came
         reader.feed = look
         reader.finish = finished
 

@@ -72,8 +72,8 @@ def nobody_looks_at_a_crc(patch: Patch) -> None:
         return int(min(len(self.ids), (self._got - 8) // stride))
 
     def open_(self: Any, start: int, size: int) -> Packet:
-        body = packet.unstuff(self._buffer[start + 7 : start + size - 2])
-        return Packet(self._buffer[start + 4], body[0], body[1:])
+        body = packet.unstuff(self.buffer[start + 7 : start + size - 2])
+        return Packet(self.buffer[start + 4], body[0], body[1:])
 
     patch.setattr(FastSyncReadReply, "_intact", intact)
     patch.setattr(Framer, "_open", open_)
