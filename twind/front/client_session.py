@@ -60,7 +60,7 @@ class ClientSession:
         except InvalidInput as error:
             self._strike(ReasonCode.BAD_SCHEMA, str(error))
             return
-        self._heard = True
+        self._received_call = True
         self.calls.add(call)
 
     def too_large(self, limit: int) -> None:

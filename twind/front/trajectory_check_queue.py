@@ -96,7 +96,7 @@ class TrajectoryCheckQueue:
         now = self._front.now()
         if self._foresight is None:
             self._front.log.write(
-                "error", EventCode.LOOKAHEAD, now, message=f"none, nothing may move: {self._why}"
+                "error", EventCode.LOOKAHEAD, now, message=f"none, no motion is accepted: {self._why}"
             )
         else:
             pairs = len(self._foresight.bodies.pairs)
