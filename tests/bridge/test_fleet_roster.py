@@ -147,7 +147,7 @@ def test_an_odd_answer_marks_only_its_own_row(said: Any) -> None:
     _, first, new, row, last, _, *why = shown(roll, 10.5, 200)
     assert "armed" in first and "armed" in last
     assert "  odd  " in row and "  odd  " in new and "armed" not in row
-    assert [each.split(":")[0] for each in why] == ["new", "odd"] and "cannot be understood" in why[0]
+    assert [each.split(":")[0] for each in why] == ["new", "odd"] and "cannot be decoded" in why[0]
     json.dumps([to_json(each, 10.5) for each in roll.robots()], allow_nan=False)
     assert not roll.has_unknown_robots()
     roll.update_status("odd", UPLINK, answer(), 11.0, 0.02)

@@ -64,7 +64,7 @@ def test_the_only_distribution_is_sourced(tmp_path: Path) -> None:
 def test_several_installed_distributions_require_a_choice(tmp_path: Path) -> None:
     for name, version in (("humble", "3.10"), ("jazzy", "3.12")):
         installed(tmp_path, name, version)
-    with pytest.raises(UsageError, match=r"humble, jazzy: say which one with --distro"):
+    with pytest.raises(UsageError, match=r"humble, jazzy: choose one with --distro"):
         distribution(PATH, None, tmp_path)
     assert distribution(PATH, "jazzy", tmp_path).python.endswith("python3.12")
     assert distribution(PATH | {"ROS_DISTRO": "humble"}, None, tmp_path).python.endswith("python3.10")
@@ -196,7 +196,7 @@ def test_humble_gets_only_the_localhost_variable_or_is_refused(
 ) -> None:
     said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers, "ROS_DISTRO": "humble"}
     if only is None:
-        with pytest.raises(UsageError, match=r"humble knows none; unset it, or take --backend dds"):
+        with pytest.raises(UsageError, match=r"humble has none; unset it, or take --backend dds"):
             graph(said, None)
     else:
         assert graph(said, None)["ROS_LOCALHOST_ONLY"] == only

@@ -86,7 +86,7 @@ def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str
     ("graph", "words", "said"),
     [
         (DiscoverySettings(), [], "domain 0: this machine; this machine may move the robot"),
-        (DiscoverySettings(5), ["--no-commands"], "domain 5: this machine; look only: --no-commands"),
+        (DiscoverySettings(5), ["--no-commands"], "domain 5: this machine; read only: --no-commands"),
         (
             DiscoverySettings(0, DiscoveryRange.SUBNET, ("10.0.0.1",)),
             [],
@@ -118,7 +118,7 @@ def test_the_first_line_over_dds_names_the_back_ends_that_accept_commands(
     given.socket = str(tmp_path)
     assert ros_command._bridge(given, DiscoverySettings(5), threading.Event()) == 0
     assert lines[0].startswith(
-        "ROS 2 by dds, domain 5: this machine; look only: DDS without ROS takes no commands"
+        "ROS 2 by dds, domain 5: this machine; read only: DDS without ROS takes no commands"
     )
     assert "--backend rclpy" in lines[0] and "--backend zenoh" in lines[0] and "may move" not in lines[0]
 

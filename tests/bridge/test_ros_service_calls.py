@@ -85,7 +85,7 @@ def desk() -> Desk:
 def test_any_e_stop_message_triggers_an_e_stop(desk: Desk, data: bytes, level: str) -> None:
     assert desk.heard(E_STOP, data)["phase"] == "done"
     (asked,) = desk.daemon.named("EStop")
-    assert asked["level"] == level and asked["reason"] == "asked for over ROS"
+    assert asked["level"] == level and asked["reason"] == "requested over ROS"
     assert desk.stops == 1
 
 

@@ -66,7 +66,7 @@ def test_an_accepted_command_is_reported_to_its_end_with_its_own_stamp(desk: Des
         (
             GOOD,
             {"AcquireLease": HELD},
-            "held by uid 7, pid 8, who keeps it as long as that one drives; none is taken",
+            "held by uid 7, pid 8, which keeps it as long as it moves the robot; none is taken",
         ),
         (
             GOOD,
@@ -344,7 +344,7 @@ def test_a_motion_without_an_end_event_is_reported_as_lost(desk: Desk) -> None:
     desk.orders.on_monitor_reply(moving("holding"))
     desk.time += 5.0
     desk.orders.on_monitor_reply(moving("holding"))
-    assert desk.after(0.2)[-1:] == ["lost"] and "was not heard" in desk.results[-1]["message"]
+    assert desk.after(0.2)[-1:] == ["lost"] and "no report of its end came" in desk.results[-1]["message"]
 
 
 def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(desk: Desk) -> None:

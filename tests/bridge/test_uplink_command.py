@@ -51,4 +51,4 @@ def test_a_way_that_others_can_read_is_named(
     words = ("--connect", "tcp/192.0.2.1:7447", "--connect", "tls/192.0.2.1:7447", "--seconds", "0.1")
     assert run(*words) == 0
     said = capfd.readouterr().err
-    assert "tcp/192.0.2.1:7447: whoever is on the way" in said and "tls/192.0.2.1" not in said
+    assert "tcp/192.0.2.1:7447: every host on the path" in said and "tls/192.0.2.1" not in said

@@ -71,4 +71,4 @@ def test_a_variable_without_effect_over_zenoh_is_reported(
     assert told == []
     monkeypatch.setenv(name, value)
     ZenohTransport(DiscoverySettings(), told.append)
-    assert told == [f"zenoh: {name}: not heeded here; who reaches the router is in the graph"]
+    assert told == [f"zenoh: {name}: ignored here; the router decides which nodes join"]

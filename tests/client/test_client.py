@@ -227,7 +227,7 @@ def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(start: St
     with Client(tmp_path) as client, pytest.raises(Disconnected, match="during Arm"):
         client.call("Arm")
     peer.close()
-    with Client(tmp_path) as client, pytest.raises(NoDaemon, match="nobody listens"):
+    with Client(tmp_path) as client, pytest.raises(NoDaemon, match="no process listens"):
         client.call("Arm")
     with Client(tmp_path / "nowhere") as client, pytest.raises(NoDaemon, match="start one with"):
         client.call("Arm")

@@ -1,5 +1,5 @@
-"""Where twind meets other machines and the ROS 2 graph: clients of the socket, each a process of its own.
+"""Bridges to other machines and to the ROS 2 graph: clients of the socket, each a separate process.
 
 `ros`: topics and services of ROS 2 over rclpy, DDS or Zenoh · `uplink`: one robot's state out over Zenoh,
-goals in · `fleet`: many robots from afar · `zenoh`: sessions and keys that the others share.
+goals in · `fleet`: many remote robots · `zenoh`: sessions and keys that the others share.
 """

@@ -1,9 +1,9 @@
-"""Motions of a bridge: the lease, trajectories sent under it, what became of them. Standard library, 3.10.
+"""Motion session of a bridge: the lease, trajectories sent under it, their ends. Standard library, 3.10.
 
-One connection of its own. It is opened for a trajectory, renews the lease while one of them is under way,
-and is closed soon after the last has ended, so that others may drive. Who holds it and dies lets go of the
-motion: the daemon then holds the robot. Trajectories go without `more`, so that a newer one replaces the
-older. `Monitor` reports on another connection how each ends (`heard`).
+It uses a connection of its own. That is opened for a trajectory, renews the lease while one of them is under
+way, and is closed soon after the last has ended, so that other clients may command. If the holder dies, the
+daemon holds the robot. Trajectories go without `more`, so that a newer one replaces the older. `Monitor`
+reports on another connection how each ends (`heard`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ PATIENCE = 15.0  # s for a verdict: the front may take 10 to judge a long path
 SOON = 2.0  # s for all other answers
 RENEW = 0.3  # s between two renewals of a lease that lasts 1
 LINGER = 0.5  # s after the last motion until the lease is given back
-LATE = 1.0  # s after which a motion is over that nobody performs any more, though its end was not heard
-EARLY = 64  # ends kept of motions that are not known yet: an end may be heard before the answer
+LATE = 1.0  # s without motion after which one counts as ended; else it would keep the lease for ever
+EARLY = 64  # ends kept of unknown motions: an end may arrive before the answer that names the motion
 MOVING = ("active", "streaming")  # of `Status.motion`
 STOPPED = ("cancelled", "aborted")  # ends after which the robot is not where its sender expects it
 ENDS = ("succeeded", "replaced", *STOPPED)
@@ -37,7 +37,7 @@ BROKEN = ({"code": LEASE_LOST, "message": "the connection to the daemon broke: i
 UNREADABLE = (
     {
         "code": "INTERNAL",
-        "message": "the daemon reported an end without a phase that this bridge knows: restart both, so that "
+        "message": "the daemon reported an end with a phase unknown to this bridge: restart both, so that "
         "their versions are the same",
     },
 )
@@ -45,7 +45,7 @@ UNREADABLE = (
 
 @dataclass(frozen=True, slots=True)
 class MotionEnd:
-    """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (it is not known how)."""
+    """End of a motion. `phase`: succeeded, cancelled, replaced, aborted, or lost (the end is unknown)."""
 
     id: str
     phase: str
@@ -78,19 +78,22 @@ class _Motion:
 
 
 class MotionSession:
-    """`heard`, `driving` and `cut` belong to any thread, all else to one.
+    """Motion session. `heard`, `driving` and `cut` may be called from any thread, all else from one.
 
-    `held`: the lease was asked for by `hold`, and is still ours as far as we know.
+    `held`: `hold` has requested the lease, and no loss of it is known.
     """
 
     def __init__(self, operator: Callable[[], Client], now: Callable[[], float] = time.monotonic) -> None:
-        """`operator` makes a connection that may command; it need not be open. `now`: s, monotonic."""
+        """Make the session; `operator` makes a connection with the operator's rights. `now`: s, monotonic.
+
+        The connection need not be open.
+        """
         self._operator = operator
         self._now = now
         self._client: Client | None = None
         self.held = False
-        self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
-        self._still = inf  # s, since when nothing moves, as far as statuses tell
+        self._renewed = self._quiet = -inf  # s, time of the last request, and of the end of the last motion
+        self._still = inf  # s, time since when nothing moves, by the statuses
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
         self.finished: dict[str, MotionEnd] = {}  # heard, and not told yet
@@ -103,9 +106,9 @@ class MotionSession:
             return tuple(self._under)
 
     def hold(self) -> None:
-        """Have the lease, and keep it until `close`, whether anything moves or not.
+        """Take the lease and keep it until `close`, with or without motion.
 
-        Raises ClientError: LeaseHeld by somebody else, NoDaemon.
+        Raises ClientError: LeaseHeld by another client, NoDaemon.
         """
         client = self._connected(SOON)
         try:
@@ -116,9 +119,9 @@ class MotionSession:
         self.held, self._renewed = True, self._now()
 
     def submit(self, trajectory: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Have it judged and followed: the answer `accepted`, with its id and verdict.
+        """Submit a trajectory; return the answer `accepted`, with its id and verdict.
 
-        Raises ClientError: Refused by the gate, LeaseHeld by somebody else, NoDaemon.
+        Raises ClientError: Refused by the gate, LeaseHeld by another client, NoDaemon.
         """
         client = self._connected(PATIENCE)
         try:
@@ -128,10 +131,10 @@ class MotionSession:
         except ClientError:
             if not client.connected:
                 self._lose()
-            elif not self.driving and not self.held:  # who is refused keeps nobody else from driving
+            elif not self.driving and not self.held:  # a refused client must not keep the lease from others
                 self.close()
             raise
-        except Exception:  # whether it runs is not known: with the lease it is let go
+        except Exception:  # whether the motion runs is unknown: losing the lease ends it
             self._lose()
             raise
         finally:
@@ -142,7 +145,10 @@ class MotionSession:
         return answer
 
     def keep(self) -> list[MotionEnd]:
-        """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
+        """Return the motions that ended since; renew the lease, or give it back without motion.
+
+        Call it often.
+        """
         now = self._now()
         over = self._take_ended_motions()
         if self._let_go:
@@ -196,7 +202,10 @@ class MotionSession:
                 del self.finished[name]
 
     def _end_all(self, ended: MotionEnd) -> None:
-        """Which motion ended is not known: all of ours are over, and `keep` gives the lease back."""
+        """End all motions of this session, since it is unknown which one ended.
+
+        `keep` gives the lease back.
+        """
         with self._lock:
             names = tuple(self._under)
             self._let_go = True
@@ -204,20 +213,20 @@ class MotionSession:
             self._end(replace(ended, id=name))
 
     def _look(self, *, still: bool) -> None:
-        """Where nothing moves for a while, what should have begun has ended unheard."""
+        """End motions without report: nothing has moved for longer than any of them may wait."""
         now = self._now()
         with self._lock:
             if not still:
                 self._still = inf
                 return
-            self._still = min(self._still, now)  # an end is told after the status that has it
+            self._still = min(self._still, now)  # an end is reported after the status that shows it
             late = now - LATE
             gone = [name for name, motion in self._under.items() if max(motion.begins, self._still) < late]
         for name in gone:
             self._end(MotionEnd(name, LOST))
 
     def _take_ended_motions(self) -> list[MotionEnd]:
-        """Ends of our motions, each once."""
+        """Return the ends of this session's motions, each once."""
         late = self._now() - LATE
         with self._lock:
             for name, motion in self._under.items():
@@ -234,13 +243,13 @@ class MotionSession:
         self._client.timeout = SOON
         try:
             self._client.call("RenewLease")
-        except Refused:  # somebody took it, or it lapsed: our motion has ended by that, and the event says so
+        except Refused:  # taken or lapsed: that has ended the motion, and the event reports it
             self.held = False
         except ClientError:
             self._lose()
 
     def _lose(self) -> None:
-        """The connection is over, and with it our lease: the daemon holds the robot, if there is one."""
+        """Drop the connection and with it the lease: the daemon, if it runs, holds the robot."""
         if self._client is not None:
             self._client.close()
         self._client, self.held, now = None, False, self._now()

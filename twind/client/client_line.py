@@ -135,7 +135,7 @@ def _explain_error(error: OSError) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return f"no daemon: there is no such socket; {HOW_TO_START}"
     if isinstance(error, ConnectionRefusedError):
-        return f"no daemon: nobody listens there; {HOW_TO_START}"
+        return f"no daemon: no process listens there; {HOW_TO_START}"
     if isinstance(error, PermissionError):
         return "permission denied: operators are in the group twind-operator, observers in twind-observe"
     if isinstance(error, BlockingIOError):

@@ -1,4 +1,4 @@
-"""Wall-clock times of monotonic ones: what the daemon tells is monotonic, what people and ROS read is not."""
+"""Pair of clock readings: wall-clock times for the monotonic ones of the daemon, for display and ROS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STEP = 50_000_000  # ns that wall clock and monotonic one may part before it is 
 
 @dataclass(frozen=True, slots=True)
 class ClockPair:
-    """Both clocks at one moment: what makes wall-clock times of monotonic ones."""
+    """Both clocks at one moment, to convert monotonic times to wall-clock times."""
 
     monotonic: float  # s
     wall_ns: int  # ns since 1970
@@ -27,7 +27,7 @@ class ClockPair:
 
 
 def clocks() -> ClockPair:
-    """Both clocks, read as closely together as they can be: some 4 µs."""
+    """Read both clocks as closely together as possible: some 4 µs."""
     best: tuple[int, ClockPair] | None = None
     for _ in range(5):
         before = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""A blocking connection to the daemon: calls, streams, typed errors, bounded waits. Standard library only."""
+"""Blocking connection to the daemon: calls, streams, typed errors, bounded waits. Standard library only."""
 
 import json
 import os
@@ -35,7 +35,7 @@ class Client:
         self.timeout = timeout
         self._line = SocketLine(socket_path(path, name)) if line is None else line
         self._streaming = False
-        self._begun = ""  # the call whose answer nobody has taken yet
+        self._begun = ""  # the call whose answer has not been read
 
     def __enter__(self) -> "Client":
         return self
@@ -52,7 +52,7 @@ class Client:
 
     @property
     def path(self) -> str:
-        """Which daemon, for people: its socket, or whatever else leads there."""
+        """Path to the daemon, for display: its socket, or another connection."""
         return self._line.where
 
     def connect(self) -> None:
@@ -81,9 +81,9 @@ class Client:
         return self._receive(method)[0]
 
     def begin(self, method: str, **parameters: Any) -> None:
-        """Call without waiting: `finish` takes the answer, before anything else is asked on this connection.
+        """Call without waiting; `finish` reads the answer, before any other call on this connection.
 
-        Raises NoDaemon, NoAnswer (the daemon does not even take it).
+        Raises NoDaemon; NoAnswer if the daemon does not even read the call.
         """
         self._send(method, parameters)
         self._begun = method
@@ -104,10 +104,10 @@ class Client:
         return self._answers(method)
 
     def bursts(self, method: str, **parameters: Any) -> Generator[list[bytes], None, None]:
-        """As `stream`, but all answers that have come, one at least, as their bytes: for who takes many.
+        """Stream as `stream` does, but yield all received answers, at least one, as bytes: for fast streams.
 
-        Who looks seldom is woken seldom. Nothing is read of them: which is an error, or the last, the caller
-        sees. Leaving it closes the connection. Raises NoDaemon, Disconnected, NoAnswer.
+        A slow reader is woken seldom. The bytes are not decoded: the caller detects errors and the last
+        answer. Leaving the iterator closes the connection. Raises NoDaemon, Disconnected, NoAnswer.
         """
         self._send(method, parameters, more=True)
         self._streaming = True
@@ -164,7 +164,7 @@ class Client:
         try:
             message = _understood(data)
         except (ValueError, RecursionError) as error:
-            self.close()  # where its next message begins nobody knows
+            self.close()  # the beginning of its next message is unknown
             raise Disconnected(
                 f"{self.path}: what was answered to {method} is no message ({error}); hung up"
             ) from None
@@ -192,7 +192,7 @@ class Client:
 
 
 def first_open(path: str | os.PathLike[str] | None, *names: str, timeout: float = TIMEOUT) -> Client:
-    """A connection to the first of the sockets `names` that lets us in. Raises the NoDaemon of the last."""
+    """Connect to the first of the sockets `names` that permits it. Raises the NoDaemon of the last."""
     failure = NoDaemon(f"{path}: no socket was named")
     for name in names:
         client = Client(path, name=name, timeout=timeout)

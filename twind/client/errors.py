@@ -1,12 +1,12 @@
-"""What can go wrong between a client and the daemon.
+"""Errors between a client and the daemon.
 
 ClientError
-├── NoDaemon        nobody listens on the socket, or this user may not connect
-├── Disconnected    the daemon hung up
+├── NoDaemon        no process listens on the socket, or this user may not connect
+├── Disconnected    the daemon closed the connection
 ├── NoAnswer        no answer in time; also a TimeoutError
-├── NotCarried      what leads to this daemon does not carry such a call: a robot from afar is not armed
+├── NotCarried      the connection does not carry such a call: a remote robot is not armed
 └── CallError       the daemon answered with an error
-    └── Refused     the gate or the daemon said no; `findings` says why
+    └── Refused     the gate or the daemon refused; `findings` has the reasons
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,10 +22,10 @@ class ClientError(TwindError):
 
 
 class NoDaemon(ClientError):
-    """No daemon can be reached. The text says which sockets were tried and how to start one.
+    """No daemon can be reached. The text lists the sockets tried and the start command.
 
-    `absent`: there is none, as far as a socket tells: no such socket, or nobody listens on it. Else nobody
-    knows: this user may not connect, or (`full`) too many connections wait.
+    `absent`: there is none, as far as a socket shows: no such socket, or no process listens on it. Else it is
+    unknown: this user may not connect, or (`full`) too many connections wait.
     """
 
     def __init__(self, message: str, *, absent: bool = False, full: bool = False) -> None:
@@ -43,7 +43,7 @@ class NoAnswer(ClientError, TimeoutError):
 
 
 class NotCarried(ClientError):
-    """What leads to this daemon does not carry such a call. The text says which, and what does."""
+    """Call that the connection to this daemon does not carry. The text names it, and the alternative."""
 
 
 class CallError(ClientError):
@@ -65,7 +65,7 @@ class Refused(CallError):
 
     @property
     def findings(self) -> Sequence[Mapping[str, Any]]:
-        """Every reason."""
+        """All reasons of the refusal."""
         findings: Sequence[Mapping[str, Any]] = self.parameters.get("findings") or ()
         return findings
 
@@ -81,10 +81,10 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
     name = error.rpartition(".")[2]
     if name == "Refused":
         return "\n".join(line.strip() for line in finding_lines(parameters.get("findings") or (), "")) or name
-    said = _SENTENCES.get(name)
-    if said is not None:
+    sentence = _SENTENCES.get(name)
+    if sentence is not None:
         try:
-            return said(parameters)
+            return sentence(parameters)
         except (KeyError, TypeError, AttributeError):  # a newer daemon: its fields, as they are
             pass
     fields = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
@@ -92,12 +92,12 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
 
 
 def finding_text(finding: Mapping[str, Any]) -> str:
-    """`POS_LIMIT: l_knee, point 3: position 2.9 rad, bound 2.5 rad`."""
+    """Format `POS_LIMIT: l_knee, point 3: position 2.9 rad, bound 2.5 rad`."""
     return f"{finding.get('code')}: {finding.get('message')}"
 
 
 def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
-    """`refused  POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`; many of one code share a line."""
+    """Format `refused POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`, one line per code."""
     codes: dict[str, list[Mapping[str, Any]]] = {}
     for finding in findings:
         codes.setdefault(str(finding.get("code")), []).append(finding)
@@ -136,6 +136,6 @@ _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "BusFailed": lambda p: f"bus {p['bus']}: {p['message']}" if p["bus"] else str(p["message"]),
     "NotWritten": lambda p: f"{p['path']}: not written: {p['message']}" if p["path"] else str(p["message"]),
     "InvalidParameter": lambda p: f"parameter {p['parameter']}: {p.get('message', 'not allowed')}",
-    "MethodNotFound": lambda p: f"the daemon knows no method {p['method']}",
+    "MethodNotFound": lambda p: f"the daemon has no method {p['method']}",
     "MethodNotImplemented": lambda p: f"the daemon does not serve {p['method']} yet",
 }

@@ -1,4 +1,4 @@
-"""Where the daemon's sockets are."""
+"""Paths of the daemon's sockets."""
 
 import os
 import stat
@@ -24,7 +24,7 @@ def socket_path(place: str | os.PathLike[str] | None = None, name: str = "contro
 
 
 def directories() -> list[str]:
-    """Folders that are looked at, in order."""
+    """Return the folders searched, in order."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")  # root too may have started one in a session
     session = [os.path.join(runtime, "twind")] if runtime else []
     return list(dict.fromkeys([*session, own_folder(os.environ, os.getuid()), SYSTEM]))

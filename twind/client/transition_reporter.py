@@ -1,4 +1,4 @@
-"""Reports of a fault at its beginning and at its end, not at every retry. Standard library only."""
+"""Reporter of a fault at its beginning and at its end, not at every retry. Standard library only."""
 
 from __future__ import annotations
 

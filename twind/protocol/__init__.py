@@ -1,4 +1,4 @@
-"""The control interface: its IDL text, what it demands of a call, and strict JSON. Standard library only."""
+"""Control interface: its IDL text, the checks of calls, and strict JSON. Standard library only."""
 
 from twind.exceptions import InvalidInput
 from twind.protocol.idl import IdlInterface, parse

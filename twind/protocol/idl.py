@@ -1,4 +1,4 @@
-"""Reads a varlink interface definition and checks values against its types. Standard library only.
+"""Parser of a varlink interface definition, and the check of values against its types. Library only.
 
 Grammar: varlink.org/Interface-Definition. Enums and `object` included; comments are skipped.
 """
@@ -15,7 +15,7 @@ _INT = range(-(1 << 63), 1 << 63)
 
 
 class IdlType:
-    """What a value may be."""
+    """Type of a value."""
 
     def check(self, value: object, where: str) -> None:
         """Nothing, if `value` is allowed here. Raises InvalidInput."""
@@ -24,7 +24,7 @@ class IdlType:
 
 @dataclass(frozen=True, slots=True)
 class ScalarType(IdlType):
-    """bool, int, float, string or object. A bool is no number; an int is a float where a float is asked."""
+    """Type bool, int, float, string or object. A bool is no number; an int is valid as a float."""
 
     name: str
 
@@ -192,6 +192,7 @@ class _IdlTokens:
         self.token: str | None = next(self._tokens, None)
 
     def take(self) -> str:
+        """Return the next token. Raises SyntaxError at the end of the text."""
         token = self.token
         self.token = next(self._tokens, None)
         if token is None:
@@ -199,24 +200,27 @@ class _IdlTokens:
         return token
 
     def expect(self, wanted: str) -> None:
+        """Skip the token `wanted`. Raises SyntaxError for another one."""
         got = self.take()
         if got != wanted:
             raise SyntaxError(f"expected {wanted!r}, got {got!r}")
 
     def word(self) -> str:
+        """Return the next token, a name. Raises SyntaxError for anything else."""
         got = self.take()
         if not got[0].isalpha():
             raise SyntaxError(f"expected a name, got {got!r}")
         return got
 
     def struct(self) -> StructType:
+        """Parse a struct `(name: type, ...)`. Raises SyntaxError for an enum."""
         composite = self.composite()
         if not isinstance(composite, StructType):
             raise SyntaxError(f"expected (name: type, ...), got words {composite}")
         return composite
 
     def composite(self) -> IdlType:
-        """A struct, or an enum: words without types."""
+        """Parse a struct, or an enum: words without types."""
         self.expect("(")
         fields: dict[str, IdlType] = {}
         words: list[str] = []
@@ -235,6 +239,7 @@ class _IdlTokens:
         return EnumType(tuple(words)) if words else StructType(fields)
 
     def type(self) -> IdlType:
+        """Parse a type."""
         if self.token == "(":
             return self.composite()
         token = self.take()

@@ -1,4 +1,4 @@
-"""The interfaces the daemon speaks, as they stand in the package's IDL files."""
+"""Interfaces of the daemon, from the package's IDL files."""
 
 from twind.protocol.idl import IdlInterface, parse
 
@@ -7,7 +7,7 @@ SERVICE = "org.varlink.service"
 
 
 def load(name: str) -> IdlInterface:
-    """`CONTROL` or `SERVICE`, parsed. Raises FileNotFoundError for another name."""
+    """Parse `CONTROL` or `SERVICE`. Raises FileNotFoundError for another name."""
     # Imported here: it brings tempfile, shutil and urllib along, a quarter of the time of `twindctl status`.
     from importlib.resources import files  # noqa: PLC0415
 

@@ -1,6 +1,6 @@
-"""A file's bytes, from a file: a pipe, a device or a folder in its place is refused, and never waited for.
+"""Reading of plain files: a pipe, a device or a folder in place of a file is refused, without waiting.
 
-Pure standard library; knows no format.
+Standard library only; independent of file formats.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Where the sockets stand: one rule for the daemon that makes them and the clients that look for them."""
+"""Paths of the sockets: one rule for the daemon that makes them and the clients that open them."""
 
 import os
 from collections.abc import Mapping

@@ -1,1 +1,1 @@
-"""`twind-virtual`: a robot file, muscles and virtual servos on pseudo-terminals."""
+"""Program `twind-virtual`: a robot file, its physics and virtual servos on pseudo-terminals."""

@@ -1,4 +1,4 @@
-"""`python -m twind.virtual`."""
+"""Entry of `python -m twind.virtual`."""
 
 import sys
 

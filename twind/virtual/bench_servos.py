@@ -1,4 +1,4 @@
-"""Servos named on the command line: on a bench without a robot file, or beside those of one.
+"""Bench servos, named on the command line: without a robot file, or beside those of one.
 
 Runs in `twind-virtual`.
 """
@@ -34,7 +34,7 @@ PLUGGED = 20_000  # ms: they got power one by one in the time before
 BITRATE = 1_000_000  # bit/s of a CAN bus
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
 USB = (
-    0.001  # s, a frame of full-speed USB: a CAN adapter hands over then what has come, so nobody wakes often
+    0.001  # s, a frame of full-speed USB: a CAN adapter delivers at this interval, so its reader wakes seldom
 )
 
 
@@ -100,7 +100,7 @@ def bench(
     baud: int | None = None,
     now: float = 0.0,
 ) -> dict[str, ServableBus]:
-    """Buses with these servos alone, joints without load. `baud` is what their registers say; None: factory.
+    """Make buses with these servos alone, joints without load. `baud` of their registers; None: factory.
 
     Raises InvalidInput for a model that cannot be simulated, and for servos and CAN actuators on one bus.
     """
@@ -120,9 +120,9 @@ def bench(
 
 
 def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], list[float]]:
-    """The servos as someone has put them there, and where they stand (ticks): no two alike.
+    """Return servos and their positions (ticks), all different, as after placement by hand.
 
-    Else two with one id would say the same bits for ever, and no scan could tell that there are two.
+    Else two with one id would send the same bits for ever, and no scan could detect that there are two.
     """
     random = np.random.default_rng(seed)
     count = len(specs)

@@ -1,7 +1,4 @@
-"""The CAN actuators of a virtual specimen: what each is set to, what moves it, what a calibration records.
-
-Runs in `twind-virtual`.
-"""
+"""Setup of the CAN actuators of a virtual robot: their settings, their physics, their calibration data."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -53,7 +50,7 @@ def default_node(id: int, model: str) -> NodeSpec:
 
 
 def device(spec: NodeSpec) -> IdentifiedDevice:
-    """What identification finds of it, as far as a calibration records it."""
+    """Return the identification of a node, as far as a calibration records it."""
     span = int(counts(spec.position))
     settings = {
         "homing_offset": 0,
@@ -72,6 +69,6 @@ def unloaded(places: Sequence[int], *, now: float = 0.0) -> FirstOrderCanPhysics
 
 
 def scattered(count: int, seed: int, now: float) -> FirstOrderCanPhysics:
-    """Shafts without load that somebody left within half a radian of their zeros, by the seed."""
+    """Make shafts without load at positions within half a radian of their zeros, by the seed."""
     random = np.random.default_rng(seed)
     return FirstOrderCanPhysics(random.uniform(-0.5, 0.5, count), now=now)

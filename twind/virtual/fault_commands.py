@@ -1,7 +1,7 @@
-"""Faults on order: a Unix stream socket, one JSON object a line in, one out. Single-threaded, never blocks.
+"""Fault commands on a Unix stream socket, one JSON object a line in, one out. Single-threaded, never blocks.
 
-`{"fault": "silence", "bus": "main", "id": 12}` → `{"ok": true}`; `{"query": "state"}` → what is true of every
-servo. An order that is wrong is answered with what would be right.
+`{"fault": "silence", "bus": "main", "id": 12}` → `{"ok": true}`; `{"query": "state"}` → the state of every
+servo. An invalid order is answered with the valid ones.
 """
 
 import json
@@ -127,7 +127,7 @@ def arguments(
 
 
 def _refuse_taken(path: Path) -> None:
-    """Raises OSError when somebody answers there; a socket that nobody listens on is left over."""
+    """Raise OSError if a process answers there; a socket without listener is a leftover."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:
@@ -141,7 +141,7 @@ class FaultCommandSocket:
     """The socket and its clients. `answer` executes one order; InvalidInput and KeyError become replies."""
 
     def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
-        """Raises OSError: the path cannot be bound."""
+        """Bind the socket. Raises OSError: the path cannot be bound."""
         self._path = path
         self._answer = answer
         if path.is_socket():
@@ -169,7 +169,7 @@ class FaultCommandSocket:
             self._serve_client(client)
 
     def close(self) -> None:
-        """Let go of everything, path included."""
+        """Close all connections and remove the path."""
         for client in self._clients:
             client.close()
         self._clients.clear()

@@ -1,4 +1,4 @@
-"""What sits at the joints of a virtual robot: zeros, hinges, servos as they are set, and what they show."""
+"""Joint actuators of a virtual robot: zeros, hinges, servos with their settings, and their readings."""
 
 import math
 import zlib
@@ -25,24 +25,24 @@ SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 @dataclass(frozen=True, slots=True)
 class EncoderFrame:
-    """From the place of a bare encoder to what the position register shows, in counts."""
+    """Conversion of the position of a bare encoder to the position register, in counts."""
 
     direction: int = 1
     shift: int = 0  # whole turns and the homing offset
 
     def shown(self, place: int) -> int:
-        """At that place."""
+        """Return the register value at that encoder position."""
         return self.direction * place + self.shift
 
 
 def margined(joint: JointSpec) -> tuple[float, float]:
-    """How far a slot turns in a sweep by hand where nothing stops it, rad."""
+    """Return the range (rad) of an actuator in a sweep by hand where no stop limits it."""
     lower, upper = joint.span
     return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
 
 
 def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
-    """Where its encoder is at joint angle 0: as the truth says, else the same for the same names.
+    """Return the encoder position at joint angle 0: from the truth, else fixed by the names.
 
     That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises InvalidInput.
     """
@@ -62,7 +62,7 @@ def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
 
 
 def hinge_of(joint: JointSpec, zero: int, ends: Mapping[str, tuple[float, float]]) -> Hinge:
-    """`joint` as it is wired."""
+    """Make the hinge of `joint` as it is wired."""
     unit = COUNT if isinstance(joint.type, CanType) else 1.0  # the places of CAN actuators are rad
     scale = unit / rad_per_tick(joint)
     return Hinge(joint.name, zero * unit, scale, ends.get(joint.name, (-math.inf, math.inf)))
@@ -100,7 +100,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
 
 
 def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
-    """With its own limits around the travel; as delivered where one turn of registers cannot hold that."""
+    """Set the servo's own limits around the travel; as delivered if one turn of registers cannot hold it."""
     ends = tick_range(joint, zero, *margined(joint))
     low, high = sorted(frame.shown(end) for end in ends)
     register = table(number_of(spec.model), spec.firmware)["min_position_limit"]

@@ -1,4 +1,4 @@
-"""One pseudo-terminal as the port of a virtual bus, as a USB adapter would be: baud rate, unplug, replug."""
+"""Pseudo-terminal as the port of a virtual bus, like a USB adapter: baud rate, unplug, replug."""
 
 import errno
 import fcntl
@@ -16,11 +16,10 @@ CHUNK = 65536
 
 
 def _claim(link: Path) -> int:
-    """Descriptor of the locked file beside the link; the kernel lets go of it when the process dies.
+    """Return the descriptor of the locked file beside the link; the lock ends with the process.
 
-    The file stays: one removed and made anew could be locked twice.
-
-    Raises OSError: somebody serves it.
+    The file stays: one removed and made anew could be locked twice. Raises OSError: another process serves
+    it.
     """
     lock = os.open(link.with_name(f".{link.name}.lock"), os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
@@ -40,9 +39,9 @@ class VirtualPtyPort:
     """
 
     def __init__(self, name: str, link: Path | None) -> None:
-        """`link`: a symbolic link to keep on the port, whatever its number, until `close`.
+        """Open the port; `link`: a symbolic link to keep on it, whatever its number, until `close`.
 
-        Raises OSError, before the link is touched: somebody else serves it.
+        Raises OSError, before the link is changed: another process serves it.
         """
         self.name = name
         self._link = link
@@ -73,7 +72,7 @@ class VirtualPtyPort:
         os.set_blocking(master, False)
         self._fd = master
         self._poll = select.poll()
-        self._poll.register(master, 0)  # only to be told of hang-up
+        self._poll.register(master, 0)  # reports only a hang-up
         if self._link is not None:
             fresh = self._link.with_name(f".{self._link.name}.new")
             fresh.unlink(missing_ok=True)
@@ -98,17 +97,20 @@ class VirtualPtyPort:
             self._lock = -1
 
     def look(self) -> bool:
-        """Is a host there now? Asked every round, since a port without one cannot be waited for."""
+        """Return True if a host has the port open.
+
+        Called every round, since a port without host cannot be polled.
+        """
         self.present = self._fd >= 0 and not self._poll.poll(0)
         return self.present
 
     def baud(self) -> int:
-        """What the host has set its port to."""
+        """Return the baud rate that the host has set."""
         raw = fcntl.ioctl(self._fd, TCGETS2, bytes(struct.calcsize(TERMIOS2)))
         return int(struct.unpack(TERMIOS2, raw)[-1])
 
     def read(self) -> bytes:
-        """What the host has written; empty if nothing."""
+        """Return the bytes that the host has written; empty for none."""
         with suppress(BlockingIOError):
             try:
                 return os.read(self._fd, CHUNK)
@@ -119,7 +121,7 @@ class VirtualPtyPort:
         return b""
 
     def write(self, data: bytes) -> None:
-        """To the host. What it does not take is lost, as on a wire."""
+        """Send bytes to the host. Those that it does not read are lost, as on a wire."""
         if self.present:
             with suppress(BlockingIOError):
                 os.write(self._fd, data)

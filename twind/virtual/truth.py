@@ -1,4 +1,4 @@
-"""True values of one virtual robot that are in no file of it: a calibration has to find them out.
+"""Ground truth of one virtual robot, in no file of it: a calibration has to find it.
 
 `--truth FILE` is a mapping `joints:` of joint names to the keys of `JointTruth`. Keys left out are as the
 robot file describes them. In process the same data are these dataclasses.
@@ -57,7 +57,7 @@ class JointTruth:
     seam_seed: Annotated[int, Meta(ge=0)] | None = None  # see `ServoSpec`
 
     def eeprom(self) -> dict[str, int]:
-        """Registers that differ from a servo's that is set as the robot file says."""
+        """Return the registers that differ from a servo set by the robot file."""
         found = {"homing_offset": self.homing_offset, "startup_configuration": self.startup_configuration}
         made = {key: value for key, value in found.items() if value}
         if self.drive_mode is not None:

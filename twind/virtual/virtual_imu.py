@@ -1,4 +1,4 @@
-"""The IMU of a virtual robot: a device on its bus, whose registers tell what the body feels."""
+"""IMU of a virtual robot: a device on its bus with the measurements of the body."""
 
 import numpy as np
 
@@ -21,6 +21,7 @@ def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> Virtual
     turned = mount_of(robot, imu)
 
     def tell() -> list[Floats]:
+        """Return the measurements of the body in the axes of the device."""
         return in_device(still(0.0) if body is None else body.imu(), spec, turned)
 
     cells = [
@@ -33,9 +34,9 @@ def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> Virtual
 def in_device(felt: Imu, imu: ImuSpec, turned: Quaternion) -> list[Floats]:
     """Field by field, in the device's own axes and order. `turned`: from these axes to the base's."""
     back = matrix(turned).T
-    told = [back @ felt.gyro, back @ felt.acceleration]
+    values = [back @ felt.gyro, back @ felt.acceleration]
     if imu.quaternion is not None:
         w, x, y, z = felt.quaternion.tolist()
         w, x, y, z = product((w, x, y, z), turned)
-        told.append(np.array((w, x, y, z) if imu.quaternion.order == "wxyz" else (x, y, z, w)))
-    return told
+        values.append(np.array((w, x, y, z) if imu.quaternion.order == "wxyz" else (x, y, z, w)))
+    return values

@@ -1,4 +1,4 @@
-"""`twind-virtual`: servos on pseudo-terminals, speaking the real protocol; a robot file's, moved by MuJoCo.
+"""Program `twind-virtual`: servos with the real protocol on pseudo-terminals; a robot's move by MuJoCo.
 
 Prints `bus NAME PATH` per bus, then `ready`. Ends at end-of-file on standard input when that is a pipe, on
 SIGTERM and on SIGINT.
@@ -96,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run it. Exit code 0 at its end, 2 when it cannot be started as asked."""
+    """Run the program. Exit code 0 at its end, 2 when it cannot be started as requested."""
     options = parser().parse_args(arguments)
     try:
         _check(options)
@@ -126,7 +126,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise InvalidInput(f"--seed {options.seed}: it is 0 or more")
     if options.truth is not None and options.truth_seed is not None:
-        raise InvalidInput("--truth and --truth-seed: a truth is told or drawn, not both")
+        raise InvalidInput("--truth and --truth-seed: a truth is given or drawn, not both")
     if (options.truth_seed or 0) < 0:
         raise InvalidInput(f"--truth-seed {options.truth_seed}: it is 0 or more")
     if options.servo and options.robot is None:
@@ -208,18 +208,18 @@ def _serve(
         if options.faults is not None:
             server.orders = FaultCommandSocket(options.faults, server.execute_fault_command)
             undo.callback(server.orders.close)
-        _until_told(server)
+        _wait_for_stop(server)
         for name, port in ports.items():
             _print_port(name, port.path)
         print("ready", flush=True)
         realtime.one_thread()
-        realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let
+        realtime.fifo(PRIORITY)  # servos reply in time on a busy machine, where permitted
         gc.freeze()  # what is there stays: the collector need not walk through it between two packets
         server.run()
 
 
-def _until_told(server: VirtualBusServer) -> None:
-    """SIGTERM, SIGINT and, where standard input is a pipe, its end."""
+def _wait_for_stop(server: VirtualBusServer) -> None:
+    """Set `ended` at SIGTERM, SIGINT or, where standard input is a pipe, its end."""
 
     def end(number: int, frame: object) -> None:
         server.ended = True

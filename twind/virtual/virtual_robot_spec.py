@@ -1,4 +1,4 @@
-"""One virtual specimen of a robot file: where each servo's zero is, how its EEPROM is set, what fits it.
+"""Specification of one virtual robot: its servos' zeros, their EEPROM, the calibration that fits.
 
 Runs in `twind-virtual`. The zeros differ from servo to servo, so that a missing or wrong calibration shows.
 """
@@ -140,10 +140,10 @@ def _sign(joint: JointSpec, truth: Truth) -> int:
 
 
 def calibration(made: VirtualRobotSpec) -> Calibration:
-    """The calibration file that fits: what a perfect sweep and zero of these servos would have found.
+    """Return the calibration file that fits: the result of a perfect sweep and zero of these servos.
 
-    It has the robot file's signs, right or wrong: only a proof tells. Where ids are exchanged it says of each
-    joint what the servo with its id shows.
+    It has the robot file's signs, right or wrong: only a proof shows that. Where ids are exchanged it has for
+    each joint the values of the servo with its id.
     """
     devices = {(bus, servo.id): _device(servo) for bus, servos in made.servos.items() for servo in servos}
     devices |= {(bus, each.id): device(each) for bus, nodes in made.nodes.items() for each in nodes}
@@ -201,7 +201,7 @@ def buses(
     line: BusTiming | None = None,
     extra: Mapping[str, Sequence[ServoSpec]] | None = None,
 ) -> dict[str, ServableBus]:
-    """The buses of a specimen, in its rest pose with torque off. One body moves all of them.
+    """Make the buses of a virtual robot, in its rest pose with torque off. One body moves all of them.
 
     `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
     `extra`: servos beside those of the robot, by serial bus.

@@ -1,8 +1,8 @@
-"""The serving loop of `twind-virtual`: one thread for all pseudo-terminals, muscles, faults.
+"""Server loop of `twind-virtual`: one thread for all pseudo-terminals, physics, faults.
 
-Everything happens in the servos' own time: it runs with the monotonic clock, but stands still while this
-process was stopped or not scheduled, so that a busy machine does not trip watchdogs that no host has missed.
-The register of their own clock (120) goes on meanwhile: a host would take its standing still for a restart.
+It runs in the servos' own time: the monotonic clock, which stands still while this process is stopped or not
+scheduled. So a busy machine does not trip watchdogs that no host has missed. The register of the servos' own
+clock (120) goes on meanwhile: a host would take its standing still for a restart.
 """
 
 import os
@@ -21,7 +21,7 @@ from twind_drivers.virtual.servable_bus import ServableBus
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
-STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
+STEP = 0.002  # s between two steps of physics and watchdogs, with or without traffic
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
 PAGE = 500  # readings in one answer: 24 servos fit into what a socket takes at once
 BUSY = 0.00008  # s before a servo's answer is due that are waited awake: a timer is that much late
@@ -49,9 +49,9 @@ class ServoClock:
 
 
 class VirtualBusServer:
-    """Buses behind ports. `said` is told when a port is plugged in: bus name, path.
+    """Server of buses behind ports. `said` is called when a port is plugged in: bus name, path.
 
-    `crane`: what holds the base of a body that stands freely.
+    `crane`: support of the base of a body that stands freely.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class VirtualBusServer:
                 bus.skip_time(more)
 
     def _wait(self, next_step: float) -> set[int]:
-        """Until something is to be done; descriptors that have something to read."""
+        """Wait until work is due; return the descriptors with data."""
         late = next_step  # s; what comes in batches of an adapter may come as late as a timer is
         soon = np.inf
         for bus, _ in self._pairs:
@@ -157,7 +157,7 @@ class VirtualBusServer:
         _, given = arguments(order)
         pose = given.pop("pose", {})
         if "id" in given or not (pose or given.get("off")):
-            self._chosen(None)  # says which buses there are
+            self._chosen(None)  # raises with the names of the buses
         known = {name: bus for bus, _ in self._pairs for name in bus.faults.hands.joints}
         strange = [name for name in pose if name not in known]
         if strange:
@@ -205,7 +205,7 @@ class VirtualBusServer:
         return {"ok": True, "now": now, "lost": self._clock.skipped_time, "buses": buses, **body}
 
     def _history(self, order: Order) -> Order:
-        """At most `PAGE` readings, the oldest first, of those after `since` (s)."""
+        """Return at most `PAGE` readings, the oldest first, of those after `since` (s)."""
         bus, port = self._chosen(order.get("bus"))
         since = order.get("since", -1.0)
         if not isinstance(since, int | float) or isinstance(since, bool):

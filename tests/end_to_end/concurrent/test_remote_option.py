@@ -149,8 +149,8 @@ def test_commands_not_allowed_remotely_are_refused_and_a_mode_query_works(world:
     for words, said in (
         (("arm",), "arm: not with --remote"),
         (("doctor",), "doctor: not with --remote"),
-        (("mode", "mirror"), "SetMode: not from afar"),
-        (("parameters", "log_level=debug"), "SetParameters: not from afar"),
+        (("mode", "mirror"), "SetMode: not for remote clients"),
+        (("parameters", "log_level=debug"), "SetParameters: not for remote clients"),
         (("check", "robot", "h24"), "leave out --remote"),
         (("status", "--socket", "/tmp"), "one robot at a time"),
     ):

@@ -185,7 +185,7 @@ def test_a_bridge_without_commands_executes_e_stops_and_refuses_all_else_with_th
         assert run.graph.words(STATUS)["bridge"]["commands"] is False
         for topic, data in ((TRAJECTORY, b"\0\1\0\0"), (STOP, b""), (SET_MODE, text("live"))):
             told = run.outcome(topic, data)
-            assert told["phase"] == "refused" and "only looks: --no-commands" in told["message"]
+            assert told["phase"] == "refused" and "only reads: --no-commands" in told["message"]
         assert run.graph.asked(TO_STOP, None)[0] is False
         assert run.outcome(E_STOP, b"")["phase"] == "done"
 
@@ -197,7 +197,7 @@ def test_a_back_end_without_commands_states_the_reason_in_the_status(loop: Stand
     with run:
         bridge = run.graph.words(STATUS)["bridge"]
         assert bridge["commands"] is False
-        assert bridge["refuses"] == "this bridge only looks: this middleware loses commands"
+        assert bridge["refuses"] == "this bridge only reads: this middleware loses commands"
         run.graph.heard(NEIGHBOURS, text(json.dumps({"bridge": {"id": "abc", "commands": True}})))
         run.graph.last(HW_JOINTS)
         time.sleep(AGAIN)
@@ -227,7 +227,7 @@ def test_a_message_that_cannot_be_decoded_is_reported_and_the_rest_continues(
     monkeypatch.setattr("twind.bridge.ros.ros_bridge.latencies", lambda hops: hops["none"])
     with Run(loop.directory) as run:
         until(lambda: run.lines, 10.0, "it is told")
-        assert "cannot be understood: TypeError" in run.lines[0]
+        assert "cannot be decoded: TypeError" in run.lines[0]
         run.graph.said.clear()
         run.graph.last(HW_JOINTS)
 
@@ -278,7 +278,7 @@ def test_a_stalled_loop_is_not_reported_as_healthy(tmp_path: Path) -> None:
             stand_in.send = lambda message: None
             until(lambda: len(run.graph.last(DIAGNOSTICS)["status"]) == 1, 4.0, "the bridge's row alone")
             (row,) = run.graph.last(DIAGNOSTICS)["status"]
-            assert row["level"] == ERROR and "nothing was heard of the loop" in row["message"]
+            assert row["level"] == ERROR and "no message of the loop" in row["message"]
             told = run.graph.words(STATUS)
             assert list(told) == ["bridge"] and not told["bridge"]["daemon"]
             stand_in.send = send  # type: ignore[method-assign]

@@ -57,7 +57,7 @@ def test_a_question_is_asked_and_its_answer_and_its_error_come_as_beside_the_rob
 
 @pytest.mark.parametrize("method", ["Arm", "Disarm", "SetMode", "WriteRegister", "Setpoint", "Reset", "Mark"])
 def test_a_method_reserved_for_local_clients_is_never_sent(robot: FarRobot, method: str) -> None:
-    with robot.client() as client, pytest.raises(NotCarried, match=f"{method}: not from afar"):
+    with robot.client() as client, pytest.raises(NotCarried, match=f"{method}: not for remote clients"):
         client.call(method)
     assert robot.asked == []
 
@@ -75,7 +75,7 @@ def test_an_absent_robot_an_absent_network_and_an_invalid_name_raise_different_e
     robot: FarRobot,
 ) -> None:
     robot.alive.undeclare()
-    with pytest.raises(NoDaemon, match=r"robot r1 by tcp/.*: not there; `twindctl fleet` lists who is"):
+    with pytest.raises(NoDaemon, match=r"robot r1 by tcp/.*: not present; `twindctl fleet` lists the robots"):
         robot.client(timeout=0.6).call("GetStatus")
     robot.close()
     with pytest.raises(NoDaemon, match="--remote ROBOT@tcp/HOST:PORT"):
@@ -95,7 +95,7 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
     with robot.client() as client:
         with pytest.raises(NoDaemon, match="its uplink is there, its daemon is not: no such socket"):
             client.call("GetStatus")
-        with pytest.raises(Disconnected, match="nobody answers ask/GetRobot"):
+        with pytest.raises(Disconnected, match="no answer to ask/GetRobot"):
             client.call("GetRobot")
         robot.slow = 3.0
         client.timeout = 0.2
@@ -115,7 +115,7 @@ def test_a_stop_is_sent_to_an_invisible_robot_until_a_reply_arrives(robot: FarRo
     with robot.client() as client:
         assert client.call("EStop", level="settle") == {"state": "estop", "level": "settle"}
         robot.answers["stop/Cancel"] = lambda _: None
-        with pytest.raises(Disconnected, match="nobody answers stop/Cancel"):
+        with pytest.raises(Disconnected, match="no answer to stop/Cancel"):
             client.call("Cancel")
     assert len(robot.times("stop/EStop")) == 3 and len(robot.times("stop/Cancel")) > 3
 

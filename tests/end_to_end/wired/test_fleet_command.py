@@ -99,7 +99,7 @@ def test_local_and_remote_robots_are_in_one_list_as_text_and_as_json(world: Worl
 
 def test_a_named_absent_robot_is_lost_and_an_absent_network_is_reported(world: World) -> None:
     done = world.list("nobody")
-    assert done.returncode == 3 and "nobody: nobody of this name is there" in done.stdout
+    assert done.returncode == 3 and "nobody: no robot of this name is present" in done.stdout
     elsewhere = ctl("fleet", HERE, "--connect", "tcp/127.0.0.1:1")
     done = subprocess.run(elsewhere, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 3 and HERE in done.stdout and "tcp/127.0.0.1:1" in done.stderr

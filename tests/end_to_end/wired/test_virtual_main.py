@@ -313,7 +313,7 @@ def test_ground_truth_is_read_or_drawn_and_a_hand_order_moves_uncalibrated_joint
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--truth", "t.yaml", "--truth-seed", "1"], "a truth is told or drawn, not both"),
+        (["--truth", "t.yaml", "--truth-seed", "1"], "a truth is given or drawn, not both"),
         (["--truth-seed", "-1"], "--truth-seed -1: it is 0 or more"),
         (["--servo", "main:1:XM430-W350", "--truth-seed", "1"], "--truth-seed needs --robot"),
         (["--truth", "/nowhere/t.yaml"], "/nowhere/t.yaml"),

@@ -1,1 +1,1 @@
-"""Many robots from one place: local instances and those that have an uplink."""
+"""Fleet: many robots from one place, local instances and those with an uplink."""

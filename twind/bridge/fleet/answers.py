@@ -1,4 +1,4 @@
-"""Answers of an uplink as they arrive: JSON of the interface, before the client reads it."""
+"""Answers of an uplink as received: JSON of the interface, before the client decodes it."""
 
 import json
 

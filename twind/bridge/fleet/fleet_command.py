@@ -24,7 +24,7 @@ from twind.ctl.monitor_command import is_live
 group = "connect"
 
 PATIENCE = 3.0  # s for the answers to a list that is wanted now
-WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
+WIDTH = 160  # columns without a terminal; COLUMNS overrides it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +81,7 @@ def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
 
 
 def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> None:
-    """On a terminal, until a key or a signal ends it."""
+    """Draw on a terminal, until a key or a signal ends it."""
     from rich.console import Console
 
     from twind.ctl.picture.picture_renderer import Palette
@@ -116,7 +116,7 @@ def _view(lookout: FleetMonitor, options: argparse.Namespace) -> int:
 def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
     now = time.monotonic()
     if options.json:
-        # ASCII: what robots say goes to a terminal without what would command it.
+        # ASCII: text of robots must not contain control sequences of the terminal.
         print(json.dumps({"robots": [to_json(each, now) for each in robots]}, allow_nan=False), flush=True)
         return
     from rich.console import Console
@@ -126,10 +126,10 @@ def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
     if is_live():
         console = Console(file=sys.stdout)
         palette = Palette.for_console(console)
-        said = "\n".join(palette.text(each) for each in rows(robots, now, console.width))
+        text = "\n".join(palette.text(each) for each in rows(robots, now, console.width))
     else:
-        said = plain(rows(robots, now, int(os.environ.get("COLUMNS") or 0) or WIDTH))
-    print((said if robots else "no robots") + ("\n" if options.watch else ""), flush=True)
+        text = plain(rows(robots, now, int(os.environ.get("COLUMNS") or 0) or WIDTH))
+    print((text if robots else "no robots") + ("\n" if options.watch else ""), flush=True)
 
 
 def _print_error(why: str) -> None:

@@ -1,4 +1,4 @@
-"""Asks all robots, here and elsewhere, and keeps the roll. Imports Zenoh when a network is joined."""
+"""Monitor of all robots, local and remote, which fills the roster. Imports Zenoh when a network is joined."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ if TYPE_CHECKING:
     from twind.bridge.fleet.remote_robots import RemoteRobotPoller
 
 PERIOD = 1.0  # s between two questions
-FINDING = 0.3  # s in which whoever is there has been found
+FINDING = 0.3  # s in which present robots have been found
 
 
 class FleetMonitor:
-    """From `once` or `begin` to `close`. `way`: by which robots elsewhere are reached, once there is one.
+    """Monitor of the fleet, from `once` or `begin` to `close`.
+
+    `way`: connection to remote robots, once it exists.
 
     `trouble`: why there is none.
     """
 
     def __init__(self, roll: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
-        """`only`: of this machine the daemon in this folder alone."""
+        """Make the monitor; `only`: of this machine the daemon in this folder alone."""
         self.roll = roll
         self.trouble = ""
         self.way: SharedSession | None = None
@@ -42,9 +44,9 @@ class FleetMonitor:
         self._threads: list[threading.Thread] = []
 
     def once(self, patience: float, tell: Callable[[str], None]) -> None:
-        """Everybody is asked once; returns when all have answered, after `patience` s at the latest.
+        """Query all robots once; return when all have answered, after `patience` s at the latest.
 
-        `tell`: of who is left out.
+        `tell`: receives the robots left out.
         """
         deadline = time.monotonic() + patience
         self._here.ask()
@@ -60,8 +62,7 @@ class FleetMonitor:
             time.sleep(0.01)
 
     def begin(self, tell: Callable[[str], None]) -> None:
-        """Everybody is asked again and again. `tell`: of a network that is not there yet, and of
-        who is left out."""
+        """Query all robots repeatedly. `tell`: receives an unreachable network, and the robots left out."""
         for what in (lambda: self._join(tell), self._ask):
             thread = threading.Thread(target=what, daemon=True)
             self._threads.append(thread)

@@ -23,10 +23,10 @@ class RobotRecord:
     status: Mapping[str, Any] | None = None  # of GetStatus, what a list shows
     heard: int | None = None  # joints that answer
     joints: int | None = None
-    told_at: float | None = None  # s, monotonic, when it said all this
+    told_at: float | None = None  # s, monotonic, time of this report
     way: float | None = None  # s, from the question to its answer
-    lost: str = ""  # why it says nothing any more; empty: it is there
-    odd: str = ""  # why what it says now cannot be understood; empty: it can
+    lost: str = ""  # why it reports no longer; empty: it is present
+    odd: str = ""  # why its report cannot be decoded; empty: it can
 
     def age(self, now: float) -> float | None:
         """Return the s since its last status; None: none was received."""
@@ -65,7 +65,7 @@ class FleetRoster:
     """Roster of all robots. Filled by several threads, read by another."""
 
     def __init__(self, wanted: Sequence[str] = ()) -> None:
-        """`wanted`: robots that are lost until they are there; empty: every robot that is there."""
+        """Make the roster; `wanted`: robots that are lost until they appear; empty: every robot present."""
         self._lock = threading.Lock()
         self._wanted = tuple(wanted)
         self._robots: dict[tuple[str, str], RobotRecord] = {}
@@ -80,13 +80,13 @@ class FleetRoster:
     def update_status(self, name: str, where: str, answer: object, now: float, way: float) -> None:
         """Record an answer of GetStatus with joints; an answer of another form is recorded as `odd`."""
         try:
-            said = msgspec.convert(answer, _StatusReply)
+            report = msgspec.convert(answer, _StatusReply)
         except msgspec.ValidationError as error:
             self.odd(name, where, str(error))
             return
-        status = msgspec.to_builtins(said.status)
-        heard = sum(joint.heard for joint in said.joints)
-        joints = len(said.joints)
+        status = msgspec.to_builtins(report.status)
+        heard = sum(joint.heard for joint in report.joints)
+        joints = len(report.joints)
         self._keep(
             name, where, status=status, heard=heard, joints=joints, told_at=now, way=way, lost="", odd=""
         )
@@ -104,7 +104,7 @@ class FleetRoster:
         with self._lock:
             found = [each for each in self._robots.values() if not self._wanted or each.name in self._wanted]
         missing = set(self._wanted) - {each.name for each in found}
-        found += [RobotRecord(name, lost="nobody of this name is there") for name in missing]
+        found += [RobotRecord(name, lost="no robot of this name is present") for name in missing]
         return sorted(found, key=lambda each: (each.name, each.where == UPLINK, each.where))
 
     def has_unknown_robots(self) -> bool:

@@ -1,4 +1,4 @@
-"""The fleet as rows for people and as JSON for programs. Pure: no terminal, `now` is given."""
+"""Table of the fleet for display, and as JSON for programs. Pure: no terminal, `now` is given."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,7 +7,7 @@ from twind.bridge.fleet.fleet_roster import UPLINK, RobotRecord
 from twind.ctl.picture.picture_blocks import STATES
 from twind.ctl.picture.styled_lines import Line, Span, cut, line, wide
 
-OLD = 3.0  # s after which what was said last is no news any more
+OLD = 3.0  # s after which a report counts as stale
 COLUMNS = ("robot", "where", "mode", "state", "motion", "joints", "faults", "latency", "age")
 _RIGHT = ("joints", "latency", "age")
 
@@ -22,7 +22,7 @@ def rows(robots: Sequence[RobotRecord], now: float, width: int) -> list[Line]:
 
 
 def _wrong(robot: RobotRecord) -> str:
-    return robot.lost or (f"what it says cannot be understood: {robot.odd}" if robot.odd else "")
+    return robot.lost or (f"its report cannot be decoded: {robot.odd}" if robot.odd else "")
 
 
 def to_json(robot: RobotRecord, now: float) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
         _faults(robot),
         ("-" if status["latency_ms"] is None else f"{status['latency_ms']:.1f} ms", ""),
     ]
-    if old:  # what it said then; nobody must take it for now
+    if old:  # an old report; it must not pass for the present state
         cells = [(text, "dim") for text, _ in cells]
         cells[1] = silent
     return [(robot.name, "dim" if old else ""), (where, "dim" if old else ""), *cells, _age(age, robot)]

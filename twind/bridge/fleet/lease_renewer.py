@@ -1,4 +1,4 @@
-"""The lease of a robot from afar: kept by renewing it, whether the answers come quickly or not."""
+"""Renewal of a remote robot's lease, whether or not the answers come quickly."""
 
 import json
 import time
@@ -13,10 +13,10 @@ RENEWED = 0.3 * LEASE_S  # s between two; each is sent whether the one before wa
 
 
 class LeaseRenewer:
-    """What a Grant gives. `lost`: why it is no longer ours. `confirmed`: s, monotonic, when it was still."""
+    """Renewer of a Grant. `lost`: why the lease has ended. `confirmed`: s, monotonic, last confirmation."""
 
     def __init__(self, reach: RemoteRobotEndpoint, grant: Mapping[str, Any], came: float) -> None:
-        """`came`: s, monotonic, when the grant was here."""
+        """Make the renewer; `came`: s, monotonic, arrival of the grant."""
         self._reach = reach
         self.id = str(grant["lease"])
         self._robot_time = float(grant["now"])
@@ -26,7 +26,10 @@ class LeaseRenewer:
         self.lost = ""
 
     def deadline(self, now: float) -> float:
-        """s, of the robot's clock: a lease's life from now on. Early by the way of the grant, never late."""
+        """Return the end of a lease renewed now, s of the robot's clock.
+
+        Early by the way of the grant, never late.
+        """
         return self._robot_time + (now - self._came) + LEASE_S
 
     def renew_if_due(self, now: float) -> float:
@@ -39,11 +42,14 @@ class LeaseRenewer:
         return max(0.0, self._due - now)
 
     def _renewed(self, message: bytes) -> None:
-        """Only that it is held by us no more ends it: who is too busy to renew it now may be asked again."""
+        """Process an answer.
+
+        Only a report of a lost lease ends it: a busy robot may renew at the next request.
+        """
         try:
-            told = json.loads(message)
-            error = told.get("error")
-            codes = [each.get("code") for each in told["parameters"].get("findings") or ()]
+            answer = json.loads(message)
+            error = answer.get("error")
+            codes = [each.get("code") for each in answer["parameters"].get("findings") or ()]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return  # no message: it confirms nothing
         if not error:

@@ -1,4 +1,4 @@
-"""The daemons of this machine: found by their sockets, asked one beside the other."""
+"""Poller of the daemons of this machine: found by their sockets, queried in parallel."""
 
 import os
 import threading
@@ -16,7 +16,7 @@ NAMES = ("observe", "control")
 
 
 def folders(only: str | None = None) -> list[str]:
-    """Folders with sockets: those that a client looks at, and the instances below them. `only`: that one."""
+    """Return the folders with sockets: those of a client, and the instances below them. `only`: that one."""
     if only is not None:
         return [only]
     found = [each for place in directories() for each in (place, *_below(place)) if _has_sockets(each)]
@@ -24,28 +24,28 @@ def folders(only: str | None = None) -> list[str]:
 
 
 class LocalDaemonPoller:
-    """Asks each of them, all at once, whenever it is told to. One that hangs holds up nobody."""
+    """Poller of local daemons: each call queries all at once. One that hangs delays no other."""
 
     def __init__(self, roll: FleetRoster, only: str | None = None) -> None:
-        """`only`: the daemon in this folder and no other."""
+        """Make the poller; `only`: the daemon in this folder and no other."""
         self._roll = roll
         self._only = only
         self._names: dict[str, str] = {}  # of robots, by folder
-        self._asked: dict[str, threading.Thread] = {}
+        self._queries: dict[str, threading.Thread] = {}
 
     def ask(self) -> None:
-        """Whoever is not being asked. Returns at once."""
+        """Query each daemon without a pending query. Returns at once."""
         for folder in dict.fromkeys([*folders(self._only), *self._names]):
-            before = self._asked.get(folder)
+            before = self._queries.get(folder)
             if before is None or not before.is_alive():
                 thread = threading.Thread(target=self._ask, args=(folder,), daemon=True)
-                self._asked[folder] = thread
+                self._queries[folder] = thread
                 thread.start()
 
     def wait(self, seconds: float) -> None:
-        """Until all have answered, `seconds` at most."""
+        """Wait until all have answered, `seconds` at most."""
         deadline = time.monotonic() + seconds
-        for thread in self._asked.values():
+        for thread in self._queries.values():
             thread.join(max(0.0, deadline - time.monotonic()))
 
     def _ask(self, folder: str) -> None:
@@ -62,10 +62,10 @@ class LocalDaemonPoller:
             if folder in self._names or not getattr(error, "absent", False):
                 self._record_lost_daemon(folder, str(error))
         except (KeyError, TypeError, AttributeError) as error:
-            self._record_lost_daemon(folder, f"what it says cannot be understood: {error!r}")
+            self._record_lost_daemon(folder, f"its report cannot be decoded: {error!r}")
 
     def _record_lost_daemon(self, folder: str, why: str) -> None:
-        """One that never said its name has that of its folder, which is the instance's."""
+        """Record a lost daemon; one that never reported its name gets that of its folder, the instance's."""
         self._roll.mark_lost(self._names.get(folder) or Path(folder).name, folder, why)
 
 

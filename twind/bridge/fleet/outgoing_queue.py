@@ -1,4 +1,4 @@
-"""What has come for one connection, until it is taken. Threads of Zenoh fill it, and wait for nobody."""
+"""Queue of replies for one connection, until they are read. Threads of Zenoh fill it, and never wait."""
 
 import json
 import threading
@@ -33,7 +33,7 @@ class OutgoingQueue:
                 self._answers += 1
                 self._messages.append((message, False))
             else:
-                self._ended = self._ended or f"{self._most} answers wait, and nobody takes them"
+                self._ended = self._ended or f"{self._most} answers wait and are not read"
             self._came.notify()
 
     def put_news(self, message: bytes) -> None:
@@ -46,7 +46,7 @@ class OutgoingQueue:
             self._came.notify()
 
     def end(self, why: str) -> None:
-        """Nothing comes any more. What has come can still be taken; the first reason stays."""
+        """End the queue. Messages in it can still be read; the first reason stays."""
         with self._came:
             self._ended = self._ended or why
             self._came.notify()
@@ -65,7 +65,7 @@ class OutgoingQueue:
             return self._next()
 
     def rest(self) -> list[bytes]:
-        """All that has come."""
+        """Return all messages in the queue."""
         with self._came:
             return [self._next() for _ in range(len(self._messages))]
 
@@ -88,11 +88,13 @@ class OutgoingQueue:
 
 
 def with_lost(message: bytes, lost: int) -> bytes:
-    """News that say that so many before them were lost, beside what they say of it themselves. What is none
-    stays as it is: whoever takes it says so."""
+    """Add the number of lost messages to the `dropped` of a news message.
+
+    Bytes that are no message are returned as they are: the reader reports them.
+    """
     try:
-        told = json.loads(message)
-        told["parameters"]["dropped"] = told["parameters"].get("dropped", 0) + lost
+        news = json.loads(message)
+        news["parameters"]["dropped"] = news["parameters"].get("dropped", 0) + lost
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return message
-    return json.dumps(told).encode()
+    return json.dumps(news).encode()

@@ -1,4 +1,4 @@
-"""`twindctl --remote ROBOT VERB`: the client of a robot that is elsewhere. Imports Zenoh when it is used."""
+"""Client of a remote robot: `twindctl --remote ROBOT VERB`. Imports Zenoh when it is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One trajectory sent to a remote robot: submitted once, then followed; queried where no report comes."""
+"""Goal of a remote robot: one trajectory, submitted once, then followed; queried where no report comes."""
 
 import json
 import threading
@@ -12,9 +12,9 @@ from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
 from twind.bridge.motion_session import ENDS
 
-QUIET = 1.0  # s without a word after which it is asked what became of the goal
+QUIET = 1.0  # s without a report after which the goal is queried: a lost message must not hide its end
 GONE = 3.0  # s without any answer after which the robot counts as lost
-JUDGED = 20.0  # s that a goal may be judged; meanwhile the answers to renewals tell that the robot is there
+JUDGED = 20.0  # s that the check of a goal may take; meanwhile answers to renewals show the robot's presence
 LONGEST = 64 << 10  # bytes of a report; none that is longer comes from an uplink
 EARLY = 32  # reports that may come before the answer to the goal
 
@@ -36,37 +36,37 @@ class RemoteGoal:
         self._inbox = inbox
         self._lock = threading.Lock()
         self.over = self._closed = False
-        self._open = self._again = False  # a question is on its way; it was asked after
+        self._open = self._again = False  # a query is under way; it is a repeated one
         self._answered = False  # by the gate
-        self._early: list[dict[str, Any]] = []  # told before the gate's answer was here
+        self._early: list[dict[str, Any]] = []  # reports before the gate's answer
         self._last: dict[str, Any] = {}
-        self._heard = False  # since the last look
-        self._asked = now
+        self._reported = False  # a report since the last poll
+        self._queried_at = now
         self._alive = now
         name = uuid.uuid4().hex
-        # Asked again by its name and lease it is never run twice: the answer is what became of the first.
+        # A repeated query with its name and lease never runs it twice: the answer is the state of the first.
         self._named = {"goal": name, "lease": hold.id}
         whole = self._named | {"deadline": hold.deadline(now), "trajectory": path}
-        self._told = reach.subscribe_news(("goals", name), self._progress)
+        self._subscription = reach.subscribe_news(("goals", name), self._progress)
         self._ask(whole, JUDGED)
 
     def close(self) -> None:
         """Stop receiving reports of the goal. May be called twice."""
         if not self._closed:
             self._closed = True
-            self._told.undeclare()
+            self._subscription.undeclare()
 
     def poll(self, now: float) -> float:
         """Renew the lease and query a goal of which no report comes; return the s until the next call."""
-        if self._heard:
-            self._heard, self._alive, self._asked = False, now, max(self._asked, now)
+        if self._reported:
+            self._reported, self._alive, self._queried_at = False, now, max(self._queried_at, now)
         self._alive = max(self._alive, self._hold.confirmed)
         if now - self._alive > GONE:
             self._inbox.end(
                 f"{self._reach.robot}: no answer for {GONE:g} s; the lease has lapsed, so its motion is held"
             )
-        elif now - self._asked > QUIET and not self._open:
-            self._asked = now
+        elif now - self._queried_at > QUIET and not self._open:
+            self._queried_at = now
             self._again = True
             self._ask(self._named, GONE)
         return min(self._hold.renew_if_due(now), QUIET)
@@ -74,27 +74,27 @@ class RemoteGoal:
     def _ask(self, what: Mapping[str, Any], patience: float) -> None:
         """Send one query at a time: while the gate judges, repeats would fill the robot's queue of goals."""
         self._open = True
-        self._reach.ask(("goal",), what, patience, self._answer, self._unheard)
+        self._reach.ask(("goal",), what, patience, self._answer, self._on_silence)
 
-    def _unheard(self) -> None:
+    def _on_silence(self) -> None:
         self._open = False
 
     def _answer(self, message: bytes) -> None:
         """Process an answer of the gate to the goal, or of the uplink to a repeated query."""
         self._open = False
-        told = _parameters(message)
+        report = _parameters(message)
         with self._lock:
-            if told is None and self._again and not self._ends(message):
-                return  # asked after, and too busy to say: that is no end
-            self._heard = True
-            if told is None:
+            if report is None and self._again and not self._ends(message):
+                return  # a busy answer to a repeated query: that is no end
+            self._reported = True
+            if report is None:
                 self._end(message)
             elif not self._answered:
                 self._answered = True
-                for each in [told, *self._early]:
+                for each in [report, *self._early]:
                     self._deliver_reply(each)
             else:
-                self._deliver_reply(told)
+                self._deliver_reply(report)
 
     def _ends(self, error: bytes) -> bool:
         """True if this error ends the goal: of an accepted goal "Refused" alone, else all but "Busy"."""
@@ -104,23 +104,23 @@ class RemoteGoal:
     def _progress(self, payload: bytes) -> None:
         if len(payload) > LONGEST:
             return
-        told = _parameters(b'{"parameters":%b}' % payload)
+        report = _parameters(b'{"parameters":%b}' % payload)
         with self._lock:
-            self._heard = True
-            if told is None:
+            self._reported = True
+            if report is None:
                 return
             if self._answered:
-                self._deliver_reply(told)
+                self._deliver_reply(report)
             elif len(self._early) < EARLY:
-                self._early.append(told)
+                self._early.append(report)
 
-    def _deliver_reply(self, told: dict[str, Any]) -> None:
+    def _deliver_reply(self, report: dict[str, Any]) -> None:
         """Put a report into the inbox once: answers to queries and published reports overlap."""
-        if self.over or told == self._last or (told["phase"] == "accepted" and self._last):
+        if self.over or report == self._last or (report["phase"] == "accepted" and self._last):
             return
-        self._last = told
-        ended = told["phase"] in ENDS
-        message = json.dumps({"parameters": told} | ({} if ended else {"continues": True})).encode()
+        self._last = report
+        ended = report["phase"] in ENDS
+        message = json.dumps({"parameters": report} | ({} if ended else {"continues": True})).encode()
         if ended:
             self._end(message)
         else:
@@ -135,8 +135,8 @@ class RemoteGoal:
 def _parameters(message: bytes) -> dict[str, Any] | None:
     """Return the reported state of a goal from a message; None: an error, or no valid message."""
     try:
-        told: dict[str, Any] = json.loads(message)["parameters"]
-        told.setdefault("progress", 0.0)
-        return told if told["phase"] else None
+        report: dict[str, Any] = json.loads(message)["parameters"]
+        report.setdefault("progress", 0.0)
+        return report if report["phase"] else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

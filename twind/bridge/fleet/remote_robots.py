@@ -16,7 +16,7 @@ GONE = "its uplink ended, or the way to it is lost"
 
 
 class RemoteRobotPoller:
-    """Keeps the roster: arrivals and departures by themselves, status on each call of `ask`."""
+    """Poller of remote robots: arrivals and departures come by themselves, status on each call of `ask`."""
 
     def __init__(self, roll: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         """Watch the tokens of a session, which stays owned by its opener.

@@ -1,4 +1,4 @@
-"""A stop from afar: sent whether the robot was seen or not, and again until it was done."""
+"""Stop of a remote robot: sent whether the robot was seen or not, and repeated until it was done."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,13 +7,13 @@ from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
 
-AGAIN = 0.1  # s from a question that nobody did to the next
-LASTING = 3.0  # s for which it is asked again
-FINAL = ("NotAllowed", "InvalidParameter")  # errors that asking again changes nothing of
+AGAIN = 0.1  # s from a stop without success to the next: a lost message must not leave the robot moving
+LASTING = 3.0  # s for which it is repeated
+FINAL = ("NotAllowed", "InvalidParameter")  # errors that a repetition cannot change
 
 
 class RemoteStop:
-    """The answer goes into the inbox. A robot that hears it twice stops once."""
+    """Remote stop, with its answer in the inbox. A robot that receives it twice stops once."""
 
     def __init__(
         self,
@@ -31,15 +31,15 @@ class RemoteStop:
         # a question is on its way
         self._begun = now
         self._open = True
-        self._refusal = b""  # the last error that asking again may change
+        self._refusal = b""  # the last error that a repetition may change
         self.over = False
         self._ask()
 
     def close(self) -> None:
-        """Nothing is to be given back."""
+        """Do nothing: nothing is to be given back."""
 
     def poll(self, now: float) -> float:
-        """Ask again where it was not done; s until the next look."""
+        """Repeat a stop that was not done; return the time (s) to the next poll."""
         if not self._open:
             if now - self._begun <= LASTING:
                 self._ask()
@@ -49,7 +49,9 @@ class RemoteStop:
 
     def _ask(self) -> None:
         self._open = True
-        self._reach.ask(self._parts, self._parameters, LASTING, self._answered, self._unheard, everybody=True)
+        self._reach.ask(
+            self._parts, self._parameters, LASTING, self._answered, self._on_silence, everybody=True
+        )
 
     def _give_up(self) -> None:
         self.over = True
@@ -58,11 +60,11 @@ class RemoteStop:
         else:
             parts = "/".join(self._parts)
             self._inbox.end(
-                f"{self._reach.robot}: nobody answers {parts}: it is not there, or this is not for us"
+                f"{self._reach.robot}: no answer to {parts}: it is absent, or this client is not permitted"
             )
 
     def _answered(self, message: bytes) -> None:
-        """Whoever else answers: the first that did it counts, and no error before it."""
+        """Process an answer of any uplink: the first success counts, and no error before it."""
         if self.over:
             return
         if _final(message):
@@ -72,11 +74,11 @@ class RemoteStop:
             self._refusal = message
             self._open = False
 
-    def _unheard(self) -> None:
+    def _on_silence(self) -> None:
         self._open = False
 
 
 def _final(message: bytes) -> bool:
-    """It was done, or will never be."""
+    """Return True if the stop was done, or never will be."""
     name = error_name(message)
     return name == "" or name in FINAL

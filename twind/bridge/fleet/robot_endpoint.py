@@ -1,4 +1,4 @@
-"""One robot as one session of Zenoh reaches it: questions, news, and whether it is there."""
+"""Endpoint of one robot in a Zenoh session: queries, news, and its presence."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -13,12 +13,12 @@ from twind.client import Disconnected
 
 Told = Callable[[bytes], None]  # one message of the interface, in a thread of Zenoh's; returns at once
 ALIVE = "alive"
-_TIMEOUT = b"Timeout"  # what Zenoh itself says in place of an answer
+_TIMEOUT = b"Timeout"  # payload of Zenoh in place of an answer
 
 
 @dataclass(frozen=True, slots=True)
 class RemoteRobotEndpoint:
-    """`robot` is its name in the key space."""
+    """Endpoint of a robot. `robot` is its name in the key space."""
 
     session: zenoh.Session
     robot: str
@@ -28,27 +28,27 @@ class RemoteRobotEndpoint:
         parts: tuple[str, ...],
         what: Mapping[str, Any],
         patience: float,
-        told: Told,
+        answered: Told,
         silent: Callable[[], None],
         *,
         everybody: bool = False,
     ) -> None:
-        """One question. Then either `told` the answer or the error, or `silent`: nobody answered in time.
+        """Send one query. Then either `answered` gets the answer or the error, or `silent` is called.
 
-        `everybody` who serves the key is asked, and each answer told, for one that answers must not keep it
-        from the robot; else it is asked of one, and the first answer told.
+        `everybody`: query all servers of the key, and pass on each answer, so that a false server cannot hide
+        the robot. Else query one, and pass on the first answer.
         """
-        heard = False
+        received = False
 
         def on_reply(reply: zenoh.Reply) -> None:
-            nonlocal heard
+            nonlocal received
             message = as_message(reply)
-            if message is not None and (everybody or not heard):
-                heard = True
-                told(message)
+            if message is not None and (everybody or not received):
+                received = True
+                answered(message)
 
         def on_query_end() -> None:
-            if not heard:
+            if not received:
                 silent()
 
         with self._joined():
@@ -63,29 +63,29 @@ class RemoteRobotEndpoint:
             )
 
     def subscribe_news(
-        self, parts: tuple[str, ...], told: Callable[[bytes], None]
+        self, parts: tuple[str, ...], on_news: Callable[[bytes], None]
     ) -> "zenoh.Subscriber[None]":
         """News, as their bytes, until the subscriber is undeclared."""
         with self._joined():
             return self.session.declare_subscriber(
-                robot_key(self.robot, *parts), lambda sample: told(bytes(sample.payload))
+                robot_key(self.robot, *parts), lambda sample: on_news(bytes(sample.payload))
             )
 
     def watch(self, there: Callable[[], None], gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
-        """`there`: its uplink is up. `gone`: it ended, or the way there is lost."""
+        """Watch the robot. `there`: its uplink is up. `gone`: it ended, or the connection is lost."""
 
         def on_liveliness(sample: zenoh.Sample) -> None:
             (gone if sample.kind == zenoh.SampleKind.DELETE else there)()
 
         with self._joined():
-            # With history: of a token that a session was never told it is not told the end either.
+            # With history: a session gets no end of a token whose declaration it never received.
             return self.session.liveliness().declare_subscriber(
                 robot_key(self.robot, ALIVE), on_liveliness, history=True
             )
 
     @contextmanager
     def _joined(self) -> Iterator[None]:
-        """Raises Disconnected: the session was closed, as by whoever shares it."""
+        """Return the session. Raises Disconnected: it was closed, as by another user of it."""
         try:
             yield
         except zenoh.ZError as error:
@@ -93,7 +93,7 @@ class RemoteRobotEndpoint:
 
 
 def as_message(reply: zenoh.Reply) -> bytes | None:
-    """An answer or an error as a message of the interface; None: nobody answered."""
+    """Return an answer or an error as a message of the interface; None: no answer in time."""
     if reply.ok is not None:
         return b'{"parameters":%b}' % bytes(reply.ok.payload)
     error = b"" if reply.err is None else bytes(reply.err.payload)

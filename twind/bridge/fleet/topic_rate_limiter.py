@@ -1,11 +1,11 @@
-"""Which news of a robot are heard from afar, and how many of them. Pure."""
+"""Rate limiter of a robot's news for remote clients. Pure."""
 
 import re
 
 from twind.bridge.zenoh.zenoh_keys import RATES, TOPICS
 from twind.client import NotCarried
 
-USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz where nobody says, as Monitor has them
+USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz without a requested rate, as in Monitor
 SLACK = 0.25  # of the time between two that are wanted: by how much one may be too early
 _TIME = re.compile(rb'"time":(\d+(?:\.\d+)?)')
 
@@ -21,30 +21,30 @@ def keys(topics: list[str], rate: float | None) -> dict[str, tuple[str, ...]]:
 
 def offered(rate: float | None) -> str:
     """The slowest of the rates that are sent that is not below `rate`, Hz."""
-    asked = rate or USUAL["state"]
-    return next((each for each in RATES if each != "full" and float(each) >= asked), "full")
+    requested = rate or USUAL["state"]
+    return next((each for each in RATES if each != "full" and float(each) >= requested), "full")
 
 
 class TopicRateLimiter:
-    """Lets through as many a second as were asked for, of a topic that has a rate; of others all.
+    """Rate limiter of a topic with a rate; other topics pass whole.
 
-    By the time at which the robot said it: on the way some come late, and others close behind.
+    It uses the time stamps of the robot: on the network some messages come late, and others close behind.
     """
 
     def __init__(self, topic: str, rate: float | None) -> None:
-        asked = rate or USUAL.get(topic, 0.0)
+        requested = rate or USUAL.get(topic, 0.0)
         sent = _sent(topic, rate)
-        self._period = 1.0 / asked if sent is None or asked < sent else 0.0  # s; 0: all
+        self._period = 1.0 / requested if sent is None or requested < sent else 0.0  # s; 0: all
         # s, the robot's clock
         self._last = 0.0
         self._due = float("-inf")
 
     def takes(self, message: bytes) -> bool:
-        """It is time for one. What tells no time is let through."""
-        said = _TIME.search(message, 0, 200) if self._period else None
-        if said is None:
+        """Return True if a message is due. One without a time passes."""
+        stamp = _TIME.search(message, 0, 200) if self._period else None
+        if stamp is None:
             return True
-        now = float(said[1])
+        now = float(stamp[1])
         if now < self._last:  # it was started anew
             self._due = float("-inf")
         self._last = now

@@ -1,4 +1,4 @@
-"""Robots of the roll for a viewer: names, and ways to each. Imports Zenoh when one is elsewhere."""
+"""Robots of the roster for a viewer: names, and connections to each. Imports Zenoh for remote ones."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ from twind.observe.viewing.robot_connections import RobotConnections, local
 
 
 def found(lookout: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
-    """Whoever was ever there, by name and place."""
+    """Return every robot that was ever present, by name and place."""
     ways = {(each.name, each.where): _ways(each, lookout.way) for each in lookout.roll.robots()}
     return {whose: way for whose, way in ways.items() if way is not None}
 

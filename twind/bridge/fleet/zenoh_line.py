@@ -27,7 +27,7 @@ from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 
 FOUND = 2.0  # s within which a robot that is there is found
-IDLE = 5.0  # s between two looks at a line on which nothing runs
+IDLE = 5.0  # s between two polls of an idle line
 PARTING = 0.5  # s that giving a lease back may take when the line is closed
 Parameters = Mapping[str, Any]
 
@@ -61,7 +61,7 @@ class ZenohClientLine:
         self._inbox = OutgoingQueue()
         self._hold: LeaseRenewer | None = None
         self._there = threading.Event()
-        self._errand: RemoteGoal | RemoteStop | None = None  # what is looked after until it is over
+        self._errand: RemoteGoal | RemoteStop | None = None  # goal or stop under way
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
@@ -129,7 +129,7 @@ class ZenohClientLine:
         carry = self._carrier(method, more)
         if not self._there.wait(min(patience, FOUND)):
             self.close()
-            raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
+            raise NoDaemon(f"{self.where}: not present; `twindctl fleet` lists the robots", absent=True)
         carry(parameters, patience)
 
     def receive(self, patience: float) -> bytes:
@@ -169,7 +169,7 @@ class ZenohClientLine:
         if method in _STREAMS and more:
             return partial(_STREAMS[method], self)
         raise NotCarried(
-            f"{method}: not from afar; whoever arms {self._robot}, or sets it up, stands beside it"
+            f"{method}: not for remote clients; arm {self._robot} and set it up beside the robot"
         )
 
     def _ask(
@@ -181,7 +181,9 @@ class ZenohClientLine:
     ) -> None:
         assert self._reach is not None
         inbox = self._inbox
-        silent = f"{self.where}: nobody answers {'/'.join(parts)}: it went away, or this is not for us"
+        silent = (
+            f"{self.where}: no answer to {'/'.join(parts)}: it went away, or this client is not permitted"
+        )
         self._reach.ask(parts, what, patience, told or inbox.answer, lambda: inbox.end(silent))
 
     def _acquire(self, parameters: Parameters, patience: float) -> None:
@@ -191,7 +193,7 @@ class ZenohClientLine:
         what = {"op": "acquire", "holder": holder()}
 
         def on_lease_reply(message: bytes) -> None:
-            """Held by another, who tells the robot's clock: only by that is it taken, and never later."""
+            """Take a lease held by another, by a deadline in the robot's clock from its reply."""
             now = _held_at(message) if parameters.get("take") else None
             if now is None:
                 granted(message)
@@ -203,17 +205,17 @@ class ZenohClientLine:
         def granted(message: bytes) -> None:
             came = time.monotonic()
             try:
-                said = json.loads(message)
-                if "error" in said:  # LeaseHeld has a lease and a clock as well
+                answer = json.loads(message)
+                if "error" in answer:  # LeaseHeld has a lease and a clock as well
                     inbox.answer(message)
                     return
-                grant = said["parameters"]
+                grant = answer["parameters"]
                 self._hold = LeaseRenewer(reach, grant, came)
             except (ValueError, KeyError, TypeError):
-                inbox.answer(message)  # whoever asked says that it is none
+                inbox.answer(message)  # the caller reports that it is no answer
             else:
-                told = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
-                inbox.answer(json.dumps({"parameters": {"lease": told}}).encode())
+                lease = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
+                inbox.answer(json.dumps({"parameters": {"lease": lease}}).encode())
 
         self._ask(("lease",), what, patience, on_lease_reply)
 
@@ -256,7 +258,7 @@ class ZenohClientLine:
 
 
 def holder() -> str:
-    """What the robot's people are told of whoever holds its lease."""
+    """Return the text for the holder of its lease, as displayed at the robot."""
     try:
         return f"{getpass.getuser()}@{socket.gethostname()}"
     except (KeyError, OSError):  # a user without a name
@@ -264,11 +266,11 @@ def holder() -> str:
 
 
 def _held_at(message: bytes) -> float | None:
-    """When another had the lease, s of the robot's clock; None: this says no such thing."""
+    """Return the time (s, robot's clock) at which another client had the lease; None: another message."""
     try:
-        told = json.loads(message)
-        held = str(told.get("error")).endswith(".LeaseHeld")
-        return float(told["parameters"]["now"]) if held else None
+        answer = json.loads(message)
+        held = str(answer.get("error")).endswith(".LeaseHeld")
+        return float(answer["parameters"]["now"]) if held else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 

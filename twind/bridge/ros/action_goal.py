@@ -1,4 +1,4 @@
-"""A goal of FollowJointTrajectory in the daemon's form, and its outcome in the form of its client.
+"""Goal of FollowJointTrajectory in the daemon's form, and its outcome in the form of its client.
 
 Pure: a goal is any object with the fields of control_msgs/action/FollowJointTrajectory. Standard library,
 3.10.

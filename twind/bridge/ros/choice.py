@@ -21,10 +21,10 @@ MIDDLEWARES = (  # those that speak DDS
 
 
 def usual(environment: Mapping[str, str], distro: str | None, tell: Callable[[str], None]) -> str:
-    """Name of the back end: rclpy where it is installed and loads, else what needs no ROS.
+    """Return the name of the back end: rclpy where it is installed and loads, else one that needs no ROS.
 
     `distro`: the option `--distro`. `tell` receives one line if an rclpy is installed and cannot be used.
-    Raises UsageError: RMW_IMPLEMENTATION names an unknown middleware.
+    Raises UsageError if RMW_IMPLEMENTATION names an unknown middleware.
     """
     reason = _unusable(environment, distro)
     if reason == "":

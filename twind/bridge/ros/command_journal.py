@@ -1,6 +1,6 @@
-"""What became of each command, on standard error. Standard library, Python 3.10.
+"""Journal of commands and their results, on standard error. Standard library, Python 3.10.
 
-Written by a thread of its own: a reader of standard error that hangs holds up no stop.
+A separate thread writes it: a blocked reader of standard error delays no stop.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ GRACE = 0.5  # s at the end for what waits
 
 
 class CommandJournal:
-    """`note` may be called from any thread and returns at once."""
+    """Journal of commands. `note` may be called from any thread and returns at once."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
-        """`tell` gets a line."""
+        """Start the journal; `tell` writes a line."""
         self._tell = tell
         self._ended = threading.Event()
         self._lines: queue.Queue[str] = queue.Queue(ROOM)
@@ -57,9 +57,9 @@ class CommandJournal:
 
 
 def line(result: Mapping[str, Any]) -> str:
-    """`/cmd/joint_trajectory from 'mine': refused: POS_LIMIT: ...`."""
+    """Format `/cmd/joint_trajectory from 'mine': refused: POS_LIMIT: ...`."""
     who = f" from {result['frame_id']!r}" if result.get("frame_id") else ""
-    asked = f" {result['asked']}" if result.get("asked") else ""
+    request = f" {result['asked']}" if result.get("asked") else ""
     name = f" {result['id']}" if result.get("id") else ""
     why = f": {str(result['message'])[:500]}" if result.get("message") else ""
-    return f"{result['topic']}{asked}{who}: {result['phase']}{name}{why}"
+    return f"{result['topic']}{request}{who}: {result['phase']}{name}{why}"

@@ -1,4 +1,4 @@
-"""The daemon as it is heard: one stream of `Monitor`, over as many daemons as there are. Library, 3.10."""
+"""Subscriber of the daemon: one stream of `Monitor`, over as many daemons as there are. Library, 3.10."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twind.client import Client, ClientError
 from twind.client.transition_reporter import TransitionReporter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
-FRESH = 0.5  # s after which what was heard is not how things are
+FRESH = 0.5  # s after which a message counts as stale
 AGAIN = 0.5  # s between two attempts to reach one
 FASTEST = 1000.0  # Hz: the daemon gives at most its loop's rate
 
@@ -29,7 +29,10 @@ class RosSubscriber:
         *,
         rate: float | None = None,
     ) -> None:
-        """`take` gets every answer; `tell` a line when the daemon goes and comes. `rate` None: the loop's."""
+        """Make the subscriber; `take` gets every answer; `tell` a line when the daemon goes and comes.
+
+        `rate` None: the loop's.
+        """
         self._connect = connect
         self._topics = list(topics)
         self._take = take
@@ -37,13 +40,13 @@ class RosSubscriber:
         self._stop = stop
         self._rate = rate or FASTEST
         self._once = TransitionReporter()
-        self._slow = 3.0 / self._rate  # s: who asks for one in a while waits longer
-        self._heard = float("-inf")  # s, monotonic: of what was heard last
+        self._slow = 3.0 / self._rate  # s: a low rate needs a longer wait
+        self._received = float("-inf")  # s, monotonic: of the last message
         self.error = ""  # why there is no daemon
-        self.there = False  # something was heard of it
+        self.there = False  # a message was received
         self.lives = 0  # daemons that were found so far
-        self.dropped = 0  # messages that the daemon had to drop since we were slow
-        self._thread = threading.Thread(target=self._run, name=f"hears {topics[0]}", daemon=True)
+        self.dropped = 0  # messages that the daemon had to drop because this reader was slow
+        self._thread = threading.Thread(target=self._run, name=f"reads {topics[0]}", daemon=True)
 
     def start(self) -> None:
         """Begin to listen."""
@@ -51,11 +54,14 @@ class RosSubscriber:
 
     @property
     def error_text(self) -> str:
-        """Why what was heard last does not hold now: no daemon, or its loop stands still. "": it holds."""
-        silent = time.monotonic() - self._heard
+        """Return why the last message is no longer valid: no daemon, or its loop stands still.
+
+        "": it is valid.
+        """
+        silent = time.monotonic() - self._received
         if not self.there or silent <= max(FRESH, self._slow):
             return self.error
-        return f"nothing was heard of the loop for {silent:.1f} s"
+        return f"no message of the loop for {silent:.1f} s"
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -65,7 +71,7 @@ class RosSubscriber:
             except ClientError as error:
                 self.error = str(error)
             except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "bridging"
-                self.error = f"what the daemon says cannot be understood: {type(error).__name__}: {error}"
+                self.error = f"a message of the daemon cannot be decoded: {type(error).__name__}: {error}"
             self.there = False
             if not self._stop.is_set() and self._once.is_transition(self.error, time.monotonic()):
                 self._tell(f"{self.error}; waiting for the daemon")
@@ -77,7 +83,7 @@ class RosSubscriber:
             client.timeout = max(SILENCE, self._slow)
             for answer in client.stream("Monitor", topics=self._topics, rate=self._rate):
                 self.dropped += answer["dropped"]
-                self._heard = answer["time"]
+                self._received = answer["time"]
                 self._take(answer)
                 if not self.there:
                     self.there = True

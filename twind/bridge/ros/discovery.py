@@ -1,7 +1,7 @@
-"""Which part of a ROS 2 graph is joined, from the variables that ROS users set. Pure; standard library, 3.10.
+"""Discovery settings of a ROS 2 graph, from the variables of ROS users. Pure; standard library, 3.10.
 
-One difference to ROS: unset means this machine alone, where ROS from Iron on says SUBNET. A robot that
-can be commanded is not offered to a network because somebody forgot a variable.
+One difference to ROS: unset means this machine alone, where ROS from Iron on uses SUBNET. A robot that can be
+commanded is not offered to a network because of a missing variable.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ _PEER = re.compile(r"[A-Za-z0-9_.:%-]{1,253}")  # names, IPv4, IPv6 with a zone;
 
 
 class DiscoveryRange(Enum):
-    """How far nodes are looked for, as ROS_AUTOMATIC_DISCOVERY_RANGE has it."""
+    """Range of discovery, as in ROS_AUTOMATIC_DISCOVERY_RANGE."""
 
-    OFF = "OFF"  # nobody: no packet leaves
+    OFF = "OFF"  # none: no packet leaves
     LOCALHOST = "LOCALHOST"  # this machine, and the peers that are named
-    SUBNET = "SUBNET"  # whoever multicast reaches, and the peers
-    SYSTEM_DEFAULT = "SYSTEM_DEFAULT"  # whatever the transport's own configuration says
+    SUBNET = "SUBNET"  # nodes within reach of multicast, and the peers
+    SYSTEM_DEFAULT = "SYSTEM_DEFAULT"  # the transport's own configuration
 
 
 @dataclass(frozen=True, slots=True)
 class DiscoverySettings:
-    """What a back end has to know of the graph."""
+    """Discovery settings of a back end."""
 
     domain: int = 0  # ROS_DOMAIN_ID, 0..232
     range: DiscoveryRange = DiscoveryRange.LOCALHOST
-    peers: tuple[str, ...] = ()  # addresses or names of other machines, asked by unicast
-    distro: str = DISTRO  # of the peers: it decides what their graph messages look like
+    peers: tuple[str, ...] = ()  # addresses or names of other machines, contacted by unicast
+    distro: str = DISTRO  # of the peers: it determines the form of their graph messages
 
     @property
     def humble(self) -> bool:
@@ -44,7 +44,7 @@ class DiscoverySettings:
 
     @property
     def local(self) -> bool:
-        """Nothing leaves this machine."""
+        """Return True if no packet leaves this machine."""
         return self.range is DiscoveryRange.OFF or (self.range is DiscoveryRange.LOCALHOST and not self.peers)
 
 

@@ -1,4 +1,4 @@
-"""Other bridges that take commands in the same graph: one message would move two robots. Library, 3.10.
+"""Peer bridges that take commands in the same graph: one message would move two robots. Library, 3.10.
 
 Each bridge reads the topic /bridge/status that all of them write. No query is sent and the graph is not
 inspected, so it is the same on every back end.
@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from twind.ros import STRING, decode
 
-SILENT = 5.0  # s without a status after which one is gone; each says something twice a second
+SILENT = 5.0  # s without a status after which a bridge is gone; each sends one twice a second
 MOST = 16  # that are kept
 LONGEST = 1 << 20  # bytes of a status
 
@@ -23,19 +23,19 @@ class PeerBridges:
     """Any thread may call any method. `id`: that of this bridge, as `bridge.id` in its own status."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        """`now`: s, monotonic."""
+        """Start without peers; `now`: s, monotonic."""
         self.id = uuid.uuid4().hex[:8]
         self._now = now
         self._lock = threading.Lock()
-        self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, and when heard
+        self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, time of its status (s)
 
     def on_bridge_status(self, data: bytes) -> None:
         """Take a String of /bridge/status from any bridge. An invalid one is ignored."""
         try:
-            said = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
-            bridge = said["bridge"]
+            status = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
+            bridge = status["bridge"]
             name = str(bridge.get("id"))[:64]
-            robot = str(said.get("robot") or "unknown")[:64]
+            robot = str(status.get("robot") or "unknown")[:64]
             takes = bool(bridge.get("commands"))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return

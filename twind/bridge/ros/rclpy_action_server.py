@@ -1,7 +1,7 @@
-"""The action FollowJointTrajectory, under rclpy: a goal is a command like any other, with an answer.
+"""Action server of FollowJointTrajectory under rclpy: a goal is a command like any other, with a result.
 
 It takes the path of `/cmd/joint_trajectory`: same lease, same gate, and the newer of both replaces the other.
-A goal is accepted in order to be judged. One that the gate refuses is aborted with the reasons in
+Every goal is accepted first, then checked. One that the gate refuses is aborted with the reasons in
 `error_string`, since a ROS rejection has no text. Standard library and rclpy; Python 3.10.
 """
 
@@ -116,16 +116,16 @@ class TrajectoryActionServer:
             self._open.discard(bytes(handle.goal_id.uuid))
 
     def _followed(self, handle: Any) -> Said:
-        """Its last word. Until then feedback at the rate of states, and the cancel that was asked for."""
+        """Return the last report of a goal; until then send feedback and pass on its cancel."""
         beyond = unserved(handle.request)
         if beyond:
             return {"phase": "refused", "message": f"{beyond}: not served here; leave it empty"}
-        said: queue.SimpleQueue[Said] = queue.SimpleQueue()
+        reports: queue.SimpleQueue[Said] = queue.SimpleQueue()
         goal = handle.request
         withdrawn = False
         cancel = self._goals(
             as_bytes(goal.trajectory),
-            said.put,
+            reports.put,
             goal_time=seconds(goal.goal_time_tolerance) or None,
             tolerances=tolerances(goal.path_tolerance, goal.goal_tolerance) or None,
         )
@@ -134,10 +134,10 @@ class TrajectoryActionServer:
                 if not withdrawn and (handle.is_cancel_requested or self._closed):
                     withdrawn = True
                     cancel()
-                while not said.empty():
-                    word = said.get()
-                    if word["phase"] not in UNDER_WAY:
-                        return word
+                while not reports.empty():
+                    report = reports.get()
+                    if report["phase"] not in UNDER_WAY:
+                        return report
                 if self._closed:
                     break
                 if state is not None:

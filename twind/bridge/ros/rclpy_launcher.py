@@ -1,8 +1,8 @@
-"""Becomes the rclpy back end: finds the interpreter that rclpy was made for, and runs `rclpy_main` under it.
+"""Launcher of the rclpy back end: replaces this process by `rclpy_main` under the interpreter of rclpy.
 
-rclpy is compiled for one Python, that of its distribution, and twind runs under another as a rule. So the
-process is replaced by that interpreter, with the distribution's environment. Of this installation it sees the
-package `twind` alone: never its site-packages, whose numpy is for another Python. Standard library, 3.10.
+rclpy is compiled for the Python of its distribution, and twind usually runs under another. So the process is
+replaced by that interpreter, with the distribution's environment. Of this installation it sees only the
+package `twind`, never its site-packages, whose numpy is for another Python. Standard library, 3.10.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROOT = Path("/opt/ros")  # where distributions are installed
 BUILT = "kilted"  # the distribution of the wheels that `make ros` installs, as in constraints-ros.txt
 SOURCED = 20.0  # s that the set-up of a distribution may take
 LOADED = 60.0  # s that rclpy may take to load; about 1 s on an idle machine
-OLD = ("foxy", "galactic", "humble")  # know ROS_LOCALHOST_ONLY alone, of which later ones warn
+OLD = ("foxy", "galactic", "humble")  # support only ROS_LOCALHOST_ONLY, which later ones warn of
 _PYTHON = re.compile(r"python3(?:\.\d+)?")
 
 # What runs under the distribution's interpreter. It ends by `os._exit`: a usual end waits for callbacks that
@@ -60,9 +60,9 @@ class RosDistribution:
 
 
 def launch(options: argparse.Namespace, tell: Callable[[str], None], stop: object) -> int:
-    """`twindctl ros --backend rclpy`: does not return. Raises UsageError: no rclpy, and what helps.
+    """Run `twindctl ros --backend rclpy`; does not return. Raises UsageError without rclpy, with the remedy.
 
-    Of `options`: socket, rate, commands, domain, distro. Signals are the successor's from then on.
+    Of `options`: socket, rate, commands, domain, distro. The new process handles signals from then on.
     """
     found = distribution(os.environ, getattr(options, "distro", None))
     environment = graph(found.environment, options.domain)
@@ -145,26 +145,26 @@ def installed(
 
 
 def graph(environment: Mapping[str, str], domain: int | None) -> dict[str, str]:
-    """The environment that says what rclpy joins, in full: what is unset is this machine alone here.
+    """Return the environment of the graph in full: an unset variable means this machine alone here.
 
-    Raises UsageError: what Humble and older cannot do, for whom a variable of later ones says nothing.
+    Raises UsageError for settings that Humble and older do not support; they would ignore later variables.
     """
     found = discovery(environment, domain=domain)
-    told = dict(environment) | {"ROS_DOMAIN_ID": str(found.domain)}
+    following = dict(environment) | {"ROS_DOMAIN_ID": str(found.domain)}
     if not found.peers:
-        told.pop("ROS_STATIC_PEERS", None)
+        following.pop("ROS_STATIC_PEERS", None)
     if found.distro not in OLD:
-        return told | {"ROS_AUTOMATIC_DISCOVERY_RANGE": found.range.value}
+        return following | {"ROS_AUTOMATIC_DISCOVERY_RANGE": found.range.value}
     if found.peers or found.range is DiscoveryRange.OFF:
         name = "ROS_STATIC_PEERS" if found.peers else "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF"
-        raise UsageError(f"rclpy: {name}: {found.distro} knows none; unset it, or take --backend dds")
-    return told | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
+        raise UsageError(f"rclpy: {name}: {found.distro} has none; unset it, or take --backend dds")
+    return following | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
 
 
 def _setup(distro: str | None, known: Sequence[str], root: Path) -> Path:
     """The set-up script of a distribution in `root`, which has those that are `known`."""
     if not distro and len(known) > 1:
-        raise UsageError(f"rclpy: {root} has {', '.join(known)}: say which one with --distro")
+        raise UsageError(f"rclpy: {root} has {', '.join(known)}: choose one with --distro")
     name = distro or known[0]
     if name not in known:
         raise UsageError(f"rclpy: no ROS 2 {name!r} in {root}; there are {', '.join(known)}")
@@ -209,7 +209,7 @@ def _sourced(environment: Mapping[str, str]) -> RosDistribution | None:
 
 
 def _interpreter(name: str, first: Sequence[str], environment: Mapping[str, str]) -> str | None:
-    """`name` beside rclpy or on the PATH, past this environment of ours, whose packages it must not see."""
-    ours = os.path.join(sys.prefix, "bin") if sys.prefix != sys.base_prefix else None
-    path = [each for each in environment.get("PATH", os.defpath).split(":") if each and each != ours]
+    """Return `name` beside rclpy or on the PATH, outside this installation, whose packages it must ignore."""
+    own = os.path.join(sys.prefix, "bin") if sys.prefix != sys.base_prefix else None
+    path = [each for each in environment.get("PATH", os.defpath).split(":") if each and each != own]
     return shutil.which(name, path=":".join([*first, *path]))

@@ -1,4 +1,7 @@
-"""What the launcher begins under the distribution's interpreter. Standard library and rclpy; Python 3.10."""
+"""Program of the rclpy back end, started by the launcher under the distribution's interpreter; Python 3.10.
+
+It uses the standard library and rclpy.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from twind.exceptions import OperationFailed
 
 
 def main(words: Sequence[str]) -> int:
-    """`twindctl ros --backend rclpy` behind the launcher; the exit code."""
+    """Run `twindctl ros --backend rclpy` behind the launcher; return the exit code."""
     parser = argparse.ArgumentParser(prog="twindctl ros")
     parser.add_argument("--socket")
     parser.add_argument("--rate", type=float)

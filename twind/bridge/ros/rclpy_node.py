@@ -1,7 +1,7 @@
-"""The rclpy back end: a node of the distribution's own rclpy, under the distribution's own interpreter.
+"""Node of the rclpy back end, under the distribution's own rclpy and interpreter.
 
-Standard library, rclpy, and what of twind needs no more than the library; Python 3.10. `launcher` starts
-it by `rclpy_main`. Services, parameters and actions work here on every middleware: they are rclpy's own.
+Standard library, rclpy, and modules of twind that need only the library; Python 3.10. `rclpy_launcher` starts
+it by `rclpy_main`. Services, parameters and actions work on every middleware: they are rclpy's own.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from twind.bridge.ros.ros_transport import Asked, Heard
 from twind.exceptions import OperationFailed
 from twind.ros import STRING, decode
 
-WAKE = 0.25  # s after which the node's thread looks whether it is to end
-TOLD = 20  # troubles of one life of the node that are told
-UNKNOWN = "unknown"  # of the parameter, while no daemon says which mode it is in
+WAKE = 0.25  # s between two checks of the node's thread whether it is to end
+MOST_REPORTS = 20  # errors reported in one life of the node
+UNKNOWN = "unknown"  # value of the parameter while no daemon reports its mode
 SPARE = 8  # threads beside one for each service and each topic that is read: parameters, goals
 
 
@@ -70,14 +70,17 @@ def quality(topic: RosTopic) -> Any:
 
 
 class RclpyTransport:
-    """A Transport. `goals`: who takes the goals of an action, set before `open`; None: no action."""
+    """`RosTransport` over rclpy.
+
+    `goals`: receiver of an action's goals, set before `open`; None: no action.
+    """
 
     refuses = ""
 
     def __init__(
         self, found: DiscoverySettings, tell: Callable[[str], None], *, sockets: str | None = None
     ) -> None:
-        """`sockets`: of the daemon, for what a goal's client is told while it runs."""
+        """Make the transport; `sockets`: of the daemon, for the reports to a goal's client."""
         self._discovery = found
         self._tell = tell
         self._sockets = sockets
@@ -129,9 +132,9 @@ class _Graph:
     def __init__(self, domain: int, threads: int, tell: Callable[[str], None]) -> None:
         self._context = Context()
         self._tell = tell
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         try:
-            # Not by rclpy.init: who runs us keeps its own handlers of signals.
+            # Not by rclpy.init, which would replace the caller's signal handlers.
             self._context.init(args=[], domain_id=domain)
             self.node = Node(NODE, context=self._context)
         except RuntimeError as error:
@@ -150,7 +153,7 @@ class _Graph:
         return self._thread.is_alive() and bool(self._context.ok())
 
     def add(self, topic: RosTopic, kind: Any, heard: Heard) -> None:
-        """Write or read a topic, its bytes as they are on the wire.
+        """Write or read a topic, in bytes of the wire.
 
         What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
         at nor for the parameters, where a change of mode waits for the daemon.
@@ -168,7 +171,7 @@ class _Graph:
         def answer(request: Any, response: Any) -> Any:
             try:
                 response.success, response.message = asked(service, getattr(request, "data", None))
-            except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
+            except Exception as error:  # noqa: BLE001  the client gets an answer in any case
                 response.success = False
                 response.message = f"{type(error).__name__}: {error}"
                 self._complain(f"rclpy: {service.name}: {response.message}")
@@ -189,13 +192,13 @@ class _Graph:
         while not self._closing.is_set() and self._context.ok():
             try:
                 self._executor.spin_once(timeout_sec=WAKE)
-            except Exception as error:  # noqa: BLE001  bytes that no request is, or a fault of ours: go on
+            except Exception as error:  # noqa: BLE001  invalid bytes, or a defect here: go on
                 self._complain(f"rclpy: {type(error).__name__}: {error}")
 
     def _complain(self, text: str) -> None:
-        """Once for each reason, and never in a hurry: whoever floods us gets nothing done by it."""
-        if text not in self._told and len(self._told) < TOLD and self._context.ok():
-            self._told.add(text)
+        """Report each reason once, at a bounded rate: a flood of messages must not cost time here."""
+        if text not in self._reported and len(self._reported) < MOST_REPORTS and self._context.ok():
+            self._reported.add(text)
             self._tell(text)
         self._closing.wait(0.01)
 
@@ -217,12 +220,14 @@ class _Graph:
 
 
 class ModeParameter:
-    """The parameter `mode`: says which mode the daemon is in; whoever sets it asks the daemon for another."""
+    """Parameter `mode` with the daemon's mode; setting it requests another one from the daemon."""
 
     def __init__(self, node: Any, asked: Asked, offered: Collection[RosService]) -> None:
-        """`offered`: services that are served; a mode without one cannot be asked for here either."""
+        """Make the parameter; `offered`: services that are served; a mode without one cannot be requested
+        here.
+        """
         self._node = node
-        self._asked = asked
+        self._call_service = asked
         self._offered = offered
         self._mode = UNKNOWN
         self._following = False
@@ -251,14 +256,14 @@ class ModeParameter:
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _refusal(self, mode: Any) -> str:
-        """Why the daemon does not go there; nothing: it did."""
+        """Return why the daemon does not take the mode; "": it does."""
         if self._following:
             return ""
         if mode not in TO_MODE:
             return f"mode {mode!r}: must be one of {', '.join(TO_MODE)}"
         if TO_MODE[mode] not in self._offered:
             return "no commands are taken from ROS here"
-        done, words = self._asked(TO_MODE[mode], None)
+        done, words = self._call_service(TO_MODE[mode], None)
         if done:
-            self._mode = mode  # what is told may differ at once: somebody else has set another
+            self._mode = mode  # another client may have set another mode since
         return "" if done else words

@@ -1,9 +1,9 @@
-"""One run of a ROS bridge: over as many daemons, and as many lives of the graph, as there are. Library, 3.10.
+"""One run of a ROS bridge, over any number of daemons and lives of the graph. Library, 3.10.
 
-Two threads listen to the daemon, one to its readings, one to all else; what they hear goes out at once. One
-takes trajectories to the gate, three do stops and modes. This one joins the graph, again where it was lost,
-and says how all of it is once a second. Nobody waits for a reader: what the graph does not take is dropped
-there, what the daemon had to drop is counted.
+Two threads listen to the daemon, one to its readings, one to all else, and publish at once. One takes
+trajectories to the gate, three do stops and modes. This one joins the graph, again after a loss, and reports
+its state once a second. No thread waits for a reader: messages that the graph does not accept are dropped,
+and those that the daemon had to drop are counted.
 """
 
 from __future__ import annotations
@@ -43,16 +43,19 @@ from twind.exceptions import OperationFailed
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
 AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
-STEP = 0.1  # s that a command may wait to be seen, where nothing wakes who takes it
+STEP = 0.1  # s that a command may wait where no event wakes its thread
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
 REACH = 0.5  # s to be let in at observe.sock: a full queue must not hold up an e-stop
-NO_COMMANDS = "--no-commands; of what comes from ROS the e-stop alone is done"
+NO_COMMANDS = "--no-commands; from ROS only the e-stop is executed"
 GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
 
 
 class RosBridge:
-    """What runs. `run` returns the exit code. `orders` takes trajectories, of a back end's actions too."""
+    """Running bridge.
+
+    `run` returns the exit code. `orders` takes trajectories, of a back end's actions too.
+    """
 
     def __init__(
         self,
@@ -64,12 +67,15 @@ class RosBridge:
         tell: Callable[[str], None],
         stop: threading.Event,
     ) -> None:
-        """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
+        """Make the bridge; `sockets`: folder of the daemon's.
+
+        `rate`: readings a second; None: the loop's rate.
+        """
         self._transport = transport
         self._tell = tell
         self._stop = stop
         self._sockets = sockets
-        self._looks = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
+        self._reads_only = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
         self._speech = RosStateMessages()
         self._diagnostics = Diagnostics()
         self._graph = TransitionReporter()
@@ -97,10 +103,10 @@ class RosBridge:
         self._over = ""  # why we say no more
         self._status: Mapping[str, Any] | None = None
         self._joints: Sequence[Mapping[str, Any]] = ()
-        self._told_at = float("-inf")
+        self._published_at = float("-inf")
 
     def run(self) -> int:
-        """Until told to stop; 0."""
+        """Run until a stop signal; return 0."""
         taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
         try:
             self._journal.start()
@@ -120,11 +126,11 @@ class RosBridge:
     # ------------------------------------------------------------------------------------------ the graph
 
     def _tended(self) -> None:
-        """`_tend`, whatever another daemon says that we do not understand."""
+        """Run `_tend`; a message of another daemon version that cannot be decoded does not end it."""
         wrong = ""
         try:
             self._join_or_report()
-        except Exception as error:  # noqa: BLE001  whoever ends here lets go of every motion
+        except Exception as error:  # noqa: BLE001  ending here would cancel every motion
             wrong = f"{type(error).__name__}: {error}; tried again"
         if self._odd.is_transition(wrong, time.monotonic()) and wrong:
             self._tell(wrong)
@@ -141,11 +147,11 @@ class RosBridge:
         if self._news.error_text or not self._news.there:
             self._status = None
             self._publish_status()
-        if not self._looks:
+        if not self._reads_only:
             both = self._neighbours.conflict_text()
             if self._alone.is_transition(both, time.monotonic()):
                 self._tell(both or "the other bridge is gone: commands are taken again")
-        deaf = self._news.error if self._readings.there else ""  # a daemon that is away is told once
+        deaf = self._news.error if self._readings.there else ""  # a daemon that is away is reported once
         if self._deaf.is_transition(deaf, time.monotonic()) and deaf:
             self._tell(f"{deaf}; status and results are missing")
         now = clocks().wall_ns
@@ -171,7 +177,7 @@ class RosBridge:
             self._transport.publish(topic, data)
         except OperationFailed as error:
             if self._stop.is_set():
-                return  # it is being left, by us
+                return  # this bridge is leaving it
             self._joined = False
             self._wrong = str(error)
             if self._graph.is_transition(self._wrong, time.monotonic()):
@@ -199,11 +205,11 @@ class RosBridge:
         self._publish(RESULTS, encode_string({**result, "robot": robot, "bridge": self._neighbours.id}))
 
     def _closed(self, stop: bool = False) -> str:
-        """Why no command is taken, or, with `stop`, not even that; "": they are. An e-stop always is."""
-        if self._looks:
-            return f"this bridge only looks: {self._looks}"
+        """Return why no command is taken, or, with `stop`, no stop; "": they are. An e-stop always is."""
+        if self._reads_only:
+            return f"this bridge only reads: {self._reads_only}"
         if self._denied:
-            return f"this bridge only looks: {self._denied}; the e-stop alone is done"
+            return f"this bridge only reads: {self._denied}; only the e-stop is executed"
         return "" if stop else self._neighbours.conflict_text()
 
     # ------------------------------------------------------------------------------------------ the daemon
@@ -221,12 +227,12 @@ class RosBridge:
         return Client(self._sockets)
 
     def _reading(self, answer: Mapping[str, Any]) -> None:
-        """In the thread that hears readings."""
+        """Publish a reading, in its thread."""
         self._joints = answer["joints"]
         self._send(self._speech.state(answer, clocks()))
 
     def _take(self, answer: Mapping[str, Any]) -> None:
-        """In the thread that hears all else."""
+        """Publish any other answer, in its thread."""
         topic = answer["topic"]
         if topic == "status":
             self._speech.status(answer["status"])
@@ -242,43 +248,43 @@ class RosBridge:
             self._publish(topic, data)
 
     def _keep(self, status: Mapping[str, Any], time: float) -> None:
-        """Tell a status that says something new at once, others now and then."""
+        """Publish a status with news at once, others at a low rate."""
         before = self._status
         self._status = status
         news = before is None or any(before[key] != status[key] for key in URGENT)
-        if news or time - self._told_at >= STATUS_PERIOD:
-            self._told_at = time
+        if news or time - self._published_at >= STATUS_PERIOD:
+            self._published_at = time
             self._publish_status()
 
     def _take_orders(self) -> None:
         while not self._stop.is_set():
             try:
                 self.orders.step(STEP)
-            except Exception as error:  # noqa: BLE001  one command that breaks us is not the last one
+            except Exception as error:  # noqa: BLE001  a command that fails must not be the last one
                 self._tell(f"a command was lost: {type(error).__name__}: {error}")
         self.orders.close()
 
     def _ask_rights(self) -> None:
-        """Once for each daemon: who may not command offers nothing that does."""
-        found = "" if self._looks else denied(self._operator)
+        """Request the rights once for each daemon: without them no commands are offered."""
+        found = "" if self._reads_only else denied(self._operator)
         if found is None or bool(found) == bool(self._denied):
             return
         self._denied = found
         self._tell(f"no command is taken from ROS: {found}" if found else "commands are taken from ROS")
 
-    # ------------------------------------------------------------------------------------------ what is said
+    # ------------------------------------------------------------------------------------------ own status
 
     def _bridge(self) -> dict[str, Any]:
-        """How we are: what a reader of a latched status must know before it believes the rest."""
+        """Return the bridge's own state, which a reader of a latched status needs to judge the rest."""
         daemon = self._over or self._news.error_text
         return {
             "id": self._neighbours.id,
             "daemon": self._news.there and not daemon,
             "error": daemon or self._readings.error_text or self._wrong or None,
-            "commands": not (self._looks or self._denied or self._over),
+            "commands": not (self._reads_only or self._denied or self._over),
             "refuses": self._closed() or None,
             "dropped": self._readings.dropped + self._news.dropped,
-            "undelivered": getattr(self._transport, "dropped", 0),  # DDS alone knows
+            "undelivered": getattr(self._transport, "dropped", 0),  # counted by DDS alone
             "driving": 0 if self._over else len(self.orders.driving),
         }
 
@@ -290,14 +296,14 @@ class RosBridge:
         self._publish(STATUS, encode_string(self._make_status()))
 
     def _status_text(self, now: Mapping[str, Any] | str) -> str:
-        """As `_said`, by what the daemon says `now`, or by why it does not."""
+        """Return the status text from the daemon's present status, or the reason why there is none."""
         bridge = self._bridge()
         if isinstance(now, str):
             return json.dumps({"bridge": bridge | {"daemon": False, "error": now}}, ensure_ascii=False)
         return json.dumps({**now, "bridge": bridge}, ensure_ascii=False)
 
     def _end(self, taking: threading.Thread) -> None:
-        """The lease first: what is under way is let go. Whoever hangs is left behind after GRACE."""
+        """Release the lease first, so that motions end. A thread that hangs is left behind after GRACE."""
         taking.join(GRACE)
         self._journal.close()
         leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
@@ -305,7 +311,7 @@ class RosBridge:
         leaving.join(GRACE)
 
     def _leave(self) -> None:
-        """The last word stays with who heard it: that nobody is here any more."""
+        """Send the last message, which reports that the bridge is gone."""
         self._over = "the bridge has ended"
         self._publish_status()
         self._joined = False

@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _sensible(options: argparse.Namespace, graph: DiscoverySettings) -> None:
-    """What our own back ends would take without a word. With rclpy, ROS itself knows. Raises UsageError."""
+    """Check the options that the own back ends would ignore; rclpy checks its own. Raises UsageError."""
     if options.backend != RCLPY and graph.distro not in DISTROS:
         raise UsageError(f"distribution {graph.distro!r}: must be one of {', '.join(DISTROS)}")
     endpoint = options.zenoh_connect
@@ -137,21 +137,21 @@ def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: st
     from twind.bridge.ros.ros_service_calls import denied
     from twind.client import Client
 
-    # Who is named is only asked first: whoever knows a port comes in.
+    # Named peers are only contacted first: any program that reaches the port joins.
     network = f"this network ({', '.join([graph.range.value, *graph.peers])})"
     reach = "this machine" if graph.local else network
     if options.backend == ZENOH:
-        reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
+        reach = f"any program that reaches the router {options.zenoh_connect or ''}".rstrip()
     where = f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}"
     if refuses:
-        return f"{where}; look only: {refuses}"
+        return f"{where}; read only: {refuses}"
     why = denied(lambda: Client(options.socket)) if options.commands else "--no-commands"
     if why:
-        return f"{where}; look only: {why}; of what comes from ROS the e-stop alone is done"
+        return f"{where}; read only: {why}; from ROS only the e-stop is executed"
     return f"{where}; {reach} may move the robot"
 
 
 def print_line(line: str) -> None:
     """Print one line on standard error."""
-    with suppress(OSError):  # nobody reads it any more: what it tells of goes on
+    with suppress(OSError):  # no reader is left: the bridge itself goes on
         print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)

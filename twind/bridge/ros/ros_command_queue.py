@@ -1,7 +1,7 @@
-"""Commands from ROS that wait for the daemon: bounded under any load. Standard library, Python 3.10.
+"""Queue of commands from ROS for the daemon: bounded under any load. Standard library, Python 3.10.
 
-Of commands for the same joints that begin at once the newest goes first. Where it is accepted the older ones
-are dropped: the daemon would follow it alone. Where it is refused they stay as good as before.
+Of commands for the same joints that begin at once the newest goes first. If it is accepted, the older ones
+are dropped, since the daemon would follow only it. If it is refused, they stay valid.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RosCommand:
     data: bytes  # CDR of a JointTrajectory; none once it was read
     head: CommandHeader | None  # None: malformed
     came: float  # s, monotonic
-    told: Told | None = None  # who else hears what becomes of it: then it is never dropped for a newer one
+    told: Told | None = None  # receiver of its reports; a command with one is never dropped for a newer one
     more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
     cancelled: bool = False
     began: float = inf  # s, monotonic, when it was accepted; inf: it is not under way
@@ -37,14 +37,17 @@ class RosCommand:
 
 
 class RosCommandQueue:
-    """`put` and `wake` may be called from any thread and return at once; all else by one thread."""
+    """Queue of commands.
+
+    `put` and `wake` may be called from any thread and return at once; all else from one.
+    """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._waiting: list[RosCommand] = []
         self._changed = threading.Condition()
         self._woken = False
-        self._next = self._tell_at = -inf  # s: when the next may be taken, and drops be told
+        self._next = self._tell_at = -inf  # s, earliest next command, and report of drops
         self._count = self._dropped = 0
         self._last = CommandHeader()
 

@@ -20,9 +20,9 @@ BAD_STATES = ("fault", "estop")
 Said = Mapping[str, Any]
 
 
-def encode_string(said: Any) -> bytes:
+def encode_string(content: Any) -> bytes:
     """Return a String whose text is JSON."""
-    return encode(STRING, {"data": json.dumps(said, ensure_ascii=False)})
+    return encode(STRING, {"data": json.dumps(content, ensure_ascii=False)})
 
 
 def latencies(hops: Sequence[Said]) -> bytes:
@@ -48,7 +48,7 @@ class Diagnostics:
         self._before: dict[str, int] = {}
 
     def message(self, time_ns: int, bridge: Said, status: Said | None, joints: Sequence[Said]) -> bytes:
-        """`bridge`: of us; `status` and `joints` of the daemon, as last heard; no status: it is away."""
+        """Build the message; `bridge`: own state; `status`, `joints`: last received; no status: no daemon."""
         rows = [self._bridge(bridge)]
         if status is not None:
             rows += [_robot(status), self._loop(status)]
@@ -59,7 +59,7 @@ class Diagnostics:
 
     def _bridge(self, bridge: Said) -> Said:
         grew = self._grew("dropped", bridge["dropped"])
-        unheard = self._grew("undelivered", bridge["undelivered"])
+        undelivered = self._grew("undelivered", bridge["undelivered"])
         level = OK
         message = "the daemon is there"
         if bridge["error"]:
@@ -71,9 +71,9 @@ class Diagnostics:
         elif grew:
             level = WARN
             message = f"{grew} messages of the daemon were lost on the way here"
-        elif unheard:
+        elif undelivered:
             level = WARN
-            message = f"{unheard} messages were dropped: a reader does not keep up"
+            message = f"{undelivered} messages were dropped: a reader does not keep up"
         return _row("bridge", "", level, message, bridge)
 
     def _loop(self, status: Said) -> Said:
@@ -81,8 +81,8 @@ class Diagnostics:
         grew = self._grew("missed", loop["missed"])
         message = f"{grew} ticks missed in the last second" if grew else f"{loop['rate_hz']:g} Hz"
         keys = ("rate_hz", "ticks", "missed", "on_time", "late_p50_us", "late_p99_us", "late_max_us")
-        said = {key: loop[key] for key in keys} | dict(loop["realtime"])
-        return _row("loop", status["robot"], WARN if grew else OK, message, said)
+        values = {key: loop[key] for key in keys} | dict(loop["realtime"])
+        return _row("loop", status["robot"], WARN if grew else OK, message, values)
 
     def _bus(self, bus: Said, mode: str) -> Said:
         grew = self._grew(f"bus {bus['name']}", bus["errors"])
@@ -119,9 +119,9 @@ def _robot(status: Said) -> Said:
         level = WARN
     lease = status["lease"]
     keys = ("version", "mode", "state", "motion", "armed", "inherited", "hw_connected", "latency_ms")
-    said = {key: status[key] for key in keys} | {"lease": lease["holder"] if lease else "free"}
-    said |= {f"fault {place}": text for place, text in enumerate(faults)}
-    return _row("robot", status["robot"], level, "; ".join([message, *faults]), said)
+    values = {key: status[key] for key in keys} | {"lease": lease["holder"] if lease else "free"}
+    values |= {f"fault {place}": text for place, text in enumerate(faults)}
+    return _row("robot", status["robot"], level, "; ".join([message, *faults]), values)
 
 
 def _joint(joint: Said, status: Said) -> Said:

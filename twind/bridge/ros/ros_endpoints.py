@@ -1,4 +1,4 @@
-"""The one table: which topics and services there are, of which type and quality. Standard library, 3.10.
+"""Table of topics and services with their types and quality. Standard library, 3.10.
 
 State is RELIABLE KEEP_LAST 10: a BEST_EFFORT writer does not match RELIABLE readers, which most are.
 """
@@ -24,13 +24,13 @@ MODES = ("sim", "mirror", "live")
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """One topic. `out`: we write it, else we read it. All are RELIABLE, KEEP_LAST `depth`."""
+    """Topic of the bridge. `out`: it is written, else read. All are RELIABLE, KEEP_LAST `depth`."""
 
     name: str
     kind: str
     out: bool
     depth: int = 10
-    latched: bool = False  # TRANSIENT_LOCAL: who comes later has the last one
+    latched: bool = False  # TRANSIENT_LOCAL: later readers receive the last message
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class RosService:
 
 HW_JOINTS = RosTopic("/hw/joint_states", JOINT_STATE, out=True)
 SIM_JOINTS = RosTopic("/sim/joint_states", JOINT_STATE, out=True)
-# Another name in mirror: who feeds /sim/joint_states elsewhere must not be fed by it.
+# Another name in mirror: readers of the real robot's states must not receive those of a simulation.
 MIRRORED_JOINTS = RosTopic("/sim/joint_states_mirrored", JOINT_STATE, out=True)
 JOINTS = RosTopic("/joint_states", JOINT_STATE, out=True)
 INERTIAL = RosTopic("/imu", IMU, out=True)
@@ -70,7 +70,7 @@ TO_MODE = {mode: RosService(f"/bridge/set_mode_{mode}") for mode in MODES}
 TO_STOP = RosService("/bridge/stop")
 TO_E_STOP = RosService("/bridge/estop")
 
-# Ours and that of any other bridge in the graph, read: not of the robot, and so not in the table.
+# Status of every bridge in the graph, own included; it is not of the robot, so not in the table.
 NEIGHBOURS = RosTopic(STATUS.name, STRING, out=False, latched=True)
 
 SERVICES = (GET_STATUS, SET_LIVE, *TO_MODE.values(), TO_STOP, TO_E_STOP)

@@ -1,7 +1,7 @@
-"""Stops, modes and questions from ROS: each a call of the daemon. Standard library, Python 3.10.
+"""Stops, modes and queries from ROS: each a call of the daemon. Standard library, Python 3.10.
 
-A stop waits for nobody: neither for a change of the mode nor for a trajectory that is being judged.
-Arming is not among them. Whoever arms stands beside the robot.
+A stop waits neither for a change of the mode nor for the check of a trajectory. Arming is not among them: it
+requires an operator beside the robot.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from twind.ros import STRING, decode
 PATIENCE = 35.0  # s for an answer; an e-stop answers when its first effect is confirmed, within 30
 SOON = 2.0  # s for an answer that waits for nothing
 LEVELS = ("settle", "cut")
-REASON = "asked for over ROS"
+REASON = "requested over ROS"
 
-KEPT = 2  # different things asked of one errand that wait
+KEPT = 2  # different requests of one kind that wait
 # s from one to the next; an e-stop has none
 MODE_PACE = 1.0
 STOP_PACE = 0.1
@@ -44,17 +44,17 @@ STOPPING = "stopping: the robot decelerates and holds"
 
 
 class CoalescedCall:
-    """Does what was asked for, the newest last, in a thread of its own. The same twice is once."""
+    """Executor of requests in a separate thread, the newest last. Equal waiting requests run once."""
 
     def __init__(
         self, name: str, do: Callable[[str], None], tell: Callable[[str], None], pace: float = 0.0
     ) -> None:
-        """`tell` gets a line when `do` raised. `pace`: s between two."""
+        """Make the executor; `tell` gets a line if `do` raised. `pace`: s between two calls."""
         self._do = do
         self._tell = tell
         self._pace = pace
         self._what: list[str] = []
-        self._asked = threading.Condition()
+        self._condition = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -63,14 +63,14 @@ class CoalescedCall:
 
     def ask(self, what: str) -> None:
         """Returns at once."""
-        with self._asked:
+        with self._condition:
             self._what = [*(each for each in self._what if each != what), what][-KEPT:]
-            self._asked.notify()
+            self._condition.notify()
 
     def _run(self) -> None:
         while True:
-            with self._asked:
-                self._asked.wait_for(lambda: self._what)
+            with self._condition:
+                self._condition.wait_for(lambda: self._what)
                 what = self._what.pop(0)
             try:
                 self._do(what)
@@ -81,7 +81,7 @@ class CoalescedCall:
 
 
 class RosServiceCalls:
-    """`heard` and `asked` may be called from any thread; `heard` returns at once."""
+    """Service calls. `heard` and `asked` may be called from any thread; `heard` returns at once."""
 
     def __init__(
         self,
@@ -93,10 +93,10 @@ class RosServiceCalls:
         say: Told,
         tell: Callable[[str], None],
     ) -> None:
-        """`operator`, `observer` make connections; `stopping` is told of a stop before it is asked for.
+        """Make the calls; `operator`, `observer` make connections; `stopping` is called before each stop.
 
-        `status`: the text of /bridge/status by what the daemon says now, or by why it does not. `closed`: why
-        no stop (True), or no mode is taken; "": it is. `say` gets what became of what came by topic, `tell` a
+        `status`: the text of /bridge/status from the daemon's status, or its absence. `closed`: why
+        no stop (True), or no mode is taken; "": it is. `say` gets the results of topics, `tell` a
         line where even that fails.
         """
         self._operator = operator
@@ -114,16 +114,16 @@ class RosServiceCalls:
             tell,
             MODE_PACE,
         )
-        # One each: who asks for a cut does so because the robot does not settle.
+        # One each: a cut is requested because the robot does not settle, so it must not wait for that.
         self._e_stops = {level: self._e_stop_errand(level, tell) for level in LEVELS}
 
     def start(self) -> None:
-        """Begin to do what topics ask for."""
+        """Start the threads for requests by topic."""
         for errand in (*self._e_stops.values(), self._stop, self._mode):
             errand.start()
 
     def on_message(self, topic: RosTopic, data: bytes) -> None:
-        """A message of one of our topics. One that makes no sense changes no mode, but a stop is a stop."""
+        """Handle a message of a topic. An invalid one changes no mode, but any stop message stops."""
         try:
             text = str(decode(STRING, data)["data"]).strip()
         except InvalidInput:
@@ -136,9 +136,9 @@ class RosServiceCalls:
             self._mode.ask(text[:80])
 
     def handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        """A request of one of our services: success, and words. Waits for the daemon."""
+        """Handle a request of a service; return success, and a text. Waits for the daemon."""
         if service is GET_STATUS:
-            return True, self._status(self._asked_now())
+            return True, self._status(self._request_status())
         if service is TO_STOP:
             return self.stop()
         if service is TO_E_STOP:
@@ -154,11 +154,11 @@ class RosServiceCalls:
             return False, why
         self._stopping()
         done, message = self._call(self._operator, "Cancel")
-        # The state that it answers with says nothing of the motion.
+        # The state in the answer does not include the motion.
         return done, STOPPING if done else message
 
     def e_stop(self, level: str) -> tuple[bool, str]:
-        """Stop now. It latches: who acknowledges it (`twindctl reset`) stands beside the robot."""
+        """Stop now. It latches: resetting it (`twindctl reset`) requires an operator beside the robot."""
         self._stopping()
         outcome = False, ""
         for connect in (self._observer, self._operator):  # the one may have no place left, or not answer
@@ -168,12 +168,12 @@ class RosServiceCalls:
         return outcome
 
     def set_mode(self, mode: str) -> tuple[bool, str]:
-        """Where commands go: sim, mirror, live. It does not arm."""
+        """Set the mode: sim, mirror, live. It does not arm."""
         why = self._closed(False)
         return (False, why) if why else self._call(self._operator, "SetMode", mode=mode)
 
-    def _asked_now(self) -> Mapping[str, Any] | str:
-        """`Status`, not older than this call; else why not."""
+    def _request_status(self) -> Mapping[str, Any] | str:
+        """Return `Status`, not older than this call; else the reason."""
         try:
             with self._observer() as client:
                 client.timeout = SOON
@@ -191,14 +191,14 @@ class RosServiceCalls:
         )
 
     def _call(self, connect: Ask, method: str, **parameters: Any) -> tuple[bool, str]:
-        """On a connection of its own, so that nothing is before it."""
+        """Call on a separate connection, so that no other call is before it."""
         try:
             with connect() as client:
                 client.timeout = PATIENCE
                 answer = client.call(method, **parameters)
         except ClientError as error:
             return False, str(error)
-        except Exception as error:  # noqa: BLE001  whoever stops must outlive a fault of ours
+        except Exception as error:  # noqa: BLE001  the stop thread must survive any defect
             return False, f"{method}: {type(error).__name__}: {error}"
         return True, str(answer.get("mode") or answer.get("state") or "")
 
@@ -209,11 +209,11 @@ class RosServiceCalls:
 
 
 def denied(operator: Ask) -> str | None:
-    """Why nobody can be moved by such a connection; "": somebody can. None: no daemon says."""
+    """Return why such a connection cannot command; "": it can. None: no daemon answers."""
     try:
         with operator() as client:
             client.timeout = SOON
-            client.call("ReleaseLease")  # it has none: nothing happens, but for the role to be looked at
+            client.call("ReleaseLease")  # it has none: the call only checks the role
     except NoDaemon as error:
         return None if error.absent else str(error)
     except CallError as error:

@@ -1,7 +1,7 @@
-"""What the robot does, as messages of ROS at the loop's rate. Pure; standard library, Python 3.10.
+"""Messages of the robot's state for ROS, at the loop's rate. Pure; standard library, Python 3.10.
 
-A joint that did not answer in a reading is not in its message: no zero, no old number under a new stamp.
-A velocity or effort that nobody knows is NaN; a column of which nothing is known is empty, as ROS has it.
+A joint without reply in a reading is not in its message: no zero, no old number under a new stamp. An unknown
+velocity or effort is NaN; a column without any value is empty, as ROS has it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class RosStateMessages:
         self._felt = float("-inf")
 
     def status(self, status: Mapping[str, Any]) -> None:
-        """`Status` of the interface: whose joints `/joint_states` are."""
+        """Take `Status` of the interface, which determines the robot of `/joint_states`."""
         self._mode = status["mode"]
         self._measured = bool(status["hw_connected"])
 
@@ -59,7 +59,7 @@ class RosStateMessages:
             messages.append((HW_JOINTS, measured))
         if simulated is not None:
             messages.append((MIRRORED_JOINTS if mode == "mirror" else SIM_JOINTS, simulated))
-        # Live speaks of a robot that moves: where that is not heard, a simulation must not pass for it.
+        # In live the message is of the real robot: without its readings a simulation must not pass for it.
         real = mode == "live" or (mode == "mirror" and self._measured)
         chosen = measured if real else simulated
         if chosen is not None:
@@ -71,14 +71,16 @@ class RosStateMessages:
         return [(ACCEPTED, accepted_bytes(answer["accepted"], wall(clocks, answer["time"])))]
 
     def _answered_joints(self, rows: Sequence[Row], time: float, clocks: ClockPair) -> bytes | None:
-        """The joints that answered in this reading; the stamp is when the last of them did. None: nobody."""
-        heard = [row for row in rows if row["heard"] and row["position"] is not None]
-        if not heard:
+        """Build the message of the joints that replied in this reading, stamped with the last reply; None:
+        none.
+        """
+        fresh = [row for row in rows if row["heard"] and row["position"] is not None]
+        if not fresh:
             return None
-        age = min((row["age_ms"] or 0.0) for row in heard) / 1e3
-        velocity, effort = ([row[key] for row in heard] for key in ("velocity", "effort"))
-        columns = [row["position"] for row in heard], velocity, effort
-        return self._filled([row["name"] for row in heard], columns, wall(clocks, time - age))
+        age = min((row["age_ms"] or 0.0) for row in fresh) / 1e3
+        velocity, effort = ([row[key] for row in fresh] for key in ("velocity", "effort"))
+        columns = [row["position"] for row in fresh], velocity, effort
+        return self._filled([row["name"] for row in fresh], columns, wall(clocks, time - age))
 
     def _simulated(self, rows: Sequence[Row], stamp_ns: int) -> bytes | None:
         known = [row for row in rows if row["simulated"] is not None]
@@ -91,7 +93,7 @@ class RosStateMessages:
     def _filled(
         self, names: Sequence[str], columns: Sequence[Sequence[float | None]], stamp_ns: int
     ) -> bytes:
-        """Position, velocity, effort of these joints; of the last two what somebody knows."""
+        """Fill position, velocity, effort of these joints; a column without values stays empty."""
         velocity, effort = (any(each is not None for each in column) for column in columns[1:])
         shape = tuple(names), velocity, effort
         buffer = self.prepared.get(shape)
@@ -99,26 +101,26 @@ class RosStateMessages:
             while len(self.prepared) >= SHAPES:
                 del self.prepared[next(iter(self.prepared))]
             buffer = self.prepared[shape] = JointStateBuffer(names, velocity=velocity, effort=effort)
-        said = (True, velocity, effort)
+        present = (True, velocity, effort)
         numbers = [
             [nan if each is None else each for each in column]
-            for column, wanted in zip(columns, said, strict=True)
+            for column, wanted in zip(columns, present, strict=True)
             if wanted
         ]
         return buffer.fill(stamp_ns, *numbers)
 
     def _imu(self, answer: Mapping[str, Any], time: float, clocks: ClockPair) -> list[Message]:
-        """A reading of the IMU that was not told yet, stamped when it was heard."""
+        """Build the message of a new IMU reading, stamped with its time."""
         imu = answer.get("imu")
         if imu is None:
             return []
-        heard = time - imu["age_ms"] / 1e3
-        if abs(heard - self._felt) < NEWER:
+        taken = time - imu["age_ms"] / 1e3
+        if abs(taken - self._felt) < NEWER:
             return []
-        self._felt = heard
-        return [(INERTIAL, self._inertial.fill(wall(clocks, heard), *(imu[key] for key in FELT)))]
+        self._felt = taken
+        return [(INERTIAL, self._inertial.fill(wall(clocks, taken), *(imu[key] for key in FELT)))]
 
 
 def wall(clocks: ClockPair, time: float) -> int:
-    """ns since 1970 of a monotonic time, s, as far as a stamp of ROS can say it."""
+    """Return ns since 1970 of a monotonic time, s, within the range of a ROS stamp."""
     return min(max(clocks.wall(time), 0), LAST)

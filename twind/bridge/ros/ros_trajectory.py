@@ -1,6 +1,6 @@
-"""A JointTrajectory of ROS as a trajectory of the daemon. Pure; standard library, Python 3.10.
+"""Conversion of a ROS JointTrajectory to a trajectory of the daemon. Pure; standard library, Python 3.10.
 
-The gate judges it like any other. This module handles the ROS-only parts: stamps of the wall clock, efforts,
+The gate checks it like any other. This module handles the ROS-only parts: stamps of the wall clock, efforts,
 NaN, and sizes that a message of the socket may not have. Stamps follow joint_trajectory_controller: 0 is now,
 a future one waits. With a past stamp the points that are over are left out; all over: refused.
 """
@@ -24,8 +24,8 @@ from twind.ros.joint_state_message import SECOND
 AHEAD = 60.0  # s that a start may lie in the future: the daemon's own bound
 LONGEST = 2 << 20  # bytes of a message; 2,000 points of 40 joints with velocities
 FRONT = 16 << 10  # bytes within which frame and joint names have to end
-FRAME = 256  # characters of a frame that are told again
-POINTS = 2000  # of the gate; a point that says nothing costs as much to read as one that does
+FRAME = 256  # characters of a frame that are reported
+POINTS = 2000  # limit of the gate; an empty point takes as long to read as a full one
 NUMBERS = 150_000  # of all columns: as JSON they have to stay below the socket's 4 MiB
 COLUMNS = ("positions", "velocities", "accelerations")
 MESSAGE = MessageDefinitions(JOINT_TRAJECTORY, definition_text(JOINT_TRAJECTORY))
@@ -49,7 +49,7 @@ class CommandHeader:
 
     @property
     def time_ns(self) -> int:
-        """Its stamp, ns since 1970; 0: now."""
+        """Time of its stamp, ns since 1970; 0: now."""
         return nanoseconds({"sec": self.sec, "nanosec": self.nanosec})
 
 
@@ -65,10 +65,10 @@ def _front(data: bytes) -> tuple[CommandHeader | None, int]:
     """Return the header, and the byte at which the points begin; 0: not within FRONT."""
     source, (header, names, _) = CdrReader(data[:FRONT]), MESSAGE.fields(JOINT_TRAJECTORY)
     try:
-        said = source.field(MESSAGE, header)
+        content = source.field(MESSAGE, header)
     except (struct.error, UnicodeDecodeError):
         return None, 0
-    head = CommandHeader(said["stamp"]["sec"], said["stamp"]["nanosec"], said["frame_id"][:FRAME])
+    head = CommandHeader(content["stamp"]["sec"], content["stamp"]["nanosec"], content["frame_id"][:FRAME])
     try:
         return replace(head, joints=tuple(source.field(MESSAGE, names))), source.place
     except (struct.error, UnicodeDecodeError):
@@ -130,7 +130,7 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
     """Return a point, time in s. Raises Refused for a non-finite number and for efforts."""
     if point["effort"]:
         raise invalid_command("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
-    said: dict[str, Any] = {"positions": point["positions"]}
+    content: dict[str, Any] = {"positions": point["positions"]}
     for key in COLUMNS:
         row = point[key]
         for column, value in enumerate(row):
@@ -139,8 +139,8 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
                 text = f"{joint or 'a joint'}, point {place}: {key} is {value}"
                 raise invalid_command("NONFINITE", text, joint=joint, point=place)
         if row:
-            said[key] = row
-    return said | {"time_from_start": nanoseconds(point["time_from_start"]) / SECOND}
+            content[key] = row
+    return content | {"time_from_start": nanoseconds(point["time_from_start"]) / SECOND}
 
 
 def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[float, list[dict[str, Any]]]:

@@ -1,4 +1,4 @@
-"""What a back end does: carry bytes. What they mean is not its business. Standard library, 3.10."""
+"""Interface of a ROS back end: it carries bytes, without their meaning. Standard library, 3.10."""
 
 from __future__ import annotations
 

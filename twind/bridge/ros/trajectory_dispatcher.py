@@ -1,6 +1,8 @@
-"""Trajectories from ROS on their way to the gate, and every outcome told. Standard library, Python 3.10.
+"""Dispatcher of trajectories from ROS to the gate, with a report of every outcome.
 
-Whoever hears a command puts it down and goes on (`put`, `goal`); one thread takes it to the daemon (`step`).
+Standard library, Python 3.10.
+
+A receiving thread queues a command (`put`, `goal`); one thread takes it to the daemon (`step`).
 """
 
 from __future__ import annotations
@@ -18,16 +20,19 @@ from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, heading, inv
 from twind.client import CallError, Client, ClientError, Refused
 
 PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
-RUNNING = 1.0  # s between two words to whoever follows a motion
+RUNNING = 1.0  # s between two reports to the receiver of a motion
 SOON = 2.0  # s for the answer to a cancel
 MORE = 64 << 10  # bytes of JSON that tolerances may take beside a path
-UNHEARD = "how it ended was not heard, though the daemon moves nothing any more: its log may know"
+NO_END_REPORT = "no report of its end came, though the daemon moves nothing any more: see its log"
 
 Result = dict[str, Any]
 
 
 class TrajectoryDispatcher:
-    """`put`, `goal`, `stop`, `heard` may be called from any thread; `step` and `close` belong to one."""
+    """Dispatcher.
+
+    `put`, `goal`, `stop`, `heard` may be called from any thread; `step` and `close` from one.
+    """
 
     def __init__(
         self,
@@ -37,7 +42,7 @@ class TrajectoryDispatcher:
         now: Callable[[], float] = time.monotonic,
         closed: Callable[[], str] = str,
     ) -> None:
-        """`say` gets every outcome. `wall_ns`: the clock that stamps are read by, ns since 1970.
+        """Make the dispatcher; `say` gets every outcome. `wall_ns`: clock of the stamps, ns since 1970.
 
         `closed`: why no command is taken; "": they are.
         """
@@ -49,12 +54,12 @@ class TrajectoryDispatcher:
         self._now = now
         self._closed = closed
         self._stopped = -inf  # s, monotonic: what came before is void
-        # of the daemon, and when it was heard of
+        # of the daemon, and the time of its last message
         self._mode = ""
         self._mode_at = -inf
-        self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
+        self._let_go: set[str] = set()  # motions that this bridge cancels for their client
         self._begun: dict[str, RosCommand] = {}
-        self._said = 0.0  # s, monotonic, when motions were last said to run
+        self._said = 0.0  # s, monotonic, last report of running motions
 
     def put(self, data: bytes) -> None:
         """A command came: CDR bytes of a JointTrajectory. Returns at once."""
@@ -68,7 +73,10 @@ class TrajectoryDispatcher:
         goal_time: float | None = None,
         tolerances: Sequence[Mapping[str, Any]] | None = None,
     ) -> Callable[[], None]:
-        """A command whose sender follows it: `told` hears each `phase`. The answer cancels it: all holds."""
+        """Queue a command with a receiver: `told` gets each `phase`.
+
+        The returned function cancels it: all holds.
+        """
         given = {"goal_time": goal_time, "tolerances": tolerances}
         more = {key: value for key, value in given.items() if value is not None}
         command = RosCommand(data[: LONGEST + 1], heading(data), self._now(), told, more)
@@ -82,7 +90,7 @@ class TrajectoryDispatcher:
         return cancel
 
     def stop(self) -> None:
-        """Somebody stops the robot: nothing that was asked for before begins after it."""
+        """Cancel everything requested before: after a stop none of it begins."""
         self._void(self._now())
 
     def on_monitor_reply(self, answer: Mapping[str, Any]) -> None:
@@ -102,11 +110,11 @@ class TrajectoryDispatcher:
 
     @property
     def driving(self) -> tuple[str, ...]:
-        """Motions of ours that are under way."""
+        """Motions of this bridge that are under way."""
         return self._driving.driving
 
     def step(self, patience: float) -> None:
-        """Wait up to `patience` s for a command, take it to the daemon, tell what ended."""
+        """Wait up to `patience` s for a command, take it to the daemon, report the motions that ended."""
         command = self._inbox.take(patience)
         if command is not None:
             self._take(command)
@@ -118,13 +126,13 @@ class TrajectoryDispatcher:
                 known.began = inf
                 message = "; ".join(str(each.get("message", "")) for each in ended.findings)
                 if ended.phase == LOST and not message:
-                    message = UNHEARD
+                    message = NO_END_REPORT
                 self._report_phase(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
         self._tell_running()
         self._tell_dropped()
 
     def close(self) -> None:
-        """Give the lease back: what is under way is let go, and the daemon holds."""
+        """Give the lease back: motions under way are cancelled, and the daemon holds."""
         self._driving.close()
         for name, command in self._begun.items():
             self._report_phase(
@@ -155,7 +163,7 @@ class TrajectoryDispatcher:
             self._report_phase(command, "refused", message=call_text(error), error=error.name)
         except ClientError as error:
             self._report_phase(command, "refused", message=str(error), error=type(error).__name__)
-        except Exception as error:  # noqa: BLE001  whatever breaks us, its sender hears of it
+        except Exception as error:  # noqa: BLE001  the sender gets a report of any failure
             self._report_phase(
                 command, "refused", message=f"{type(error).__name__}: {error}", error="internal"
             )
@@ -215,7 +223,7 @@ class TrajectoryDispatcher:
             return False
         return True
 
-    # ------------------------------------------------------------------------------------------ what is told
+    # ------------------------------------------------------------------------------------------ reports
 
     def _report_phase(self, command: RosCommand, phase: str, **more: Any) -> None:
         result = result_of(command.head, phase, **more)
@@ -224,7 +232,7 @@ class TrajectoryDispatcher:
             command.told(result)
 
     def _tell_running(self) -> None:
-        """Whoever follows a motion knows that we are there."""
+        """Report to receivers of a motion that it still runs."""
         now = self._now()
         if now - self._said >= RUNNING:
             self._said = now
@@ -249,9 +257,9 @@ def result_of(head: CommandHeader | None, phase: str, **more: Any) -> Result:
 
 
 def call_text(error: CallError) -> str:
-    """Why the daemon does not, in words for whoever has ROS alone: he takes nobody's lease."""
+    """Return why the daemon refuses, as text for ROS users; the bridge takes no other client's lease."""
     lease = error.parameters.get("lease")
     if error.name != "LeaseHeld" or not isinstance(lease, Mapping):
         return str(error)
-    held = f"the lease is held by {lease.get('holder')}, who keeps it as long as that one drives"
+    held = f"the lease is held by {lease.get('holder')}, which keeps it as long as it moves the robot"
     return f"{held}; none is taken by force from ROS: let that one end, then send it again"

@@ -1,4 +1,4 @@
-"""A stop that anybody asks for, as often as he likes: all who wait are answered by one call of the daemon."""
+"""Coalesced stops: one call of the daemon answers all waiting requests for a stop."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from collections import deque
 from twind.bridge.uplink.query_server import RemoteQuery, Serve
 from twind.bridge.uplink.worker_queue import PACE
 
-WAITING = 1024  # who may wait: of more the oldest is let go, and asks again; the stop is made all the same
+WAITING = 1024  # waiting requests; beyond it the oldest is dropped, though the stop is made
 
 
 class CoalescedStop:
-    """Nobody is ever told that too much is asked: one call does what all of them want.
+    """Coalesced stop. No request is refused for load: one call of the daemon serves all that wait.
 
-    Who comes while a call is under way waits for the next, since the robot may have been freed in between.
+    A request during a call waits for the next one, since the robot may have been freed in between.
     """
 
     def __init__(self, name: str, serve: Serve) -> None:
-        """`serve`: one call, with the parameters of whoever waits longest."""
+        """Make the stop; `serve`: one call, with the parameters of the longest waiting request."""
         self._serve = serve
         self._waiting = deque[RemoteQuery]()
         self._lock = threading.Lock()
@@ -30,11 +30,11 @@ class CoalescedStop:
         self.full = 0
 
     def start(self) -> None:
-        """Begin with who waits."""
+        """Start the thread that serves waiting requests."""
         self._thread.start()
 
     def put(self, question: RemoteQuery) -> bool:
-        """To be answered by the next call: True. Returns at once, from any thread."""
+        """Queue a request for the next call; return True. Returns at once, from any thread."""
         with self._lock:
             self._waiting.append(question)
             oldest = self._waiting.popleft() if len(self._waiting) > WAITING else None

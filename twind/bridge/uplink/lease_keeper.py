@@ -1,10 +1,9 @@
-"""The daemon's lease, held for the holder of the remote lease, and the goals under it.
+"""Keeper of the daemon's lease for the holder of the remote lease, and of the goals under it.
 
-The motions are driven by `MotionSession`: the lease is renewed call by call. A lease that lapses, a lost
-link, a sender that dies and an uplink that hangs all end alike: renewals stop, and the daemon holds. While it
-judges a goal the daemon renews by itself; then `watch` detects a lapse of the remote lease, and hangs up.
-
-`renew`, `stopped`, `heard` and `watch` are for any thread, all else for one.
+`MotionSession` runs the motions: it renews the lease call by call. A lapsed lease, a lost link, a sender that
+dies and an uplink that hangs all end alike: renewals stop, and the daemon holds. While the daemon checks a
+goal, it renews by itself; then `watch` detects a lapse of the remote lease, and disconnects. `renew`,
+`stopped`, `heard` and `watch` are for any thread, all else for one.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from twind.client import CallError, ClientError, Refused
 from twind.client.errors import as_error
 from twind.robot.finding import ReasonCode
 
-PERIOD = 0.2  # s between two looks: a renewal, news of goals
+PERIOD = 0.2  # s between two renewals and checks of goals
 
 BUSY = ReasonCode.BUSY  # what the daemon's gate says of a path that it throws away, as at a stop
 
@@ -70,9 +69,9 @@ class LeaseKeeper:
         self._tell = tell
         self._now = now
         self._goals = UplinkGoalTable()
-        self._holder = ""  # "": nobody
+        self._holder = ""  # "": none
         self._judging = False
-        self._dropped: frozenset[str] = frozenset()  # motions that ended with a lease of ours: no stop
+        self._dropped: frozenset[str] = frozenset()  # motions that ended with a lease of this uplink: no stop
         self._lock = threading.Lock()
         self._stopped = -inf  # s, monotonic: goals that came in before are void
 
@@ -204,7 +203,7 @@ class LeaseKeeper:
         if self._holder and not self._tenancy.is_held(self._now()):
             self._let_go(f"the lease of {self._holder} lapsed")
         elif self._holder and not self._driving.held:
-            self._let_go(f"the daemon took the lease of {self._holder}: somebody else has it, or it restarts")
+            self._let_go(f"the daemon took the lease of {self._holder}: another client has it, or a restart")
         for goal in self._goals.running():
             self._report(goal, ended.get(goal.id))
 

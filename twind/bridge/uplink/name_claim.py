@@ -1,4 +1,4 @@
-"""The robot's name on the network: claimed before anything is served, and held by one uplink."""
+"""Claim of the robot's name on the network: made before anything is served, and held by one uplink."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import zenoh
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.command_line.verb import Rejected
 
-ASK = 1.0  # s that the network has to say who is there
-LOOK = 2.0  # s between two looks who else has the name
+ASK = 1.0  # s that the network has to answer
+LOOK = 2.0  # s between two queries for other holders of the name
 
 
 class NameClaim:
-    """A name that is free, claimed from `claim` to `close`. `rival`: why it is another's now.
+    """Claim of a free name, from `claim` to `close`. `rival`: why it belongs to another uplink now.
 
-    Two of one name (a copied memory card) must not both be sent a goal. Who comes second is refused. Who
-    finds another later, because both came at once or two networks were joined, gives way if its session's id
-    is the larger. That is asked again and again: of two tokens that are declared at the same moment a
-    subscriber with history is now and then not told (2 of 12 in Zenoh 1.10.2), who asks is.
+    Two robots of one name (a copied memory card) must not both receive a goal. The second one is refused. If
+    both came at once or two networks were joined, the one with the larger session id gives way. This is
+    checked repeatedly: of two tokens declared at the same moment a subscriber with history sometimes misses
+    one (2 of 12 in Zenoh 1.10.2), a query does not.
     """
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
-        """Raises Rejected: the name is taken."""
+        """Check the name. Raises Rejected: it is taken."""
         self._robot = robot
         self.rival = ""
         self._living = session.liveliness()
@@ -35,12 +35,12 @@ class NameClaim:
             raise Rejected(f"{self._rival_text}; name this one with --name, or end the other")
 
     def claim(self) -> None:
-        """From now on the robot is there, for all to see."""
+        """Announce the robot on the network."""
         for key in (f"{self._alive}/{self._here}", self._alive):
             self._claims.append(self._living.declare_token(key))
 
     def look(self, now: float) -> None:
-        """Ask who else has the name, when it is time. `now`: s, monotonic. Waits for nothing."""
+        """Query other holders of the name, when it is due. `now`: s, monotonic. Does not wait."""
         if now >= self._look_at:
             self._look_at = now + LOOK
             self._living.get(f"{self._alive}/*", self._seen, timeout=ASK)
@@ -51,7 +51,7 @@ class NameClaim:
             self._claims.pop().undeclare()
 
     def _is_there(self) -> bool:
-        """Somebody has the name."""
+        """Return True if another uplink has the name."""
         found: list[zenoh.Reply] = []
         over = threading.Event()
         self._living.get(self._alive, zenoh.handlers.Callback(found.append, over.set), timeout=ASK)

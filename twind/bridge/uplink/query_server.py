@@ -1,4 +1,4 @@
-"""Where questions from afar come in: what is none is refused at once, and every question gets an answer."""
+"""Server of remote queries: invalid ones are refused at once, and every query gets an answer."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from twind.client import CallError, ClientError
 
 JSON = zenoh.Encoding.APPLICATION_JSON
 Tell = Callable[[str], None]
-Serve = Callable[[dict[str, Any]], dict[str, Any]]  # what is asked -> answer; raises ClientError
+Serve = Callable[[dict[str, Any]], dict[str, Any]]  # parameters -> answer; raises ClientError
 Outcome = dict[str, Any] | CallError
 
 
 class RemoteQuery:
-    """One that came to `where`. `asked`: its parameters; empty until `answer` where it is large."""
+    """Query that came to `where`. `asked`: its parameters; empty until `answer` where it is large."""
 
     def __init__(self, method: str, where: str, query: zenoh.Query, tell: Tell) -> None:
         self._method = method
@@ -30,17 +30,17 @@ class RemoteQuery:
         self.asked: dict[str, Any] = {}
 
     def look(self) -> None:
-        """Read it, if that is soon done. Raises CallError: it is none, or too large to be copied at all."""
+        """Read the query if that is quick. Raises CallError: invalid, or too large to be copied."""
         check_size(self._method, self._size)
         if self._size <= SMALL:
             self._read()
 
     def answer(self, serve: Serve) -> None:
-        """Have it answered, here and now, and let it go."""
+        """Answer the query here and now, and release it."""
         self.reply(self.outcome(serve))
 
     def outcome(self, serve: Serve) -> Outcome:
-        """What `serve` makes of it."""
+        """Return the result of `serve`, or its error."""
         try:
             if self._size > SMALL:
                 self._read()
@@ -49,25 +49,25 @@ class RemoteQuery:
             return error
         except ClientError as error:
             return no_daemon(error)
-        except Exception as error:  # noqa: BLE001  one question must not cost the others their lane
-            said = f"{type(error).__name__}: {error}"
-            self._tell(f"{self._where}: {said}")
-            return CallError(f"{UPLINK}.Failed", {"message": said})
+        except Exception as error:  # noqa: BLE001  one query must not end the queue of the others
+            message = f"{type(error).__name__}: {error}"
+            self._tell(f"{self._where}: {message}")
+            return CallError(f"{UPLINK}.Failed", {"message": message})
 
     def reply(self, outcome: Outcome) -> None:
-        """Send it, and let the question go."""
+        """Send the answer, and release the query."""
         try:
-            with self._query as query:  # whoever asked knows that all is said when the question is let go
+            with self._query as query:  # releasing the query tells its sender that the answer is complete
                 if isinstance(outcome, CallError):
-                    said = {"error": outcome.error, "parameters": dict(outcome.parameters)}
-                    query.reply_err(encoded(said), encoding=JSON)
+                    message = {"error": outcome.error, "parameters": dict(outcome.parameters)}
+                    query.reply_err(encoded(message), encoding=JSON)
                 else:
                     query.reply(self._where, encoded(outcome), encoding=JSON, express=True)
-        except Exception as error:  # noqa: BLE001  whoever asked is gone, or asked for another key
+        except Exception as error:  # noqa: BLE001  the sender is gone, or the key is another one
             self._tell(f"{self._where}: not answered: {error}")
 
     def forget(self) -> None:
-        """Let it go without an answer: whoever asked is told so, and may ask again."""
+        """Drop the query without an answer: its sender is notified, and may repeat it."""
         with self._query:
             pass
 
@@ -100,7 +100,7 @@ class QueryServer:
                 one.reply(error)
                 return
             if not take(one):
-                one.reply(busy(f"{'/'.join(key)}: too many questions wait; ask again later"))
+                one.reply(busy(f"{'/'.join(key)}: too many queries wait; retry later"))
 
         self._open.append(
             self._session.declare_queryable(where, zenoh.handlers.Callback(came, indirect=False))
@@ -113,5 +113,5 @@ class QueryServer:
 
 
 def encoded(answer: dict[str, Any]) -> bytes:
-    """As JSON."""
+    """Encode an answer as JSON."""
     return json.dumps(answer, ensure_ascii=False, separators=(",", ":")).encode()

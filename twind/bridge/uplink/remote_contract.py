@@ -1,4 +1,4 @@
-"""What may be asked over Zenoh, checked as the control socket checks it, and how it is refused. Pure."""
+"""Contract of remote queries over Zenoh: their check, as at the control socket, and their refusal. Pure."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ CARRIERS = frozenset({"Check", "Goal"})  # of trajectories
 INTERFACE = parse("""
 interface io.twind.Uplink
 
-# op: acquire (holder: who, for people), renew and release (lease: as granted).
-# take: from who has it from afar, until deadline (as a goal's), for nobody is to wrest it out of a queue.
-# now: the robot's clock, s. Without a renewal it lapses after expires_in s, and the motion is let go.
+# op: acquire (holder: text for display), renew and release (lease: as granted).
+# take: from a remote holder, until deadline (as a goal's), so that no waiting request takes it later.
+# now: the robot's clock, s. Without a renewal it lapses after expires_in s, and the motion ends.
 method Lease(
   op: (acquire, renew, release),
   holder: ?string,
@@ -77,21 +77,21 @@ class GoalQuery(msgspec.Struct, frozen=True):
 
 
 def check_query(method: str, data: bytes) -> dict[str, Any]:
-    """Parameters of `method`, one of CONTROL's or ours. Raises CallError: they are none."""
+    """Return the checked parameters of `method`, of CONTROL or the uplink. Raises CallError: invalid."""
     check_size(method, len(data))
     try:
-        asked: dict[str, Any] = loads(data) if data else {}
-        _METHODS[method].parameters.check(asked, "")
+        parameters: dict[str, Any] = loads(data) if data else {}
+        _METHODS[method].parameters.check(parameters, "")
     except InvalidInput as error:
         raise invalid(error.where or "parameters", error.reason) from None
-    asked = {key: value for key, value in asked.items() if value is not None}
-    if "holder" in asked:
-        asked["holder"] = asked["holder"][:HOLDER]
-    return asked
+    parameters = {key: value for key, value in parameters.items() if value is not None}
+    if "holder" in parameters:
+        parameters["holder"] = parameters["holder"][:HOLDER]
+    return parameters
 
 
 def check_size(method: str, size: int) -> None:
-    """Nothing, if a question of `method` may have `size` bytes. Raises CallError."""
+    """Raise CallError if a query of `method` may not have `size` bytes."""
     bound = MOST if method in CARRIERS else SMALL
     if size > bound:
         raise invalid("parameters", f"{size} bytes, bound {bound}")
@@ -103,14 +103,14 @@ def invalid(parameter: str, message: str) -> CallError:
 
 
 def busy(what: str) -> CallError:
-    """Too much is asked at once."""
+    """Return the refusal for too many queries at once."""
     return as_error(f"{CONTROL}.Busy", {"what": what})
 
 
 def make_refusal(
     code: str, message: str, value: float | None = None, bound: float | None = None
 ) -> CallError:
-    """One finding of ours, as the daemon's."""
+    """Return the refusal with one finding in the daemon's form."""
     return as_error(f"{CONTROL}.Refused", {"findings": [finding(code, message, value, bound)]})
 
 
@@ -120,14 +120,14 @@ def lease_held_error(lease: Mapping[str, Any]) -> CallError:
 
 
 def no_daemon(error: Exception) -> CallError:
-    """The daemon did not do what was asked: it is away, silent, or not for us."""
+    """Return the error for a daemon that is away, silent, or refuses the connection."""
     return as_error(f"{UPLINK}.NoDaemon", {"message": str(error)})
 
 
 def finding(
     code: str, message: str, value: float | None = None, bound: float | None = None
 ) -> dict[str, Any]:
-    """As `Finding` of the interface."""
+    """Return a `Finding` of the interface."""
     return {
         "code": code,
         "joint": None,

@@ -1,4 +1,4 @@
-"""What a robot is called beyond its machine. Standard library only."""
+"""Name of a robot on the network. Standard library only."""
 
 import re
 from collections.abc import Mapping

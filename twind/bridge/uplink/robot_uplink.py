@@ -35,8 +35,8 @@ from twind.client.transition_reporter import TransitionReporter
 from twind.command_line.verb import connected, observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
-ON_DEMAND = "latency"  # told where somebody listens; all other topics are followed all the time
-CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
+ON_DEMAND = "latency"  # read only with subscribers; all other topics are always read
+CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them with the goals, all for this connection
 LARGE_WAITING = 8  # questions with a trajectory that may wait: up to 4 MB each
 # s for an answer of the daemon; for a stop, or a check while the model loads
 PATIENCE = 5.0
@@ -56,7 +56,7 @@ class RobotUplink:
         robot: str,
         tell: Tell,
     ) -> None:
-        """Raises Rejected: the name is taken."""
+        """Make the uplink. Raises Rejected: the name is taken."""
         self._options = options
         self._session = session
         self.robot = robot
@@ -83,7 +83,7 @@ class RobotUplink:
 
     @property
     def rival(self) -> str:
-        """Why another uplink has the name now; "": the name is held here."""
+        """Return why another uplink has the name now; "": this one has it."""
         return self._presence.rival
 
     def is_over(self, now: float) -> bool:
@@ -127,7 +127,7 @@ class RobotUplink:
 
     def _began(self, client: Client) -> None:
         """Handle the start of a daemon: check that it is the same robot's."""
-        name = self._options.name or asked_name(client)
+        name = self._options.name or reported_name(client)
         if name != self.robot:
             self._tell(f"the daemon's robot is {name} now, no longer {self.robot}")
             self._renamed = True
@@ -147,7 +147,7 @@ class RobotUplink:
         except NoDaemon as error:
             why = "" if error.absent else str(error)
         if self._limits.is_transition(why, time.monotonic()):
-            self._tell(f"{why}; so nobody commands from afar" if why else "commands are taken again")
+            self._tell(f"{why}; so no remote client can command" if why else "commands are taken again")
 
     def _on_end(self, why: str) -> None:
         if why and self._trouble.is_transition(why, time.monotonic()):
@@ -206,18 +206,18 @@ class RobotUplink:
             WorkerQueue("watching", tend=self._reins.watch, period=PERIOD),
         ]
 
-    def _relayed(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
+    def _relayed(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
         """Return the daemon's answer. Raises ClientError."""
         names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
         with connected(self._options, *names) as client:
             client.timeout = patience
-            return client.call(method, **asked)
+            return client.call(method, **parameters)
 
-    def _stopped(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
+    def _stopped(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
         """Relay a stop: no goal that arrived here before its answer begins after it. Raises ClientError."""
         self._reins.stopped(time.monotonic())
         try:
-            return self._relayed(method, patience, asked)
+            return self._relayed(method, patience, parameters)
         finally:
             self._reins.stopped(time.monotonic())
 
@@ -237,20 +237,20 @@ def _within(lane: WorkerQueue, serve: Serve) -> Take:
     return lambda one: lane.put(lambda: one.answer(serve))
 
 
-def asked_name(client: Client) -> str:
+def reported_name(client: Client) -> str:
     """Return the name of the daemon's robot. Raises ClientError."""
     status = client.call("GetStatus")["status"]
     return robot_name(status, client.call("GetParameters")["parameters"])
 
 
 def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell) -> str:
-    """As soon as there is a daemon that tells it; "": told to stop before."""
+    """Wait for a daemon, and return the name that it reports; "": a stop signal came first."""
     trouble = TransitionReporter()
     while not stop.is_set():
         try:
             with observer(options) as client:
                 client.timeout = PATIENCE
-                return asked_name(client)
+                return reported_name(client)
         except ClientError as error:
             if trouble.is_transition(str(error), time.monotonic()):
                 tell(f"{error}; waiting for the daemon")

@@ -1,8 +1,8 @@
-"""What the daemon tells, told on: where somebody listens, at the rates that are asked for, byte for byte.
+"""Outlets of the daemon's topics on the network: only with subscribers, at requested rates, byte for byte.
 
-A tap is one connection of the daemon. Nothing waits for the network: what a link cannot take is dropped
-after a millisecond, which receivers see by `sequence`. What we cannot take the daemon drops and counts:
-`dropped`.
+A tap is one connection to the daemon. Nothing waits for the network: a message that a link cannot accept is
+dropped after a millisecond, which receivers see by `sequence`. Messages that the tap cannot accept are
+dropped and counted by the daemon: `dropped`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Hear = Callable[[str, bytes], None]
 
 
 class TopicOutlet:
-    """One key that is told on. `changed` is called when somebody begins or ceases to listen."""
+    """Outlet of one key. `changed` is called when the first subscriber comes or the last one goes."""
 
     def __init__(self, session: zenoh.Session, robot: str, *key: str, changed: Callable[[], None]) -> None:
         drop = zenoh.CongestionControl.DROP
@@ -40,7 +40,7 @@ class TopicOutlet:
 
     @property
     def has_subscribers(self) -> bool:
-        """Somebody listens."""
+        """Return True if a subscriber exists."""
         status: Any = self._publisher.matching_status  # declared a bool; in 1.10 an object, always true
         return bool(getattr(status, "matching", status))
 
@@ -64,7 +64,7 @@ class MonitorRelay:
         ended: Callable[[str], None] = lambda why: None,
     ) -> None:
         """`began`: with a connection of each daemon, before the first message; may raise ClientError.
-        `hear`: each message. `ended`: that daemon is gone, and why.
+        `hear`: each message. `ended`: the daemon is gone, with the reason.
         """
         self._connect = connect
         self._topics = list(topics)
@@ -79,7 +79,7 @@ class MonitorRelay:
         self._thread = threading.Thread(target=self._run, name=f"tap {topics[0]} {rate}", daemon=True)
 
     def lead(self, session: zenoh.Session, robot: str, topic: str, *key: str) -> None:
-        """Tell `topic` at `twind/ROBOT/KEY`."""
+        """Publish `topic` at `twind/ROBOT/KEY`."""
         self.outlets[topic] = TopicOutlet(session, robot, *key, changed=self._wake.set)
 
     def start(self) -> None:
@@ -88,7 +88,7 @@ class MonitorRelay:
         self._thread.start()
 
     def stop(self) -> None:
-        """Tell no more. Returns at once; `join` waits."""
+        """End the publication. Returns at once; `join` waits."""
         self._stop.set()
         self._wake.set()
 
@@ -99,7 +99,7 @@ class MonitorRelay:
 
     @property
     def has_subscribers(self) -> bool:
-        """There is who listens."""
+        """Return True if a subscriber exists."""
         return self._always or any(outlet.has_subscribers for outlet in self.outlets.values())
 
     def _run(self) -> None:
@@ -112,7 +112,7 @@ class MonitorRelay:
                     self._stop.wait(AGAIN)
 
     def _followed(self) -> str:
-        """Follow one daemon to its end, or until nobody listens; why it ended."""
+        """Follow one daemon to its end, or until the last subscriber goes; return the reason."""
         try:
             with self._connect() as client:
                 client.timeout = SILENCE

@@ -28,7 +28,7 @@ from twind.command_line.verb import DONE, Rejected, UsageError, harmless, show
 
 group = "connect"
 
-LOOK = 0.2  # s between two looks whether it can go on
+LOOK = 0.2  # s between two checks for an end
 AGAIN = 1.0  # s until it goes on by another name
 
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Until told to stop: 0. The name is taken, or the network cannot be joined as written: 1."""
+    """Run until a stop signal: 0. The name is taken, or the network cannot be joined as configured: 1."""
     try:
         if options.name is not None:
             chunk("--name", options.name)
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--seconds {options.seconds:g}: must be above 0")
     place = zenoh_session.place(options, os.environ)
     for each in zenoh_session.readable(place):
-        _tell(f"{each}: whoever is on the way can read and command; tls/ with certificates keeps them out")
+        _tell(f"{each}: every host on the path can read and command; use tls/ with certificates")
     with catch_stop_signals() as stop, _for(options.seconds, stop):
         tally: dict[str, Any] = {}
         while not stop.is_set():
@@ -67,7 +67,10 @@ def run(options: argparse.Namespace) -> int:
 def _joined(
     options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
 ) -> dict[str, Any] | None:
-    """By one name, until it is over: what was done; None: nothing. Raises Rejected: the name is another's."""
+    """Run under one name to its end; return the tally of calls, None for none.
+
+    Raises Rejected: name taken.
+    """
     session = zenoh_session.open_session(place, stop, _tell)
     if session is None:
         return None
@@ -92,7 +95,7 @@ def _joined(
 
 @contextmanager
 def _for(seconds: float | None, stop: threading.Event) -> Iterator[None]:
-    """`stop` is set after so long. None: never."""
+    """Set `stop` after so long. None: never."""
     timer = None if seconds is None else threading.Timer(seconds, stop.set)
     if timer is not None:
         timer.start()
@@ -104,11 +107,11 @@ def _for(seconds: float | None, stop: threading.Event) -> Iterator[None]:
 
 
 def _text(tally: dict[str, Any]) -> str:
-    """What was answered, and what found no room."""
+    """Format the numbers of answered and refused calls."""
     lanes = tally.get("lanes", {})
-    said = [f"{name} {lane['answered']}" for name, lane in lanes.items() if lane["answered"]]
+    counts = [f"{name} {lane['answered']}" for name, lane in lanes.items() if lane["answered"]]
     full = sum(lane["refused"] for lane in lanes.values())
-    return f"answered: {', '.join(said) or 'nothing'}" + (f"; no room for {full}" if full else "")
+    return f"answered: {', '.join(counts) or 'nothing'}" + (f"; no room for {full}" if full else "")
 
 
 _tell = RateLimitedLog(

@@ -1,4 +1,4 @@
-"""Goals that came from afar, each once: what is known of them. Pure; not for several threads."""
+"""Goals of remote clients, each once, with their results. Pure; not for several threads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AHEAD = 60.0  # s that a deadline may lie ahead
 
 @dataclass(slots=True)
 class UplinkGoal:
-    """One goal. `answer`: the newest that was told of it; `refusal` instead, where it never began."""
+    """Goal of a remote client. `answer`: its newest report; `refusal` instead, if it never began."""
 
     name: str
     lease: str
@@ -33,7 +33,7 @@ class UplinkGoal:
 
 
 def in_time(deadline: float, now: float) -> None:
-    """Nothing, if it may still begin. Raises CallError: too late, or too far ahead."""
+    """Raise CallError if a goal may no longer begin, or its deadline is too far ahead."""
     if not now <= deadline:
         raise make_refusal(ReasonCode.CMD_EXPIRED, "it came after its deadline", now - deadline, 0.0)
     if not deadline - now <= AHEAD:
@@ -41,8 +41,10 @@ def in_time(deadline: float, now: float) -> None:
 
 
 class UplinkGoalTable:
-    """All that may still be asked about. What was ended is forgotten once its deadline is past: by then the
-    same message can move nothing, however late it comes."""
+    """Goals that may still be queried.
+
+    An ended one is removed after its deadline: by then a late copy of the same message can move nothing.
+    """
 
     def __init__(self) -> None:
         self._goals: dict[str, UplinkGoal] = {}
@@ -68,7 +70,7 @@ class UplinkGoalTable:
         return goal
 
     def running(self) -> list[UplinkGoal]:
-        """Those that were accepted and have not ended."""
+        """Return the accepted goals that have not ended."""
         return [goal for goal in self._goals.values() if goal.id and not goal.over]
 
     def _forget(self, now: float) -> None:

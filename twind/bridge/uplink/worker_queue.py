@@ -1,6 +1,6 @@
-"""Lanes: each does one thing after the other in its own thread, so that what is slow holds up nobody else.
+"""Worker queues: each runs its jobs in order in a separate thread, so that a slow job delays no other queue.
 
-A lane is bounded: who comes when it is full is told so at once, and counted.
+A queue is bounded: a job for a full one is refused at once, and counted.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import queue
 import threading
 from collections.abc import Callable
 
-PACE = 0.01  # s: who asks flat out costs the robot no more
+PACE = 0.01  # s, shortest time between jobs: bounds the load of a client without pauses
 LONG = 64
 
 Job = Callable[[], None]
@@ -29,7 +29,7 @@ class WorkerQueue:
         period: float | None = None,
         last: Job | None = None,
     ) -> None:
-        """`length`: jobs that may wait. `pace`: s between two at least."""
+        """Make the queue; `length`: jobs that may wait. `pace`: shortest time between two, s."""
         self._jobs: queue.Queue[Job | None] = queue.Queue(length)
         self._pace = pace
         self._tend = tend
@@ -46,7 +46,7 @@ class WorkerQueue:
         self._thread.start()
 
     def put(self, job: Job) -> bool:
-        """To be done in its turn; False: too much waits. Returns at once, from any thread."""
+        """Queue a job; return False if it is full. Returns at once, from any thread."""
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
@@ -57,7 +57,7 @@ class WorkerQueue:
     def stop(self, patience: float = 1.0) -> None:
         """Begin no more. Returns when that is so, or after `patience` s."""
         self._stop.set()
-        with contextlib.suppress(queue.Full):  # then it looks anyway
+        with contextlib.suppress(queue.Full):  # a full queue wakes the worker anyway
             self._jobs.put_nowait(None)
         if self._thread.ident is not None:
             self._thread.join(patience)

@@ -1,1 +1,1 @@
-"""Zenoh as twind uses it: sessions, and the keys of robots. `zenoh` is imported in `bridge` alone."""
+"""Zenoh sessions and keys of robots. `zenoh` is imported in `bridge` alone."""

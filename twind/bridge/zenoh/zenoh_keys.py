@@ -1,19 +1,19 @@
-"""The key space of robots over Zenoh, in one place. JSON everywhere, the objects of `io.twind.Control`.
+"""Key space of robots over Zenoh. JSON everywhere, the objects of `io.twind.Control`.
 
 twind/ROBOT/alive          liveliness token: its uplink is up
-twind/ROBOT/alive/SESSION  the same, of each session: by it two of one name know of each other
+twind/ROBOT/alive/SESSION  the same, of each session: by it two of one name detect each other
 twind/ROBOT/state/RATE     Monitor's messages of the topic state, so many a second (full: all)
 twind/ROBOT/news/TOPIC     Monitor's messages of the other topics
 twind/ROBOT/ask/METHOD     query -> answer; reading methods, for every observer
-twind/ROBOT/check          query -> Check's answer, for operators: it is judged as their goals are
-twind/ROBOT/stop/METHOD    query -> answer; Cancel and EStop: no lease, never refused by us
+twind/ROBOT/check          query -> Check's answer, for operators: the check of a goal
+twind/ROBOT/stop/METHOD    query -> answer; Cancel and EStop: no lease, never refused here
 twind/ROBOT/lease          query {"op": acquire, "holder", "take"?, "deadline"?} -> Grant
                            or {"op": renew|release, "lease"} -> Grant
 twind/ROBOT/goal           query {"goal", "lease", "deadline", "trajectory"} -> {"id", "phase", "progress", …}
-twind/ROBOT/goals/GOAL     what became of it: answers of SubmitTrajectory, {"phase", "progress", …}
+twind/ROBOT/goals/GOAL     its progress: answers of SubmitTrajectory, {"phase", "progress", …}
 
 Parameters and answers are JSON objects in the payload; an error is an error reply {"error", "parameters"}.
-`deadline` is in the robot's own clock, which each Grant tells (`now`): clocks of two machines need not agree.
+`deadline` is in the robot's own clock, which each Grant reports (`now`): clocks of machines may differ.
 """
 
 from __future__ import annotations

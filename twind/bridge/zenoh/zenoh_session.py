@@ -1,7 +1,7 @@
-"""Sessions with a Zenoh network: where to, and nothing that nobody asked for.
+"""Sessions with a Zenoh network, at configured endpoints only.
 
-Neither scouting nor gossip, so nothing is multicast and nobody is found by chance. What is not named stays on
-this machine: we connect to a router at LOCAL, and listen nowhere. Keys of a configuration file are the
+Neither scouting nor gossip: nothing is multicast and no other node is found by chance. The default stays on
+this machine: a router at LOCAL, no listening. Keys of a configuration file are the
 engine's own (zenoh.io: `DEFAULT_CONFIG.json5`); what it leaves out is as here.
 """
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 LOCAL = "tcp/127.0.0.1:7447"  # where a router of this machine listens
 VARIABLE = "TWIND_ZENOH"  # endpoints by commas, or the path of a configuration file
 FILES = (".json5", ".json", ".yaml", ".yml")
-LARGEST = 5 << 20  # bytes of one message, a trajectory's and a little; what is larger never fills our memory
+LARGEST = 5 << 20  # bytes of one message, a trajectory's and a little; a larger one must not fill the memory
 PARTING = 1.0  # s that threads of the engine may take to end
 TRY = 1.0  # s for one attempt to connect, and between two
-SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
+SEALED = ("tls", "quic", "unixsock-stream")  # links that no host on the path can read
 CALLBACK = "pyo3-closure"  # in the name of a thread that the engine's Python binding made
 
 
@@ -41,19 +41,19 @@ def missing() -> str:
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """Where a network is joined: endpoints as `tcp/HOST:PORT`, a file that says all else."""
+    """Configuration of a network: endpoints as `tcp/HOST:PORT`, a file with all other settings."""
 
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     file: Path | None = None
 
     def __str__(self) -> str:
-        said = [*self.connect, *(f"listening at {each}" for each in self.listen)]
-        return ", ".join([*said, *([str(self.file)] if self.file else [])])
+        parts = [*self.connect, *(f"listening at {each}" for each in self.listen)]
+        return ", ".join([*parts, *([str(self.file)] if self.file else [])])
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """`--connect`, `--listen`, `--zenoh-config`."""
+    """Add `--connect`, `--listen`, `--zenoh-config`."""
     parser.add_argument(
         "--connect",
         action="append",
@@ -77,13 +77,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def place(options: argparse.Namespace, environ: Mapping[str, str]) -> NetworkConfig:
-    """By the options, else by the variable, else the router of this machine."""
+    """Return the network of the options, else of the variable, else the router of this machine."""
     given = NetworkConfig(tuple(options.connect), tuple(options.listen), options.zenoh_config)
     return parse_config(environ.get(VARIABLE, "")) if given == NetworkConfig() else given
 
 
 def parse_config(text: str) -> NetworkConfig:
-    """What VARIABLE says; empty: LOCAL."""
+    """Parse the value of VARIABLE; empty: LOCAL."""
     if text.endswith(FILES):
         return NetworkConfig(file=Path(text))
     endpoints = tuple(each.strip() for each in text.split(",") if each.strip())
@@ -107,14 +107,14 @@ def open_session(
     place itself is wrong. `tell` hears once that nobody answers.
     """
     configuration = make_configuration(place, TRY)
-    told = False
+    reported = False
     while not stop.is_set():
         try:
             return _open(configuration)
         except ClientError as error:
-            if not told:
+            if not reported:
                 tell(f"{place}: {error}; trying on")
-            told = True
+            reported = True
         stop.wait(TRY)
     return None
 
@@ -166,7 +166,7 @@ def make_configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "transport/link/rx/max_message_size": LARGEST,
         "connect/timeout_ms": int(patience * 1e3),
-        "connect/exit_on_failure": not place.listen,  # who is connected to need not wait for anybody
+        "connect/exit_on_failure": not place.listen,  # a listening session need not wait for others
     }
     untouched = engine.Config()
     for key, value in usual.items():
@@ -179,9 +179,13 @@ def _get(configuration: zenoh.Config, key: str) -> Any:
     return json.loads(configuration.get_json(key))
 
 
-def _endpoints(said: Any) -> list[str]:
-    """For every mode, or by mode."""
-    listed = said if isinstance(said, list) else [each for some in said.values() for each in some]
+def _endpoints(configured: Any) -> list[str]:
+    """Return the endpoints of all modes."""
+    listed = (
+        configured
+        if isinstance(configured, list)
+        else [each for some in configured.values() for each in some]
+    )
     return [str(each) for each in dict.fromkeys(listed)]
 
 
@@ -202,7 +206,7 @@ def _engine() -> Any:
 
 
 def _words(error: Exception) -> str:
-    """What an error of the engine says, without the place in its source."""
+    """Return the text of an engine's error without the place in its source."""
     return str(error).partition(" at /")[0].rstrip(" .!") or type(error).__name__
 
 

@@ -1,4 +1,4 @@
-"""Where Cyclone DDS looks for others, as XML of its own configuration."""
+"""Discovery configuration of Cyclone DDS, as XML."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LIMITS = (
     "<WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"
 )
 # ROS elsewhere on this machine, with its own range SUBNET, listens here but looks for others by multicast
-# alone: it is met when it hears of us. By default that is each 30 s, and in the end never again.
+# alone: it is found when it receives an announcement, by default each 30 s, and later never again.
 _OFTEN = "<SPDPInterval>1 s</SPDPInterval>"
 _FOR_EVER = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
@@ -30,7 +30,7 @@ _LAST_PORT = 65535
 
 
 def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
-    """What a domain is made with; None: the library's own way. `own`: what CYCLONEDDS_URI says.
+    """Return the configuration of a domain; None: the library's own. `own`: value of CYCLONEDDS_URI.
 
     A user's own configuration is obeyed where others are looked for beyond this machine, not within it: it
     names the interface of a network, and who asked for this machine alone must not end there.
@@ -45,22 +45,22 @@ def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
     if discovery.local:
         general += f"<Interfaces>{_LOOPBACK}</Interfaces>"
     if discovery.range is DiscoveryRange.OFF:
-        looking = "<ParticipantIndex>none</ParticipantIndex>"  # no port that others know
+        looking = "<ParticipantIndex>none</ParticipantIndex>"  # no port that others expect
     else:
         last = participants(discovery.domain) - 1
         looking = "<ParticipantIndex>auto</ParticipantIndex>"
         looking += f"<MaxAutoParticipantIndex>{last}</MaxAutoParticipantIndex>{_peers(discovery)}"
         looking += _FOR_EVER + (_OFTEN if discovery.local else "")
-    ours = (
+    settings = (
         '<CycloneDDS><Domain id="any">'
         f"<General>{general}</General><Discovery>{looking}</Discovery>{_LIMITS}"
         "</Domain></CycloneDDS>"
     )
-    return ours if discovery.local or not own else f"{ours},{own}"
+    return settings if discovery.local or not own else f"{settings},{own}"
 
 
 def participants(domain: int) -> int:
-    """How many of one domain fit on one machine: as many as its ports are enough for."""
+    """Return how many participants of one domain fit on one machine: as many as have ports."""
     first = _FIRST_PORT + _PORTS * domain + _FIRST
     end = min(first - _FIRST + _PORTS, _LAST_PORT + 1)
     return (end - first) // _EACH

@@ -87,7 +87,7 @@ def quality(library: ct.CDLL, topic: RosTopic) -> Iterator[ct.c_void_p]:
     library.dds_qset_history(qos, _KEEP_LAST, topic.depth)
     library.dds_qset_userdata(qos, told, len(told))
     library.dds_qset_data_representation(qos, 1, (ct.c_int16 * 1)(_XCDR1))
-    library.dds_qset_writer_data_lifecycle(qos, False)  # who leaves takes back nothing that was said
+    library.dds_qset_writer_data_lifecycle(qos, False)  # leaving does not dispose earlier samples
     if topic.latched:
         library.dds_qset_durability(qos, _TRANSIENT_LOCAL)
         limits = (_UNLIMITED,) * 3

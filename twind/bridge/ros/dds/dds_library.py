@@ -1,7 +1,7 @@
-"""Cyclone DDS as its C library offers it, for whoever has bytes: topics without a type, samples as CDR.
+"""Binding of Cyclone DDS's C library for untyped bytes: topics without a type, samples as CDR.
 
 The Python classes of `cyclonedds` are not used. They send the type's structure along in discovery, and Fast
-DDS 3 (Kilted and later) then matches only a peer with the very same hash of it, without a word: measured,
+DDS 3 (Kilted and later) then matches only a peer with the same hash of it, without a report: measured,
 0 of 400 messages. Without that information both sides match by the type's name, as ROS itself does.
 Layouts are those of cyclonedds 11.0.1: dds.h, dds_public_impl.h, dds_opcodes.h, ddsi_serdata.h.
 """
@@ -28,7 +28,7 @@ class _ByteSequence(ct.Structure):  # struct dds_type_meta_ser
 
 
 class TopicDescriptor(ct.Structure):
-    """What a type is: dds_topic_descriptor_t."""
+    """Type descriptor: dds_topic_descriptor_t."""
 
     _fields_ = (
         *((name, ct.c_uint32) for name in ("size", "align", "flags", "keys_count")),
@@ -94,7 +94,7 @@ def load() -> ct.CDLL:
         raise OperationFailed(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_remedy()}")
     # Says where the library lies; the package itself takes 0.16 s of CPU to import.
     where = runpy.run_path(str(Path(found.submodule_search_locations[0], "__library__.py")))["library_path"]
-    library = ct.CDLL(str(where))  # each call lets go of the interpreter's lock
+    library = ct.CDLL(str(where))  # each call releases the interpreter's lock
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(library, name)
         function.restype = result

@@ -1,4 +1,4 @@
-"""What ROS 2 calls things on DDS, and the message by which a node shows up in its graph. Pure.
+"""Names of ROS 2 on DDS, and the message by which a node appears in its graph. Pure.
 
 After rmw_cyclonedds' rmw_node.cpp and rmw_dds_common.
 """
@@ -18,7 +18,7 @@ GID_HUMBLE = 24
 
 
 def dds_name(topic: RosTopic) -> str:
-    """`/joint_states` is `rt/joint_states`; the graph's own topic has no mark."""
+    """Return the DDS name: `/joint_states` is `rt/joint_states`; the graph's own topic has no prefix."""
     return topic.name if topic is GRAPH else f"rt{topic.name}"
 
 

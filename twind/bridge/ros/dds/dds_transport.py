@@ -1,4 +1,4 @@
-"""A ROS 2 node on DDS without ROS, which only publishes: its writers and its place in the graph.
+"""ROS 2 node on DDS without ROS, which only publishes: its writers and its place in the graph.
 
 It has no subscription: of `ros2 topic pub --once` 2 of 15 trajectories and 1 of 10 e-stops arrived, probably
 because the writer matches the reader before the reader matches the writer. It has no service: each vendor
@@ -32,7 +32,7 @@ class DdsTransport:
     )
 
     def __init__(self, discovery: DiscoverySettings, tell: Callable[[str], None]) -> None:
-        """`tell`: receives a line for standard error, from any thread."""
+        """Make the transport; `tell` receives a line for standard error, from any thread."""
         self._discovery = discovery
         self._tell = tell
         self._library: ct.CDLL | None = None

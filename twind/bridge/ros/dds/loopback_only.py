@@ -1,4 +1,4 @@
-"""Closes the ports of Cyclone DDS to other machines: it binds them on every address.
+"""Restriction of Cyclone DDS's ports to this machine, since it binds them on every address.
 
 Its setting of the interface only determines where it sends. No setting of version 11 determines where it
 listens. So each of its sockets is bound to the loopback device as well: the kernel then delivers no packet
@@ -12,7 +12,7 @@ import socket
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-_OPEN = Path("/proc/self/fd")  # Linux; where there is none, nothing is closed and that is told
+_OPEN = Path("/proc/self/fd")  # Linux; without it nothing is closed, and that is reported
 _LOOPBACK = b"lo\0"
 
 

@@ -1,7 +1,7 @@
-"""ROS 2 over Zenoh, as nodes under `rmw_zenoh_cpp` speak it. Needs the extra `zenoh`.
+"""ROS 2 over Zenoh, in the form of nodes under `rmw_zenoh_cpp`. Needs the extra `zenoh`.
 
-`names`: keys, tokens, ids · `attachment`: what goes beside a message · `config`: the session ·
-`node`: its endpoints · `service`: who answers · `graph`: all of it as a back end.
+`zenoh_names`: keys, tokens, ids · `zenoh_attachment`: data beside a message · `zenoh_config`: the session ·
+`zenoh_node`: its endpoints · `zenoh_service`: services · `zenoh_transport`: all of it as a back end.
 """
 
 from twind.bridge.ros.zenoh.zenoh_transport import ZenohTransport

@@ -1,4 +1,4 @@
-"""What `rmw_zenoh_cpp` sends beside each message and request: number, time, sender. Pure.
+"""Attachment of `rmw_zenoh_cpp` to each message and request: number, time, sender. Pure.
 
 Two forms. Labelled: a name before each value, up to rmw_zenoh 0.2.3 (Jazzy) and 0.1.1 (Humble), of spring
 2025. Plain: without them, in every release since. (Read: attachment_helpers.cpp and changelogs.)
@@ -20,7 +20,7 @@ _WIDTH = 16  # bytes of a gid
 
 @dataclass(frozen=True, slots=True)
 class ZenohAttachment:
-    """`number` counts a sender's messages, `time_ns` is when it sent (since 1970), `gid` its 16 bytes."""
+    """Attachment: `number` counts a sender's messages, `time_ns` is since 1970, `gid` has 16 bytes."""
 
     number: int
     time_ns: int
@@ -28,7 +28,7 @@ class ZenohAttachment:
     labelled: bool = False
 
     def pack(self) -> bytes:
-        """Its bytes, 33, or 78 where they are labelled."""
+        """Return its bytes, 33, or 78 for the labelled form."""
         if self.labelled:
             return _LABELLED.pack(_NUMBER, self.number, _TIME, self.time_ns, _GID, _WIDTH, self.gid)
         return _PLAIN.pack(self.number, self.time_ns, _WIDTH, self.gid)

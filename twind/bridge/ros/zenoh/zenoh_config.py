@@ -1,6 +1,6 @@
 """Configuration of a ROS node's Zenoh session, by default as `rmw_zenoh_cpp` sets it up.
 
-A peer: it knows the router of this machine, learns of the other peers from it, and connects to those
+A peer: it connects to the router of this machine, learns of the other peers from it, and connects to those
 directly. It listens on loopback alone. Messages to other machines go through the router, whose configuration
 decides that.
 """
@@ -20,7 +20,7 @@ ROUTER = "tcp/localhost:7447"  # rmw_zenohd of this machine
 # what users of rmw_zenoh set
 CONFIG = "ZENOH_SESSION_CONFIG_URI"
 OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
-_AGAIN_MS = (200, 2000)  # a router that is not there is looked for ever more rarely
+_AGAIN_MS = (200, 2000)  # ms, pause between attempts to reach an absent router, and its upper bound
 
 
 def session_config(
@@ -33,7 +33,9 @@ def session_config(
     """
     path = str(file or ("" if connect else environment.get(CONFIG, "")))
     try:
-        found = zenoh.Config.from_file(path) if path else zenoh.Config.from_json5(json.dumps(_ours(connect)))
+        found = (
+            zenoh.Config.from_file(path) if path else zenoh.Config.from_json5(json.dumps(_default(connect)))
+        )
     except zenoh.ZError as error:
         raise OperationFailed(f"zenoh: {path or connect}: {error}") from None
     for part in filter(None, environment.get(OVERRIDE, "").split(";")):
@@ -45,7 +47,7 @@ def session_config(
     return found
 
 
-def _ours(connect: str | None) -> Mapping[str, object]:
+def _default(connect: str | None) -> Mapping[str, object]:
     first, last = _AGAIN_MS
     return {
         "mode": "peer",
@@ -62,7 +64,7 @@ def _ours(connect: str | None) -> Mapping[str, object]:
         },
         "timestamping": {"enabled": True},  # what is latched is kept by its time
         "transport": {
-            "shared_memory": {"enabled": False},  # nothing of ours is big enough for it
+            "shared_memory": {"enabled": False},  # no message is large enough for it
             "link": {"rx": {"max_message_size": LONGEST + 65536}},  # of far longer ones nothing is kept
         },
     }

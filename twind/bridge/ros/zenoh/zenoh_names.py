@@ -1,8 +1,8 @@
-"""What a node and its endpoints are called on Zenoh, after `rmw_zenoh_cpp` (liveliness_utils.cpp). Pure.
+"""Names of a node and its endpoints on Zenoh, after `rmw_zenoh_cpp` (liveliness_utils.cpp). Pure.
 
-A message goes to `DOMAIN/TOPIC/TYPE/HASH`; whoever is there says so by liveliness tokens, `@ros2_lv/…`, in
-which a slash of a name becomes `%`. Quality is written out in full, since what is left out means the
-reader's defaults, and those have changed between releases.
+A message goes to `DOMAIN/TOPIC/TYPE/HASH`. Endpoints announce themselves by liveliness tokens, `@ros2_lv/…`,
+in which a slash of a name becomes `%`. Quality is written out in full: omitted parts mean the reader's
+defaults, and those have changed between releases.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from twind.bridge.ros.ros_endpoints import NODE, RosService, RosTopic
 from twind.ros import dds_type, type_hash
 
 NO_HASH = "TypeHashNotSupported"  # in place of a hash among nodes of Humble, whose messages have none
-_NODE_ID = 0  # we are one node
+_NODE_ID = 0  # this bridge is one node
 _ROOT = "%"  # enclave and namespace: none
 _SERVICE_DEPTH = 10  # rmw_qos_profile_services_default
 
@@ -29,7 +29,7 @@ class ZenohNames:
     hashed: bool = True
 
     def key(self, endpoint: RosTopic | RosService) -> str:
-        """Where messages of a topic go, or requests of a service."""
+        """Return the key of a topic's messages, or of a service's requests."""
         return f"{self.domain}/{endpoint.name.strip('/')}/{self._type(endpoint.kind)}"
 
     def node_token(self) -> str:
@@ -61,5 +61,5 @@ class ZenohNames:
 
 
 def gid(token: str) -> bytes:
-    """16 bytes: the endpoint's id, which whoever sees its token works out in the same way."""
+    """Return 16 bytes, the endpoint's id, which each reader of its token computes in the same way."""
     return xxhash.xxh3_128(token.encode()).intdigest().to_bytes(16, "little")

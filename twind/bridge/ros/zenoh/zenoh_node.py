@@ -1,4 +1,4 @@
-"""One node in the graph, from joining it to leaving: publishers, subscribers, services and their tokens."""
+"""ROS node over Zenoh, from joining to leaving: publishers, subscribers, services and their tokens."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ZenohNode:
     def __init__(
         self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
     ) -> None:
-        """`tell`: receives a line where handling of a message or request fails."""
+        """Make the node; `tell` receives a line where handling of a message or request fails."""
         self._session = session
         self._names = names
         self._labelled = labelled
@@ -47,7 +47,7 @@ class ZenohNode:
                 channel = _channel(self._session, self._names.key(topic), topic)
                 self._writers[topic] = ZenohWriter(channel, gid(token), labelled=self._labelled)
             else:
-                self._hear(topic, heard)
+                self._subscribe(topic, heard)
             self._tokens.append(self._session.liveliness().declare_token(token))
 
     def serve(self, services: Sequence[RosService], asked: Asked) -> None:
@@ -74,7 +74,7 @@ class ZenohNode:
     def _token(self, endpoint: RosTopic | RosService) -> str:
         return self._names.token(next(self._numbers), endpoint)
 
-    def _hear(self, topic: RosTopic, heard: Heard) -> None:
+    def _subscribe(self, topic: RosTopic, heard: Heard) -> None:
         """Subscribe with KEEP_LAST `depth`: of messages faster than they are taken the oldest is dropped."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)

@@ -1,7 +1,6 @@
-"""One service of ROS over Zenoh: a queryable and its threads; no request waits behind another.
+"""ROS service over Zenoh: a queryable and its threads; no request waits behind another.
 
-A stop takes effect whatever its request contains: its bytes and its attachment are not read before it is
-done.
+A stop takes effect whatever its request contains: its bytes and its attachment are read only after it.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ _AT_ONCE = 4  # stops that are answered beside each other: a second does not wai
 
 
 class ZenohServiceServer:
-    """Answers until closed. `key`: that of its requests. `tell`: receives a line where an answer fails."""
+    """Service server. `key`: that of its requests. `tell`: receives a line where an answer fails."""
 
     def __init__(
         self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
     ) -> None:
         self._service = service
         self._key = key
-        self._asked = asked
+        self._handle = asked
         self._tell = tell
         self._stops = service in _STOPS
         self._requests = session.declare_queryable(key, zenoh.handlers.RingChannel(_WAITING), complete=True)
@@ -57,30 +56,30 @@ class ZenohServiceServer:
                 with query:
                     self._answer(query)
             except zenoh.ZError:
-                pass  # the session was closed, or who asked is gone
+                pass  # the session was closed, or the client is gone
             except Exception as error:  # noqa: BLE001  the next request may be a stop
                 self._fault(error)
 
     def _answer(self, query: zenoh.Query) -> None:
-        told, wrong = _beside(query)
-        if told is None and not self._stops:
+        beside, wrong = _beside(query)
+        if beside is None and not self._stops:
             query.reply_err(f"{self._service.name}: {wrong}")
             return
         response = self._response(query)
-        if told is None:
+        if beside is None:
             query.reply(self._key, response)
             return
-        reply = ZenohAttachment(told.number, time.time_ns(), told.gid, told.labelled)
+        reply = ZenohAttachment(beside.number, time.time_ns(), beside.gid, beside.labelled)
         query.reply(self._key, response, attachment=reply.pack())
 
     def _response(self, query: zenoh.Query) -> bytes:
         """Return the response as CDR. An unreadable request is refused with a text, unless it is a stop."""
         try:
-            success, message = self._asked(self._service, None if self._stops else self._data(query))
+            success, message = self._handle(self._service, None if self._stops else self._data(query))
         except InvalidInput as error:
             success = False
             message = str(error)
-        except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
+        except Exception as error:  # noqa: BLE001  the client gets an answer in any case
             success = False
             message = self._fault(error)
         return encode(f"{self._service.kind}_Response", {"success": success, "message": message})
@@ -88,8 +87,8 @@ class ZenohServiceServer:
     def _data(self, query: zenoh.Query) -> bool | None:
         """Return field `data` of the request; None where its type has no such field. Raises InvalidInput."""
         data = b"" if query.payload is None else query.payload.to_bytes()
-        asked: bool | None = decode(f"{self._service.kind}_Request", data).get("data")
-        return asked
+        value: bool | None = decode(f"{self._service.kind}_Request", data).get("data")
+        return value
 
     def _fault(self, error: Exception) -> str:
         words = f"{type(error).__name__}: {error}"

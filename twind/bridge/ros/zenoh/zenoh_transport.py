@@ -1,4 +1,4 @@
-"""ROS 2 over Zenoh as a back end: it joins as `rmw_zenoh_cpp` does, without a library of ROS."""
+"""Zenoh back end of ROS 2: it joins as `rmw_zenoh_cpp` does, without a library of ROS."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from twind.bridge.ros.zenoh.zenoh_names import ZenohNames
 from twind.bridge.ros.zenoh.zenoh_node import ZenohNode
 from twind.exceptions import OperationFailed
 
-# How far a graph of DDS reaches; rmw_zenoh does not look at them either.
+# Settings of the reach of a DDS graph; rmw_zenoh ignores them, too.
 _REACH = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 
 
 class ZenohTransport:
-    """A Transport. `connect`: the router, several by commas; `config`: a Zenoh configuration file.
+    """`RosTransport` over Zenoh.
+
+    `connect`: the router, several by commas; `config`: a Zenoh configuration file.
 
     `tell` is given a line when a router is found or lost, from any thread. `labelled`: attachments in the
-    form of rmw_zenoh of before spring 2025. Of `discovery` domain and distribution count; how far a session
-    reaches is said by its configuration, as in rmw_zenoh, and ours is this machine.
+    form of rmw_zenoh before spring 2025. Of `discovery` domain and distribution count. The session's
+    configuration determines its reach, as in rmw_zenoh; the default is this machine.
     """
 
     refuses = ""
@@ -45,9 +47,9 @@ class ZenohTransport:
         self._connect = connect
         self._config = config
         self._node: ZenohNode | None = None
-        unheeded = [name for name in _REACH if os.environ.get(name)]
-        if unheeded:
-            tell(f"zenoh: {', '.join(unheeded)}: not heeded here; who reaches the router is in the graph")
+        ignored = [name for name in _REACH if os.environ.get(name)]
+        if ignored:
+            tell(f"zenoh: {', '.join(ignored)}: ignored here; the router decides which nodes join")
 
     def open(
         self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
