@@ -138,7 +138,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     one, buses = _made(described)
     listeners = {name: _listener(inherited, settings.socket_dir, name) for name in NAMES}
     for listener in listeners.values():
-        stack.callback(listener.close)
+        stack.callback(listener.remove)
     if mode is not Mode.SIM:
         buses.refuse_taken()
     briefing = assembly.make_briefing(
