@@ -357,7 +357,7 @@ print(json.dumps({
 
 
 def child(code: str, *arguments: str, cwd: Path | None = None) -> str:
-    """What a process of its own prints."""
+    """Return the output of a process."""
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=30, cwd=cwd
     )
