@@ -11,7 +11,6 @@ from twind.ctl.picture.picture_blocks import (
     PictureBlock,
     PictureRow,
     ago,
-    events,
     header,
     last_refusals,
     recorder,
@@ -182,12 +181,6 @@ def test_a_duration_is_shown_in_readable_units() -> None:
     assert [ago(each) for each in (-1.0, 0.4, 119.0, 120.0, 7199.0, 7200.0)] == [
         *("0 s", "0 s", "119 s", "2 min", "119 min", "2 h"),
     ]
-
-
-def test_events_are_there_with_their_level() -> None:
-    shown = events(view(), 80)
-    assert "LATENCY_WARN: latency 61 ms, bound 50 ms" in text(shown)
-    assert "warn" in styles([row.line for row in shown.rows])
 
 
 def leaning(**other: Any) -> PictureState:

@@ -46,11 +46,6 @@ def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none()
     assert len(seen) == KEPT
 
 
-def test_a_refusal_shows_its_number_of_reasons() -> None:
-    (one,) = watched().view(100.0).refusals
-    assert one.text.endswith("bound 2.2 rad (and 1 more)")
-
-
 def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_none() -> None:
     one = MonitorCollector()
     told(one, "events", event("EPISODE_END", "x", kind="end", success=True), 1.0)

@@ -214,13 +214,6 @@ def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path
             lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
 
 
-def test_the_replay_help_states_that_no_port_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["replay", "--help"])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "No port of this machine is opened" in told and "CAN buses" in told
-
-
 def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None:
     recording = open_recording(HERE / "limit.flight")
     clock = FakeClock(50.0)

@@ -65,26 +65,6 @@ class RunOutcome:
         }
 
 
-def outcome_of(plain: Mapping[str, Any]) -> RunOutcome:
-    """The inverse of `ReplayOutcome.plain`. Raises KeyError."""
-    return RunOutcome(
-        tuple(
-            CommandOutcome(
-                each["method"],
-                each["error"],
-                tuple((found["code"], found["joint"]) for found in each["findings"]),
-                each["phase"],
-                each["answered"],
-            )
-            for each in plain["answers"]
-        ),
-        {(each["code"], each["joint"]): each["time"] for each in plain["faults"]},
-        plain["state"],
-        plain["mode"],
-        plain["armed"],
-    )
-
-
 def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> CommandOutcome:
     """Build the outcome of one call from the parameters of all its replies, with joints named.
 
