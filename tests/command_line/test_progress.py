@@ -29,7 +29,7 @@ class Told:
         self.progress = ProgressLine(options, "scan", out=self.out, now=lambda: self.time, **how)
 
     def after(self, seconds: float, text: str, share: float | None = None) -> str:
-        """What is written when this is told so much later."""
+        """Text that is written for an update `seconds` later."""
         self.time += seconds
         place = self.out.tell()
         self.progress.update(text, share)

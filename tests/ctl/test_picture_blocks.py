@@ -1,4 +1,4 @@
-"""Who, lease, loop, latency, what is wrong, what was refused: each in words too, not in colours alone."""
+"""Blocks of the picture: lease, loop, latency, faults and refusals, in words as well as in colours."""
 
 import dataclasses
 from math import cos, radians, sin

@@ -27,7 +27,7 @@ def printed(seen: PictureState, width: int, height: int, shown: PageSelection | 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 @pytest.mark.parametrize("kind", ["fine", "troubled"])
 def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -> None:
-    """Where a change is wanted: delete the file, run again, read what was written."""
+    """To change a picture: delete the file, run again, read what was written."""
     seen = view() if kind == "fine" else troubled()
     file = GOLDEN / f"{kind}-{width}x{height}.txt"
     shown = printed(seen, width, height)

@@ -1,4 +1,4 @@
-"""What a collector makes of news: rates, refusals, episodes, and a daemon that goes away."""
+"""Collector of a daemon's messages: rates, refusals, episodes, and a lost daemon."""
 
 import pytest
 

@@ -15,7 +15,7 @@ LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
 
 
 def status(*warnings: str | None) -> dict[str, Any]:
-    """What the front answers when the loop tells so of its buses."""
+    """Status reply of a front whose loop reports these warnings of its buses."""
     buses = [
         BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
         for place, warning in enumerate(warnings)

@@ -148,7 +148,7 @@ def test_robots_stand_at_least_the_given_distance_apart_and_all_are_in_view(coun
 
 
 class Heard:
-    """An errand that is answered when the test says so."""
+    """An action that the test answers later."""
 
     def __init__(self) -> None:
         self.tell: Tell | None = None

@@ -32,7 +32,7 @@ ROWS = ("measured", "velocity", "effort", "goal", "simulated")
 
 
 def recording(seconds: float = 2.0, joints: int = 24) -> RobotRecording:
-    """At 100 Hz; joint k follows a sine with an error of k mrad; joint 0 was not heard from 0.5 to 0.8 s."""
+    """A recording at 100 Hz: joint k has an error of k mrad, joint 0 is missing from 0.5 to 0.8 s."""
     time = np.arange(0.0, seconds, 0.01)
     goal = np.sin(time)[:, None] * np.ones(joints)
     measured = goal - 1e-3 * np.arange(joints)
@@ -57,7 +57,7 @@ def recording(seconds: float = 2.0, joints: int = 24) -> RobotRecording:
 
 
 def drawn(page: Figure, label: str, name: str) -> tuple[Floats, Floats]:
-    """Times and values of the line `name` in the panel whose axis says `label`."""
+    """Times and values of the line `name` in the panel whose axis label contains `label`."""
     (panel,) = [each for each in page.axes if label in each.get_ylabel()]
     (found,) = [each for each in panel.get_lines() if each.get_label() == name]
     return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)

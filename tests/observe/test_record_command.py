@@ -1,4 +1,4 @@
-"""What `twindctl record` is told, and how its run goes: sizes, folders, a clock that is set."""
+"""Options and run of `twindctl record`: sizes, folders, a clock that is set."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The daemon that is recorded: what is done about one that says what nobody understands, or reloads."""
+"""Subscriber to the recorded daemon: unreadable messages and reloads."""
 
 import argparse
 import threading
@@ -23,7 +23,7 @@ RUBBISH = {"topic": "state", "time": 101.0, "dropped": 0, "joints": [{"name": "h
 
 
 class Robot:
-    """What stands in for a daemon. `says`: by topic, what a stream gives; then it waits until `over`."""
+    """Stand-in for a daemon. `says`: messages of streams by topic; each stream then waits for `over`."""
 
     def __init__(self) -> None:
         self.robot: dict[str, Any] = {"name": "two", "limit": 1}

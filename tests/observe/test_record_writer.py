@@ -1,4 +1,4 @@
-"""Who writes recordings: files that end in time, bounded disks, counted losses."""
+"""Writer of recordings: files that end in time, bounded disks, counted losses."""
 
 import errno
 import fcntl

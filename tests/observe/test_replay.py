@@ -109,7 +109,7 @@ def _alert(data: bytes) -> bytes:
 
 
 def test_a_single_damaged_identification_byte_is_found_in_the_replay(tmp_path: Path) -> None:
-    """Nobody knows then what that servo is."""
+    """The model of that servo is then unknown."""
     recorded = load(HERE / "limit.flight")
     entries = list(recorded.contents.kept[0])
     model = packet.status(1, 0, b"")[:5]
@@ -270,7 +270,7 @@ def test_a_client_that_left_after_all_replies_waits_for_later_ones_in_the_replay
 
 
 def test_replies_after_a_client_left_count_as_unanswered(tmp_path: Path) -> None:
-    """Who hangs up in a motion leaves it as far as it was told, and what is answered later unanswered."""
+    """A client that disconnects in a motion leaves its last reported phase; later calls stay unanswered."""
     rig = recording()
     rig.arm()
     front = link.RenewLease(ticket=0, client=CLIENT)  # which it sends of itself, for any client

@@ -12,7 +12,7 @@ LONGEST = {"task": 100, "text": 500}  # characters
 
 
 def annotation(given: Mapping[str, Any]) -> Annotation:
-    """What the parameters of a call say, whose `kind` is a key of KINDS. Raises InvalidInput."""
+    """Annotation from the parameters of a call, whose `kind` is a key of KINDS. Raises InvalidInput."""
     kind = given["kind"]
     fields = {key: given[key] for key in ("task", "success", "text") if given.get(key) is not None}
     for key in fields:

@@ -101,7 +101,7 @@ def _columns(width: int, room: int) -> list[_Shown]:
 
 
 def _notes(joint: Answer, known: DisplayThresholds, looks: _JointColumns) -> list[Span]:
-    """What the numbers do not say, in words."""
+    """Conditions of a joint in words."""
     notes: list[Span] = [] if joint["heard"] else [("SILENT", "bad")]
     if looks.armed and joint["torque"] is False:
         notes.append(("LIMP", "bad"))

@@ -54,7 +54,7 @@ class MonitorFeed:
         return first if first is not None else self._greet()
 
     def _read(self) -> None:
-        """Until the end, whatever a daemon says: a thread that ended would leave a picture that is old."""
+        """Read until the end, whatever a daemon sends: a dead thread would leave an old picture."""
         while not self._ended.is_set():
             try:
                 self._follow()
@@ -151,7 +151,7 @@ def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
 
 
 def apply_key(shown: PageSelection, key: str, now: float, joints: int) -> PageSelection:
-    """What a key makes of what is shown, of so many joints."""
+    """The selection after a key, for a robot of `joints` joints."""
     pages = list(PAGES)
     if key == "page":
         return replace(shown, page=pages[(pages.index(shown.page) + 1) % len(pages)], offset=0)

@@ -130,7 +130,7 @@ class TerminalScreen:
 
 
 def meant(data: bytes) -> Iterator[str]:
-    """What keys mean; unknown ones mean nothing."""
+    """Actions of the keys in `data`; unknown keys have none."""
     while data:
         length = next((size for size in (4, 3, 1) if data[:size] in KEYS and len(data) >= size), 0)
         if length == 1 and data[:1] == b"\x1b" and len(data) > 1:

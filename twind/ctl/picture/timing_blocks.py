@@ -75,7 +75,7 @@ def _hop(hop: Answer, width: int) -> PictureRow:
 
 
 def lateness(view: PictureState, width: int) -> PictureBlock:
-    """How late ticks began in the whole run: a bar a bucket, logarithmic, so that a single one is seen."""
+    """Lateness of ticks in the whole run: a bar per bucket, logarithmic, so that a single tick is visible."""
     buckets = merged(view.lateness, BARS)
     if not buckets:
         return PictureBlock("lateness", (), (), 0)

@@ -1,7 +1,7 @@
-"""The daemon's figures as metric families: names, units, labels. Pure; `prometheus_client` writes them out.
+"""Metric families of the daemon: names, units, labels. Pure; `prometheus_client` writes them out.
 
-Labels are joints, buses, hops, codes and states: all of them names of the robot file or of the interface, so
-their number is bounded. Who holds the lease and what a message says are no labels.
+Labels are joints, buses, hops, codes and states: names of the robot file or of the interface, so their
+number is bounded. The lease holder and the text of messages are no labels.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -101,7 +101,7 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
 
 
 def _together(streams: Sequence[Fields]) -> Rows:
-    """Their sums; nothing where nobody streams."""
+    """Sums over all streamers; empty without streamers."""
     sums = {key: sum(each[key] for each in streams) for _, _, key, _, _ in STREAMS}
     return [((), sums)] if streams else []
 
@@ -218,7 +218,7 @@ def _histogram(
 
 
 def _counted(news: DaemonMetrics) -> Iterator[Metric]:
-    """What this process counted, since it began."""
+    """Counters of this process since its start."""
     counted = news.counted
     refusals = CounterMetricFamily(
         "twind_refusals", "Trajectories and setpoints refused, by reason.", labels=("code",)

@@ -61,7 +61,7 @@ def _teller(loop: asyncio.AbstractEventLoop, ledger: MetricsLedger) -> Tell:
 
 
 def follow(place: str | None, tell: Tell) -> None:
-    """For ever: every message of the daemon to `tell`; None when it is gone. What changes is said once."""
+    """Pass every message of the daemon to `tell`, None when it is gone. Never returns; prints each change."""
     said = ""
     while True:
         try:
@@ -119,7 +119,7 @@ def registry(ledger: MetricsLedger) -> CollectorRegistry:
 
 
 def _address(listener: socket.socket) -> str:
-    """How it is asked."""
+    """The URL, or the command that reads a Unix socket."""
     if listener.family == socket.AF_UNIX:
         return f"curl --unix-socket {listener.getsockname()} http://localhost/metrics"
     host, port = listener.getsockname()[:2]

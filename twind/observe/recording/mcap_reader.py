@@ -195,7 +195,7 @@ def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
 
 
 def _chosen(states: Sequence[str]) -> dict[str, str]:
-    """Which topic is what; of a file that is not ours the first JointState is what was measured."""
+    """Topics by role; in a foreign file the first JointState topic is the measured one."""
     roles = {"measured": MEASURED, "goal": COMMANDS, "simulated": SIMULATED}
     found = {role: topic for role, topic in roles.items() if topic in states}
     if not found and states:

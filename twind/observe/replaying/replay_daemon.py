@@ -70,7 +70,7 @@ class ReplayDaemon:
 
     @property
     def words(self) -> str:
-        """What it said, at its end."""
+        """The end of its log."""
         return self._log.read_text(errors="replace")[-WORDS:].strip()
 
     def _await(self) -> None:

@@ -16,7 +16,7 @@ SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms fo
 
 
 class ReplayClock(ServoClock):
-    """The clock of whoever commands as well: no time is left out."""
+    """Clock that leaves no time out, shared with the clients of the replay."""
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock)

@@ -58,7 +58,7 @@ class OperatorThread(threading.Thread):
         self._ask(tab, work, tell)
 
     def give(self, tab: int, tell: Tell) -> None:
-        """Back to whoever wants it."""
+        """Give the lease back."""
 
         def work(client: Client) -> StopOutcome:
             self._release()

@@ -82,7 +82,7 @@ def _state(now: ViewerSnapshot) -> list[str]:
 
 
 def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
-    """Build one HTML row per problem (not heard, old, faults) with the joints among `names` that have it."""
+    """Build one HTML row per problem (missing, old, faults) with the joints among `names` that have it."""
     told = now.joints
     if told is None:
         return []

@@ -32,7 +32,7 @@ class RobotAnnounced:
 
 @dataclass(frozen=True, slots=True)
 class DaemonLost:
-    """The daemon is gone, or cannot be reached; the next message says that it is back."""
+    """The daemon is gone, or cannot be reached; the next message shows that it is back."""
 
     why: str
 

@@ -1,4 +1,4 @@
-"""One run of `twindctl record`: over as many daemons as there are, until somebody or the disk stops it."""
+"""One run of `twindctl record`: over any number of daemons, until a user or the disk stops it."""
 
 import argparse
 import contextlib
@@ -24,7 +24,7 @@ MARKED = 1.0  # s in which a mark that the daemon took comes back as an event
 
 @dataclass(slots=True)
 class Recorder:
-    """What runs: `run` returns the exit code."""
+    """Run of the verb: `run` returns the exit code."""
 
     options: argparse.Namespace
     writer: RecordWriter
@@ -109,7 +109,7 @@ class Recorder:
         return None
 
     def _explain(self, failure: Exception | None) -> None:
-        """Where an error of ours is, once: it may come back at every connection."""
+        """Print the traceback of a defect once: it may come back at every connection."""
         if failure is not None and not self.failed:
             self.failed = True
             traceback.print_exception(failure)
@@ -173,7 +173,7 @@ def line(tally: RecordCounts, rate: float) -> str:
 
 
 def summary(tally: RecordCounts, seconds: float) -> str:
-    """What was recorded, for people."""
+    """Summary of a recording as text."""
     if not tally.files:
         return "nothing was recorded"
     lines = [str(path) for path in tally.files]

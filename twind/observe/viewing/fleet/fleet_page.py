@@ -64,7 +64,7 @@ ALL = "all robots"  # no name of a robot: they have no spaces
 
 
 class FleetPage:
-    """What changes is HTML, sent where it differs. The last of `said` is the sum of all."""
+    """HTML of several robots, sent where it differs."""
 
     def __init__(self, server: Any, company: RobotRegistry) -> None:
         self._gui = server.gui

@@ -1,4 +1,4 @@
-"""Several robots side by side, until told to end: this thread draws, the company listens."""
+"""Several robots side by side: this thread draws, the threads of the registry receive."""
 
 import threading
 import time
@@ -60,7 +60,7 @@ class FleetViewer:
         self._company.close()
 
     def draw(self) -> None:
-        """One picture, if anybody looks."""
+        """Draw one picture, if a browser is connected."""
         if not self._server.get_clients():
             return
         members = self._company.members
