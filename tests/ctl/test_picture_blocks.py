@@ -52,7 +52,7 @@ def test_a_lost_daemon_is_shown_first_with_duration_and_cause() -> None:
     one = watched()
     one.record_disconnect("/run/twind/observe.sock: the daemon closed the connection", 101.0)
     said = text(trouble(one.view(104.2), 200))
-    assert said.startswith("!! no daemon since 3 s; below is what it said last (/run/twind/observe.sock:")
+    assert said.startswith("!! no daemon since 3 s; its last state is below (/run/twind/observe.sock:")
 
 
 def test_a_daemon_without_messages_is_reported_after_a_while() -> None:
@@ -89,7 +89,7 @@ def test_a_lease_counts_down_between_the_news() -> None:
     assert "uid 1000, pid 4242 · 0.83 s left" in text(summary(one.view(100.0), 80))
     assert "0.43 s left" in text(summary(one.view(100.4), 80))
     assert "0.00 s left" in text(summary(one.view(109.0), 80))
-    assert "lease    nobody holds it" in text(summary(view(lease=None), 80))
+    assert "lease    free" in text(summary(view(lease=None), 80))
 
 
 @pytest.mark.parametrize(

@@ -219,7 +219,7 @@ def test_to_print_that_nothing_is_known_is_no_success(
     assert metrics_serve.once(argparse.Namespace(json=False, text=False)) == ended
     printed = capsys.readouterr()
     assert f"twind_up {float(ended == 0)}" in printed.out
-    assert ("said too little" in printed.err) == (ended == 3)
+    assert ("sent too little" in printed.err) == (ended == 3)
 
 
 def test_a_count_goes_down_with_a_new_beginning_alone() -> None:
@@ -444,7 +444,7 @@ def test_a_unix_socket_is_group_accessible_and_replaces_only_a_dead_one(tmp_path
     with metrics.unix(str(path)) as served:
         assert stat.S_IMODE(path.stat().st_mode) == 0o660
         served.listen()
-        with pytest.raises(Rejected, match="somebody serves it"):
+        with pytest.raises(Rejected, match="a program serves it"):
             metrics.unix(str(path))
     path.unlink()
     path.write_text("mine")

@@ -76,7 +76,7 @@ def test_an_unreadable_message_ends_the_subscription_and_counts_as_lost(tmp_path
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
     until(lambda: listening.ended, 5.0, "the end of the subscription")
-    assert listening.ended == "what it says cannot be understood: KeyError: 'position'"
+    assert listening.ended == "a message is unreadable: KeyError: 'position'"
     assert isinstance(listening.failure, KeyError)
     into.close()
     assert into.tally.missed == 1 and open_recording(into.tally.files[0]).time.size == 1

@@ -289,13 +289,13 @@ def with_state(path: Path, when: int, *more: tuple[str, bytes]) -> Path:
 def test_a_file_with_other_message_formats_on_our_topics_is_refused(
     tmp_path: Path, topic: str, data: bytes
 ) -> None:
-    with pytest.raises(Rejected, match=r"a\.mcap: .* is not as we write it"):
+    with pytest.raises(Rejected, match=r"a\.mcap: .* is not in our format"):
         open_recording(with_state(tmp_path / "a.mcap", START, (topic, data)))
 
 
 @pytest.mark.parametrize("when", [1 << 63, (1 << 64) - 1])
 def test_an_impossible_time_is_refused(tmp_path: Path, when: int) -> None:
-    with pytest.raises(Rejected, match="is not as we write it"):
+    with pytest.raises(Rejected, match="is not in our format"):
         open_recording(with_state(tmp_path / "b.mcap", when))
 
 

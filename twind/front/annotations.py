@@ -19,7 +19,7 @@ def annotation(given: Mapping[str, Any]) -> Annotation:
         if key not in KINDS[kind]:
             raise InvalidInput(f"{kind} has none; it takes {' and '.join(KINDS[kind])}", where=key)
     if kind in NEEDED and NEEDED[kind] not in fields:
-        raise InvalidInput(f"is missing: {kind} says nothing without it", where=NEEDED[kind])
+        raise InvalidInput(f"is missing: {kind} needs it", where=NEEDED[kind])
     for key, most in LONGEST.items():
         text = fields.get(key, "-")
         if not text.strip() or len(text) > most or not text.isprintable():

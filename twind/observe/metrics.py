@@ -68,7 +68,7 @@ def loopback(place: str) -> socket.socket:
     if not address.is_loopback or not 0 <= number <= 65535:
         raise UsageError(
             f"--listen {place}: only an address of this machine alone, such as {LISTEN}, and a port to 65535:"
-            " whoever reaches it may read all. From afar: by a proxy with a password, or by ssh -L"
+            " all who reach it can read. For remote access use a proxy with a password, or ssh -L"
         )
     listener = socket.socket(socket.AF_INET if address.version == 4 else socket.AF_INET6)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -81,7 +81,7 @@ def unix(path: str) -> socket.socket:
         _make_way(path)
     except OSError as error:
         raise Rejected(f"--unix {path}: {error.strerror or error}; name another path") from None
-    before = os.umask(0o117)  # not by a chmod afterwards: nobody else gets in between
+    before = os.umask(0o117)  # not by a chmod afterwards: no other process gets in between
     try:
         return _bound(socket.socket(socket.AF_UNIX), path, path)
     finally:
@@ -98,7 +98,9 @@ def _make_way(path: str) -> None:
         except ConnectionRefusedError:
             os.unlink(path)
         else:
-            raise Rejected(f"--unix {path}: somebody serves it already; end that first, or name another path")
+            raise Rejected(
+                f"--unix {path}: a program serves it already; end that first, or name another path"
+            )
 
 
 def _bound(listener: socket.socket, address: Any, place: str) -> socket.socket:

@@ -14,7 +14,7 @@ from twind.ctl.picture.styled_lines import Span, align_left, cut, line, right
 # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OFF = 0.1
 FAR = 0.2
-# ms not heard: where an armed robot is told of, and where it holds
+# ms without a reply: where an armed robot is warned of, and where it holds
 OLD = 30.0
 STALE = 100.0
 # columns: of names at most, of notes at least

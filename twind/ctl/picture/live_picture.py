@@ -20,7 +20,7 @@ from twind.robot.event_codes import EventCode
 
 FASTEST = 15.0  # pictures a second
 STEP = 5  # joints that an arrow key moves by
-PLAIN_WIDTH = 120  # columns where there is no terminal; COLUMNS says otherwise
+PLAIN_WIDTH = 120  # columns where there is no terminal, unless COLUMNS is set
 
 
 class MonitorFeed:
@@ -81,7 +81,7 @@ class MonitorFeed:
 def _make_client_error(error: Exception) -> ClientError:
     if isinstance(error, ClientError):
         return error
-    return ClientError(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+    return ClientError(f"a message of the daemon is unreadable: {type(error).__name__}: {error}")
 
 
 def show(connect: Callable[[], Client], rate: float, count: int | None = None) -> int:

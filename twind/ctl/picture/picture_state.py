@@ -39,9 +39,9 @@ class DisplayThresholds:
 
     lower: float  # rad
     upper: float
-    warm: float  # °C, told
+    warm: float  # °C, warning
     hot: float  # °C, settles
-    low: float  # V, told
+    low: float  # V, warning
     flat: float  # V, settles
 
 
@@ -52,7 +52,7 @@ class PictureState:
     now: float  # s, monotonic
     status: Answer | None = None
     joints: Sequence[Answer] = ()
-    imu: Answer | None = None  # None: none, or not heard yet
+    imu: Answer | None = None  # None: none, or no reading yet
     bounds: Mapping[str, DisplayThresholds] = field(default_factory=dict)
     hops: Sequence[Answer] = ()
     lateness: Sequence[Answer] = ()  # Bucket of the whole run

@@ -80,7 +80,7 @@ def read(path: Path) -> RobotRecording:
 
 def _broken(error: Exception) -> str:
     kind = type(error).__name__
-    return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
+    return f"a message on our topics, or a JointState, is not in our format ({kind}: {error})"
 
 
 class _ImuRows:
@@ -216,7 +216,7 @@ def _damage(file: McapScanner) -> str:
     return "; ".join(parts)
 
 
-# ------------------------------------------------------------------------------------------ what was said
+# ------------------------------------------------------------------------------------------ messages
 
 
 def _json(data: bytes) -> Mapping[str, Any]:

@@ -35,7 +35,7 @@ class RecordedEpisode:
     task: str
     begin: float
     end: float
-    success: bool | None  # None: nobody said
+    success: bool | None  # None: not stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class LatencyColumns:
 
     time: Floats  # s
     columns: Mapping[str, Floats]  # now_ms, mean_ms, std_ms, min_ms, max_ms, p50_ms, p99_ms, violations
-    histogram: Sequence[Parameters]  # of the run, as last told: {"upper_ms", "count"}
+    histogram: Sequence[Parameters]  # of the run, as last reported: {"upper_ms", "count"}
 
 
 @dataclass(frozen=True, slots=True)

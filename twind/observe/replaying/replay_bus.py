@@ -256,7 +256,7 @@ class ReplayBus:
         return after[0] + self._passage.shift if after else inf
 
 
-AGO = 0.1  # s, since it was read last: for so long it tells the same, then it is silent as it was
+AGO = 0.1  # s since its last read: for so long it repeats the values, then it is silent
 
 
 class ReplaySensors:

@@ -21,8 +21,8 @@ from twind_drivers.clock import Clock
 
 READY = 30.0  # s until the daemon has found the recorded robot
 ANSWER = 20.0  # s that one call of the preparations may take
-BRING = 2.0  # s per rad of the way to where joints were told to be, and at least
-SLIGHT = 1e-4  # rad: told to be there already
+BRING = 2.0  # s per rad of the way to the recorded goals, and at least
+SLIGHT = 1e-4  # rad: counts as there already
 EARLY = 0.003  # s from here to the front and on to the loop, with luck
 AFTER = 0.5  # s beyond the recording in which answers may come
 LAST = 0.1  # s beyond the recording: the state by then is that at its end

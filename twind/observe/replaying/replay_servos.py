@@ -89,7 +89,7 @@ class ReplayServos(VirtualServos):
         clocks = [each.fields.get("realtime_tick") for each in self.memory.tables]
         self._clock_at = [-1 if each is None else each.address for each in clocks]
         self._ticks = np.full(len(specs), np.nan)  # s, of the recording: when each servo's clock was 0
-        self.silenced[:] = True  # until somebody was heard
+        self.silenced[:] = True  # until the first reply
         self._foresee(passage.begin)
         while self._at < len(self._turns) and self._turns[self._at].time <= passage.begin:
             self._begin_with(self._turns[self._at])
@@ -197,7 +197,7 @@ class ReplayServos(VirtualServos):
 
     def holds(self, id: int, address: int, data: bytes) -> bool:
         """Do the registers that a host writes hold what `data` has? Those of the servo alone may differ."""
-        if address < 0 or id not in self._rows:  # said nothing, or is no servo
+        if address < 0 or id not in self._rows:  # no reply, or no servo
             return True
         row = self._rows[id]
         span = slice(address, address + len(data))
@@ -215,7 +215,7 @@ def specs(story: BusTimeline, baud: int) -> list[ServoSpec]:
     Raises OperationFailed: a model that has no table, or no servo at all.
     """
     if not story.tables:
-        raise OperationFailed(f"bus {story.name}: nobody there ever said what it is")
+        raise OperationFailed(f"bus {story.name}: no device on it reported its model")
     settings = {"baud_rate": BAUDS.index(baud)} if baud in BAUDS else {}
     return [
         ServoSpec(id, made.model, settings, firmware=story.models[id][1])

@@ -34,7 +34,7 @@ def messages(
             yield DaemonLost(f"the daemon is not there, tried again: {error}")
             ended.wait(AGAIN)
         except Exception as error:  # noqa: BLE001  a thread that ends here leaves a picture that looks live
-            yield DaemonLost(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+            yield DaemonLost(f"a message of the daemon is unreadable: {type(error).__name__}: {error}")
             ended.wait(4.0 * AGAIN)
 
 

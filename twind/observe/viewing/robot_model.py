@@ -47,7 +47,7 @@ class NearestBodies:
     names: str
     distance: float  # m, negative inside each other
     block: float  # m, nearer is refused
-    warn: float  # m, nearer is told
+    warn: float  # m, nearer is a warning
     ends: tuple[Floats, Floats]
 
     @property
@@ -99,7 +99,7 @@ class RobotModel:
             self._distances: CollisionModel | None = CollisionModel(
                 ViewerBinding(rules, self.model, self.qpos), REACH
             )
-        except InvalidInput:  # the daemon has said why; there is no distance to show
+        except InvalidInput:  # the daemon has reported why; there is no distance to show
             self._distances = None
         self._data = mujoco.MjData(self.model)
         self._kinematics = mujoco.mj_kinematics

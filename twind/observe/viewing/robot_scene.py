@@ -77,7 +77,7 @@ class RobotScene:
         if joints is None or len(joints.measured) != len(self._pose):
             return
         known = np.isfinite(joints.measured)
-        self._pose[known] = joints.measured[known]  # who is not heard stays where it was seen last
+        self._pose[known] = joints.measured[known]  # a silent joint stays where it was seen last
         solid = self.likeness.places(self._pose)
         self._solid.place(solid)
         goal, simulated = ghosts(choice, now.mode)

@@ -69,7 +69,7 @@ class StopThread(threading.Thread):
             for tell in tellers:
                 try:
                     tell(outcome)
-                except Exception:  # noqa: BLE001  a tab that cannot be told takes the button from nobody
+                except Exception:  # noqa: BLE001  a tab that cannot be notified must not stop the thread
                     traceback.print_exc()
 
     def _outcome(self) -> StopOutcome:

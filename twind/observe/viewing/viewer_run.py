@@ -68,7 +68,7 @@ def watch(
             client.call("GetStatus")
     if operate and not wait:
         with closing(Client(place)) as operator:
-            operator.connect()  # whoever may not is told now, not at the first press
+            operator.connect()  # a missing permission is reported now, not at the first press
 
     def begun(site: ViewerSite) -> Drawing:
         known = ViewerState()

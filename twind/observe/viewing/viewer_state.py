@@ -92,7 +92,7 @@ class ViewerSnapshot:
     latency: Sequence[Message]
     refusals: tuple[Message, ...]  # verdicts with refusals, the newest first
     events: tuple[Message, ...]  # warnings and errors, the newest first
-    age: float | None = None  # s since the joints were heard of; None: never yet
+    age: float | None = None  # s since the last joints; None: none yet
 
     @property
     def mode(self) -> str:

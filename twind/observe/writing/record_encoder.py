@@ -76,7 +76,7 @@ class RecordEncoder:
         self._only = JointStateBuffer(joints, velocity=False, effort=False)
         self._slow_due = float("-inf")
         self._inertial = ImuBuffer()
-        self._felt = float("-inf")  # ms, when the last that was written was heard
+        self._felt = float("-inf")  # ms, time of the last written reading
 
     def take(self, answer: Answer) -> Iterator[RecordLine]:
         """Messages of one answer; none for a topic that is not recorded."""

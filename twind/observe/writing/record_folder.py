@@ -33,7 +33,7 @@ def fresh(folder: Path, time_ns: int, name: str) -> Path:
     when = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = re.sub(r"[^\w-]+", "-", name).strip("-")[:59] or "robot"
     if f"-{word}".endswith("-recovered"):
-        word += "_"  # that end is of the files of `twindctl recover`, which are nobody's to remove
+        word += "_"  # that end is of the files of `twindctl recover`, which are never removed
     for more in range(1, 10_000):
         path = folder / f"twind-{when}-{word}{f'.{more}' if more > 1 else ''}.mcap"
         if not path.exists():

@@ -101,7 +101,7 @@ class RecordSubscriber:
         except Exception as error:  # noqa: BLE001  a thread that dies in silence goes on "recording"
             self._writer.missed(1)
             self.failure = self.failure or error
-            self.ended = self.ended or f"what it says cannot be understood: {type(error).__name__}: {error}"
+            self.ended = self.ended or f"a message is unreadable: {type(error).__name__}: {error}"
         else:
             if not self._stop.is_set():
                 self.ended = self.ended or "the daemon ended the stream"

@@ -23,7 +23,7 @@ class Broadcast:
         answer."""
         errands = self._errands()
         if not errands:
-            tell(StopOutcome(False, f"{self._name}: nobody was asked", "no robot was found yet"))
+            tell(StopOutcome(False, f"{self._name}: no robot was asked", "no robot was found yet"))
         count = _ReplyCount(self._name, frozenset(errands), tell)
         for name, errand in errands.items():
             errand.ask(partial(count.answered, name))

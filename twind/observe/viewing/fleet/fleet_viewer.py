@@ -43,7 +43,7 @@ class FleetViewer:
         self._hows: dict[str, RobotHealth] = {}
         self._traced: dict[str, TransitionReporter] = defaultdict(
             TransitionReporter
-        )  # by name; "": what is nobody's
+        )  # by name; "": of no robot
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
         self._turn = 0
         server.scene.add_grid(

@@ -132,7 +132,7 @@ class _PlacedFigure:
         told = joints is not None and len(joints.measured) == len(self._pose)
         if joints is not None and told:
             known = np.isfinite(joints.measured)
-            self._pose[known] = joints.measured[known]  # who is not heard stays where it was seen last
+            self._pose[known] = joints.measured[known]  # a silent joint stays where it was seen last
         places = self.likeness.places(self._pose)
         self._solid.seen(wanted=not faded)
         self._solid.place(places)
