@@ -11,13 +11,11 @@ import duckdb
 import numpy as np
 import pytest
 
-from tests.support.sample_recordings import JOINTS, Told, mark, state, status
+from tests.support.sample_recordings import JOINTS, SteppedWriter, mark, state, status
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
 from twind.observe.recording import open_recording
-from twind.observe.writing.record_folder import DiskQuota
-from twind.observe.writing.record_writer import RecordWriter
 
 pytest.importorskip("pyarrow", reason="make extras EXTRAS=dataset")
 
@@ -31,10 +29,10 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 def record(folder: Path, *answers: dict[str, Any]) -> Path:
     folder.mkdir(exist_ok=True)
-    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.tell(*answers)
-    told.writer.close()
-    return told.writer.tally.files[0]
+    rig = SteppedWriter(folder)
+    rig.take(*answers)
+    rig.writer.close()
+    return rig.writer.tally.files[0]
 
 
 def stretch(begin: float, end: float, **more: Any) -> list[dict[str, Any]]:
@@ -271,10 +269,10 @@ def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, 
     turned = [
         state(each["time"], goal=0.25) | {"joints": each["joints"][::-1]} for each in stretch(200.0, 202.0)
     ]
-    told = Told(lambda now: RecordWriter(second, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.scribe = type(told.scribe)(JOINTS[::-1], told.scribe.clocks)
-    told.tell(status(200.0), *turned)
-    told.writer.close()
+    rig = SteppedWriter(second)
+    rig.encoder = type(rig.encoder)(JOINTS[::-1], rig.encoder.clocks)
+    rig.take(status(200.0), *turned)
+    rig.writer.close()
     assert open_recording(second).joints == ("knee", "hip")
     assert verb(tmp_path / "set", recorded, second, "--task", "wave") == 0
     last = np.array(rows(tmp_path / "set/data/*/*.parquet")["observation.state"][400:], np.float32)

@@ -80,7 +80,7 @@ def read(path: Path) -> RobotRecording:
 
 def _broken(error: Exception) -> str:
     kind = type(error).__name__
-    return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
+    return f"a message on our topics, or a JointState, is not in our format ({kind}: {error})"
 
 
 class _ImuRows:
@@ -195,7 +195,7 @@ def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
 
 
 def _chosen(states: Sequence[str]) -> dict[str, str]:
-    """Which topic is what; of a file that is not ours the first JointState is what was measured."""
+    """Topics by role; in a foreign file the first JointState topic is the measured one."""
     roles = {"measured": MEASURED, "goal": COMMANDS, "simulated": SIMULATED}
     found = {role: topic for role, topic in roles.items() if topic in states}
     if not found and states:
@@ -216,7 +216,7 @@ def _damage(file: McapScanner) -> str:
     return "; ".join(parts)
 
 
-# ------------------------------------------------------------------------------------------ what was said
+# ------------------------------------------------------------------------------------------ messages
 
 
 def _json(data: bytes) -> Mapping[str, Any]:
