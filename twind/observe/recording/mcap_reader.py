@@ -43,7 +43,7 @@ from twind.observe.recording.recording_topics import (
 )
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, decode
 from twind.ros.cdr import HEAD
-from twind.ros.imu_message import felt
+from twind.ros.imu_message import imu_numbers
 
 SECOND = 1e9  # ns
 SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
@@ -92,7 +92,7 @@ class _ImuRows:
 
     def add(self, time: int, data: bytes) -> None:
         """The next message. Raises struct.error."""
-        self.numbers.extend(felt(data))
+        self.numbers.extend(imu_numbers(data))
         self.times.append(time)
 
 
