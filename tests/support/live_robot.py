@@ -28,7 +28,8 @@ class LiveRobot:
 
     def ready(self) -> None:
         """Wait until the robot is connected, disarmed and without faults; undo what the last test left."""
-        self.virtual.order(fault="clear")
+        for bus in self.virtual.ports:
+            self.virtual.order(fault="clear", bus=bus)
         if self.running.process.poll() is not None:
             self.start()
         self.running.reach(hw_connected=True)
