@@ -23,10 +23,10 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+import coverage
 import hypothesis
 import pytest
 
-from tests.proof.mutation import coverage
 from tests.proof.mutation.operators import Mutant, mutants
 from tests.proof.mutation.rooms import HOME, Room, importable
 
@@ -35,6 +35,7 @@ PATIENCE = 300.0  # s of waiting for one child: its share of CPU time ends it lo
 MEMORY = 3 << 30  # bytes a child may map
 FEW = 20  # generated examples of a test at the first try: they nearly always kill what all of them kill
 OURS = ("twind", "twind_drivers", "twind_calibration")
+TOOL = "tests.proof.mutation"
 QUIET = (
     *("-o", "addopts=", "-p", "no:terminal", "-p", "no:cacheprovider", "-s", "-x"),
     *("-m", "not slow and not realtime", "-p", "tests.proof.mutation.calm"),
@@ -313,13 +314,19 @@ def _codes(code: CodeType, name: str) -> Iterator[CodeType]:
 
 
 def _forget() -> None:
-    """Everything of ours that was imported, tests too; not this tool."""
+    """Remove all imported modules of the program and of its tests, except this tool and its packages.
+
+    A package that stays loses the attribute too: `from package import module` takes it before it imports.
+    """
     tests = str(HOME / "tests")
-    tool = str(Path(__file__).parent)
     for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None) or ""
-        if name.split(".")[0] in OURS or (file.startswith(tests) and not file.startswith(tool)):
+        top = name.partition(".")[0]
+        ours = top in OURS or top == "tests" or (getattr(module, "__file__", None) or "").startswith(tests)
+        if ours and name != "__main__" and not TOOL.startswith(name) and not name.startswith(TOOL):
             del sys.modules[name]
+            package, _, last = name.rpartition(".")
+            if package in sys.modules:
+                vars(sys.modules[package]).pop(last, None)
 
 
 def _in_turn(items: list[pytest.Item]) -> Iterator[tuple[pytest.Item, pytest.Item | None]]:
