@@ -5,8 +5,9 @@ from typing import Any
 
 from tests.proof.busmon.can.monitor import CanMonitor
 from tests.proof.busmon.can.motors import CanLimits
-from tests.proof.evil.can_good import Good, Over
+from tests.proof.evil.can_good import Good
 from tests.proof.evil.can_nodes import Nodes, limits
+from tests.proof.evil.daemon_life import Over
 
 AFTER = 0.3  # s that a daemon lives on after it was caught: what else does it break?
 LIMITS = limits()
