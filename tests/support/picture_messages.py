@@ -135,7 +135,7 @@ def told(watched: MonitorCollector, topic: str, what: Any, now: float) -> None:
 
 
 def robot() -> dict[str, Any]:
-    """Of its file what the picture looks at."""
+    """Fields of the robot's file that the picture uses."""
     kind = {"heat": {"warn": 60.0, "settle": 70.0}, "supply": {"warn": 11.1, "settle": 10.5}}
     return {"joints": [{"name": name, "lower": -3.0, "upper": 3.0, "type": kind} for name in NAMES]}
 
@@ -158,7 +158,7 @@ def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
 
 
 def view(now: float = 100.0, **other: Any) -> PictureState:
-    """What it makes of all that."""
+    """Picture of all these messages."""
     return watched(now, **other).view(now)
 
 

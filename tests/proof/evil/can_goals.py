@@ -232,7 +232,7 @@ class TorqueBeforeGoal(Good):
 
 @EVILS.breaks("W4")
 class SwitchesOnLate(Good):
-    """Where one stood when its goal was written is 60 ms old when it is switched on."""
+    """A motor is switched on 60 ms after its position, which its goal was taken from."""
 
     def energise(self) -> None:
         self.exchange(self.goal(ODRIVE, self.present()[ODRIVE]))

@@ -84,7 +84,7 @@ class Good(DaemonLife):
             self.hear(line)
 
     def hear(self, line: bytes) -> None:
-        """Where they are, by place of the digits alone."""
+        """Positions, by place of the digits alone."""
         text = line.decode()
         if text.startswith((f"t{self.motor(DAMIAO).reply:03X}8", "t0008")) and text[7:9] != "00":
             data = bytes.fromhex(text[5:])
@@ -135,7 +135,7 @@ class Good(DaemonLife):
         self.exchange(modes + self.parameter(0x12, 0x7005, 0) + self.register(0x55, 10, 1))
 
     def energise(self) -> None:
-        """What turns to a goal at once is given it first; the first goals leave with the switches."""
+        """A motor that turns to a goal at once is given it first; the first goals leave with the switches."""
         self.goals = self.present()
         on = b"".join(self.switch(id, True) for id in self.ids)
         self.exchange(self.goal(ODRIVE, self.goals[ODRIVE]) + on + self.aim(self.goals))

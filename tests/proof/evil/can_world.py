@@ -31,7 +31,7 @@ class VirtualPort:
         self.nodes.receive(data, self.now)
 
     def read(self, seconds: float) -> bytes:
-        """What comes within that time."""
+        """Bytes that come within that time."""
         data = b""
         end = self.now + seconds
         while self.nodes.due() <= end:
@@ -51,7 +51,7 @@ class VirtualPort:
         self.monitor.told(what, self.now, **facts)
 
     def ask_servos(self) -> None:
-        """What is true of the motors, for W11."""
+        """Report the velocities of the motors, for W11."""
         self.say("servos", velocity={id: node.velocity for id, node in self.nodes.nodes.items()})
 
 

@@ -85,7 +85,7 @@ class PtyPort:
             raise Over from None
 
     def ask_servos(self) -> None:
-        """What only virtual time can ask."""
+        """Nothing: only virtual time can ask the servos."""
 
     @property
     def fd(self) -> int:

@@ -82,7 +82,7 @@ class Uncapped(Seeker):
 
 @EVILS.breaks("W5")
 class InItsOwnMode(Seeker):
-    """Where no current is capped."""
+    """No current is capped."""
 
     mode = 3
 

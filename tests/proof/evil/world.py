@@ -120,7 +120,7 @@ class VirtualPort:
         self.monitor.told(what, self.now, **facts)
 
     def ask_servos(self) -> None:
-        """What is true of the servos, for W11."""
+        """Report the velocities of the servos, for W11."""
         self.bus.advance(self.now)
         velocity = dict(zip(START, self.bus.servos.muscles.velocity.tolist(), strict=True))
         self.say("servos", velocity=velocity)

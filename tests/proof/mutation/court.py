@@ -91,7 +91,7 @@ class Court:
     # -------------------------------------------------------------------------------- which test runs what
 
     def _survey(self) -> None:
-        """Which test touches which line of each module ("": the import does), and how long each takes."""
+        """Note which test runs which line of each module ("": the import does), and its duration."""
         reader, writer = os.pipe()
         child = os.fork()
         if not child:
