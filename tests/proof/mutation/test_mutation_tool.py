@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 
 from tests.proof.mutation.__main__ import ledger
-from tests.proof.mutation.court import cases_of
+from tests.proof.mutation.mutated_code import cases_of
 from tests.proof.mutation.operators import mutants
 from tests.proof.mutation.rooms import HOME, ROOMS
 
