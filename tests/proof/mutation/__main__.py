@@ -128,7 +128,7 @@ def _judged(
 def _report(
     room: Room,
     judged: list[Case],
-    options: int,
+    wanted: int,
     every: list[Case],
     reasons: dict[str, str],
     whole: bool,
@@ -140,7 +140,7 @@ def _report(
     killed = len(judged) - len(alive)
     able = len(judged) - same
     rate = killed / able if able else 1.0
-    note = "" if len(judged) == options else f" ({options - len(judged)} more for want of time)"
+    note = "" if len(judged) == wanted else f" ({wanted - len(judged)} more for want of time)"
     print(
         f"{room.name}: {killed} of {len(judged)} mutants killed, {100.0 * rate:.2f} %{note}, {t:.0f} s",
         flush=True,
