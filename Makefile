@@ -88,7 +88,7 @@ fuzz: $(VENV)/.ready
 		$(foreach each,$(WHAT),--what $(each))
 
 mutate: $(VENV)/.ready
-	$(BIN)/python -m tests.mutation $(FILES) $(if $(SAMPLE),--sample $(SAMPLE)) \
+	$(BIN)/python -m tests.proof.mutation $(FILES) $(if $(SAMPLE),--sample $(SAMPLE)) \
 		$(if $(CHANGED),--changed $(CHANGED)) $(if $(SECONDS),--seconds $(SECONDS))
 
 faults: $(VENV)/.ready

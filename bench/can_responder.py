@@ -20,7 +20,7 @@ FEEDBACK = "8A3C7F07FF2628"  # position, velocity, torque, 38 and 40 degrees
 
 
 def answer(line: bytes) -> bytes:
-    """What comes back for one line: nothing for what is no standard frame of 8 bytes."""
+    """The reply to one line: empty unless the line is a standard frame of 8 bytes."""
     if len(line) != 21 or not line.startswith(b"t"):
         return b""
     id = int(line[1:4], 16)

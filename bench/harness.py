@@ -1,4 +1,4 @@
-"""What all figures share: rounds, quantiles, CPU time as the system accounts it, and the table of results."""
+"""Shared parts of all figures: rounds, quantiles, CPU time as the system counts it, and the table."""
 
 import gc
 import json

@@ -33,7 +33,7 @@ PEER = "Gymnasium Humanoid-v5"
 
 @dataclass(frozen=True, slots=True)
 class RandomActionEpisode:
-    """What an environment made of random actions."""
+    """Statistics of an environment under random actions."""
 
     actions: Floats  # (k, nu)
     controls: Floats  # (k, nu), as its physics got them

@@ -1,4 +1,4 @@
-"""What the figures were taken on, in a line; no names of hosts, people or folders."""
+"""One line on the machine that took the figures, without names of hosts, people or folders."""
 
 import os
 import platform

@@ -75,7 +75,7 @@ class SubscriberLoad:
 
 @dataclass(frozen=True, slots=True)
 class ObserverCost:
-    """What one window of time cost the daemon."""
+    """Cost of one window of time for the daemon."""
 
     late: float  # s, p99 of the ticks' lateness
     loop: float  # % of a core

@@ -57,7 +57,7 @@ class PtyTap:
                 _write(self._near, data)
 
     def goals(self) -> list[tuple[float, bytes]]:
-        """When each packet of goals was on the wire, and its rows as they stand."""
+        """Time of each goal packet on the wire, and its rows."""
         found = []
         for when, data in self.writes:
             at = data.find(HEADER)

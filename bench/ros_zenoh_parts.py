@@ -18,7 +18,7 @@ NAMES = [f"joint_{place}" for place in range(JOINTS)]
 
 
 def wanted(endpoint: str) -> dict[str, Any]:
-    """What the peer has to know of the topic; definition and hash are rosbags'."""
+    """The peer's description of the topic; definition and hash are those of rosbags."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -80,7 +80,7 @@ def publish(send: Callable[[int], None], rate: float, seconds: float) -> Mapping
 
 
 def subscribe(endpoint: str) -> Callable[[], Mapping[str, Any]]:
-    """What came since it was asked last: how many, and s from stamp to decoded by rank."""
+    """Count of messages since the last question, and sorted s from stamp to decoded."""
     from zenoh_ros2_sdk import ROS2Subscriber
 
     ways: list[float] = []

@@ -94,7 +94,7 @@ def _lives(module: ModuleType) -> bool:
 
 
 def _one_life_each(items: list[pytest.Item]) -> None:
-    """Of a claim about whole lives of the loop the fast tests have the first case, all tests have all."""
+    """The first case of a claim about whole lives of the loop; all tests have all cases."""
     begun: set[tuple[Path, str]] = set()
     for item in items:
         if isinstance(item, pytest.Function) and _lives(item.module):

@@ -245,3 +245,10 @@ def test_a_status_without_params_has_no_error_and_no_data() -> None:
     full = Packet(1, 0x55, b"\x80\x01\x02")
     assert (empty.error, empty.data) == (0, b"")
     assert (full.error, full.data) == (0x80, b"\x01\x02")
+
+
+@pytest.mark.parametrize("params", [b"", b"\1\2", b"\xff\xff\xfd\1"])
+def test_a_packet_counts_the_bytes_of_its_whole_frame(params: bytes) -> None:
+    frame = p.instruction(1, Instruction.WRITE, params)
+    [packet] = Framer(status=None).feed(frame)
+    assert packet.octets == len(frame)

@@ -72,6 +72,13 @@ def test_a_lease_lasts_a_quarter_of_a_second_while_setpoints_are_streamed(after:
     assert lease.holds(after) is still
 
 
+def test_a_lease_acquired_again_after_setpoints_lasts_one_second() -> None:
+    lease = held(0.0)
+    assert lease.renew(A, 0.0, streaming=True)
+    assert lease.acquire(A, "", A, 0.1)
+    assert lease.holds(0.1 + TRAJECTORY)
+
+
 @pytest.mark.parametrize("now", [nan, inf, -inf, 9.999])
 def test_a_time_that_is_unknown_or_runs_back_is_too_late(now: float) -> None:
     lease = held(10.0)
@@ -120,6 +127,7 @@ def test_a_followed_trajectory_keeps_it_and_its_end_begins_a_last_term() -> None
     lease.unpin(A, "first")
     lease.unpin(A, "unknown")
     lease.unpin(B, "second")
+    assert lease.renew(A, 150.0, streaming=True)
     assert lease.holds(200.0)
     lease.unpin(A, "second")
     assert lease.holds(200.0 + TRAJECTORY)

@@ -188,6 +188,7 @@ def test_the_mode_changes_only_while_disconnected_or_connected_and_not_from_a_li
         (S.INHIBITED, "reset"),
         (S.ARMED, "disarm"),
         (S.ARMING, "disarm"),
+        (S.CALIBRATING, "end the calibration"),
         (S.SETTLING, "wait"),
     ],
 )
@@ -195,3 +196,8 @@ def test_a_refused_mode_change_names_the_remedy(state: RobotState, remedy: str) 
     finding = mode_change(Mode.LIVE, Mode.SIM, state, Motion.IDLE)
     assert finding is not None
     assert remedy in finding.message
+
+
+def test_a_latch_from_before_a_lost_port_refuses_a_calibration_as_a_fault_does() -> None:
+    with pytest.raises(RuntimeError, match="while fault"):
+        StateLatch(S.CONNECTED, latched=True).after(E.CALIBRATE)

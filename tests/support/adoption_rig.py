@@ -99,7 +99,7 @@ def fresh(id: int = 1, model: str = "XM430-W350", firmware: int = 47, **settings
 
 
 def uncalibrated(robot: RobotFile, joint: str) -> CalibrationEntryStatus:
-    """What is known of a joint of which nothing is."""
+    """State of a joint that has no calibration."""
     return CalibrationEntryStatus(robot, Path("bench.yaml"), None, CalibrationDraft(), joint)
 
 
@@ -121,7 +121,7 @@ class Bench:
     def look(
         self, name: str | None = None, entry: CalibrationEntryStatus | None = None
     ) -> AdoptionPlan | None:
-        """What `twindctl adopt` finds before it asks."""
+        """Findings of `twindctl adopt` before it asks."""
         bus = self.robot.buses[0]
         heard = {bus.name: look(self.port.at, self.robot, bus)}
         chosen = choose(self.robot, heard, name)
@@ -163,7 +163,7 @@ class Bench:
         self.bus.advance(self.clock.now())
 
     def value(self, row: int, name: str) -> int:
-        """What a servo's register really holds."""
+        """True value of a servo's register."""
         memory = self.bus.servos.memory
         return memory.value(row, memory.tables[row][name])
 

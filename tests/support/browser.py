@@ -87,7 +87,7 @@ def opened(
 
 
 def picture(page: Any, clip: dict[str, int] | None = None) -> Any:
-    """What is in the middle of the page, once two looks at it are the same: the mean of cells (h, w, 3).
+    """Middle of the page, once two looks at it are the same: the mean of cells (h, w, 3).
 
     Cells, not pixels: the page lowers its own resolution where the machine is slow.
     """

@@ -23,7 +23,7 @@ def shared(factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def _first(made: Path) -> Iterator[bool]:
-    """Whether it is to be made here; who comes while another makes it waits for that."""
+    """True for the one process that makes it here; others wait until it is made."""
     with made.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         whole = made.with_suffix(".whole")

@@ -59,7 +59,7 @@ def hands(rig: Rig, pose: Mapping[str, float]) -> None:
 
 
 def heard(rig: Rig) -> dict[str, EncoderSample]:
-    """What topic `raw` tells."""
+    """Messages of topic `raw`."""
     raw = rig.loop.hardware.readings.raw
     names = [slot.name for slot in slots(rig.robot)]
     return {
@@ -79,7 +79,7 @@ def swept(rig: Rig, beyond: float = 1.0) -> SweepTracker:
 
 
 def moved(rig: Rig, travels: SweepTracker, beyond: float = 1.0) -> list[SweepEvent]:
-    """What is told while hands do that."""
+    """Sweep events while hands move every joint past both ends."""
     every = slots(rig.robot)
     news = []
     for side, way in (("upper", beyond), ("lower", -beyond)):
@@ -124,7 +124,7 @@ def measured(
 
 
 def off(rig: Rig, calibration: Calibration) -> dict[str, int]:
-    """How far each zero is from the true one, ticks, whatever the turn."""
+    """Distance of each zero from the true one, ticks, whatever the turn."""
     found = {}
     for joint in rig.robot.joints:
         turn = joint.type.ticks_per_turn

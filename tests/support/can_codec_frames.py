@@ -1,4 +1,4 @@
-"""What the tests of the CAN codecs share: frames by hand, and frames that nobody meant."""
+"""Frames for the tests of the CAN codecs: written by hand, and at random."""
 
 from collections.abc import Sequence
 

@@ -43,7 +43,7 @@ def same(message: can.Message, wanted: can.Message) -> bool:
 
 
 def heard(channel: CanChannel, count: int) -> Frames:
-    """What a channel hears until `count` frames are there, in real time."""
+    """Frames that a channel receives, once there are `count`, in real time."""
     clock = MonotonicClock()
     parts = [cycle(0)]
     total = 0

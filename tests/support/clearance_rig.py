@@ -123,7 +123,7 @@ class Oracle:
         return np.array([mujoco.mj_geomDistance(model, data, a, b, 1.0, None) for a, b in self.pairs])
 
     def least(self, curve: Spline, samples: int = SAMPLES) -> Floats:
-        """Of every pair (p,), m."""
+        """Least clearance of every pair (p,), m."""
         times = np.linspace(0.0, curve.duration, samples)
         rows = np.array([self.row(at(curve, t)) for t in times])
         least = rows.min(axis=0)
@@ -148,7 +148,7 @@ def at(curve: Spline, t: float) -> Floats:
 
 
 def finished(steps: object, each: Callable[[], None] | None = None) -> object:
-    """What a generator returns when it is run to its end."""
+    """Return value of a generator that is run to its end."""
     while True:
         try:
             next(steps)  # type: ignore[call-overload]

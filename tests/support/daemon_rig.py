@@ -142,7 +142,7 @@ class Rig:
         self.next_tick = self.clock.now()
 
     def new_front(self) -> HandFront:
-        """What stands in for the front's process."""
+        """Stand-in for the process of the front."""
         return HandFront()
 
     def born(self, mode: Mode) -> Any:
@@ -314,7 +314,7 @@ class Rig:
 
     @property
     def truth(self) -> Floats:
-        """Where the joints really are, rad (n,)."""
+        """True positions of the joints, rad (n,)."""
         self.advance_servos()
         pose = joint_angles(self.robot, {name: self._angle(name) for name in self.robot.names})
         return np.array([pose[name] for name in self.robot.names])
@@ -332,7 +332,7 @@ class Rig:
 
     @property
     def counts(self) -> Floats:
-        """Where the servos really are, ticks, bus after bus."""
+        """True positions of the servos, ticks, bus after bus."""
         self.advance_servos()
         return np.concatenate([bus.servos.muscles.position.copy() for bus in self.virtual.values()])
 

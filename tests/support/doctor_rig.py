@@ -28,7 +28,7 @@ needs_root = pytest.mark.skipif(not ROOT, reason="changes users and device nodes
 
 
 def options(*words: str, socket: object = "/nowhere/at/all") -> argparse.Namespace:
-    """Of `twindctl --socket DIR doctor WORDS`."""
+    """Options of `twindctl --socket DIR doctor WORDS`."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     found = parser.parse_args(words)
@@ -45,7 +45,7 @@ def host(**changed: Any) -> HostInspector:
 def look(
     *words: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None, only: Sequence[str] = ()
 ) -> DoctorReport:
-    """What the doctor finds here, of all codes or of some."""
+    """Findings of the doctor here, of all codes or of some."""
     examined = examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
     try:
         return runner.run(examined, runner.select_checks(runner.all_checks(), only), runner.table())
@@ -70,7 +70,7 @@ def codes(path: object, code: str, on: HostInspector | None = None) -> list[str]
 def mended(
     *words: str, code: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None
 ) -> list[FixResult]:
-    """What `--fix` does about one code, and what it sees afterwards."""
+    """Outcome of `--fix` for one code, and the finding after it."""
 
     def again() -> CheckContext:
         return examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())

@@ -65,7 +65,7 @@ class Vendor:
         raise AssertionError((id, address, self.talk.getTxRxResult(result)))
 
     def write(self, id: int, address: int, value: int, size: int = 0) -> None:
-        """Whether it was taken shows the reading: at status return level 1 nobody answers a write."""
+        """Write a register and read it back: at status return level 1 no servo replies to a write."""
         size = size or SIZES[address]
         data = list(value.to_bytes(size, "little"))
         self.talk.writeTxRx(self.port, id, address, size, data)
@@ -89,7 +89,7 @@ class Ground:
 
     @property
     def port(self) -> str:
-        """Of its only serial bus."""
+        """Port of its only serial bus."""
         return next(iter(self.virtual.ports.values()))
 
     def set(self, vendor: Vendor, id: int, address: int, value: int) -> None:

@@ -1,4 +1,4 @@
-"""What every driver must hold (drivers/README.md, "What must hold"), as tests over a `DriverRig`.
+"""Claims that every driver must hold (drivers/README.md, "What must hold"), as tests over a `DriverRig`.
 
 A new driver adds its rig to `RIGS` in `test_driver_contract.py`. A claim is made of what the devices really
 do and of what really went out, never of the driver's word alone.

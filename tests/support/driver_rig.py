@@ -47,15 +47,15 @@ class DriverRig:
     # ------------------------------------------------------------------ what a driver's own rig answers
 
     def places(self) -> np.ndarray:
-        """Where (m,) the devices really are, counts."""
+        """True positions (m,) of the devices, counts."""
         raise NotImplementedError
 
     def energised(self) -> np.ndarray:
-        """Whose (m,) torque is really on."""
+        """True torque states (m,)."""
         raise NotImplementedError
 
     def sent(self) -> int:
-        """What has gone out since the start: bytes or frames."""
+        """Bytes or frames that were sent since the start."""
         raise NotImplementedError
 
     # ------------------------------------------------------------------ the same for all
@@ -147,7 +147,7 @@ class DriverRig:
             return stop.value
 
     def heard(self) -> np.ndarray:
-        """Where (m,) everybody says he is, once all are heard."""
+        """Reported positions (m,), once all devices replied."""
         if self.first and not self.tick().heard.all():
             self.clock.sleep_until(self.clock.now() + self.first)
         sample = self.ticks(5)[-1]

@@ -37,7 +37,7 @@ class Servos:
         return int.from_bytes(self.memory[id][address : address + size], "little", signed=True)
 
     def hear(self, data: bytes) -> bytes:
-        """What the bus answers to `data`."""
+        """Reply of the bus to `data`."""
         return b"".join(self.answer_packet(each) for each in self._framer.feed(data))
 
     def answer_packet(self, each: Packet) -> bytes:

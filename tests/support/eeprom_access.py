@@ -1,4 +1,4 @@
-"""What a client does before it may write EEPROM: the lease, then `calibrating`."""
+"""Access that a client needs before it may write EEPROM: the lease, then `calibrating`."""
 
 from tests.support.daemon_rig import CLIENT, Rig
 from twind import link

@@ -1,4 +1,4 @@
-"""What the tests of the executor share: a robot of two joints that holds, and short ways to move it."""
+"""Rig of the executor's tests: a robot of two joints that holds, and short ways to move it."""
 
 from math import nan
 

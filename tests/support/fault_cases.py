@@ -210,5 +210,5 @@ def order(name: str, case: Case, random: Generator) -> Order:
 
 
 def healing(case: Case, given: Order) -> list[Order]:
-    """What takes it back, and whatever else is wrong with line and answers."""
+    """Orders that end this fault and all others."""
     return [*case.heal(given), {"fault": "clear"}]

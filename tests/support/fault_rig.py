@@ -1,4 +1,4 @@
-"""What the fault runs share: servos that never stand still, a witness of their registers, a judge.
+"""Rig of the fault runs: servos that never stand still, a recorder of their registers, a judge.
 
 The judge knows the registers from inside the servos and the joints from the robot file. Of the daemon it uses
 what it reports, and nothing of how it came to it.
@@ -61,7 +61,7 @@ class Moved(FirstOrderPhysics):
 
 
 class Witness:
-    """What the registers of one bus held: each refresh of the readings, the rest at each look."""
+    """Registers of one bus over time: each refresh of the readings, the rest at each look."""
 
     READINGS = (("present_position", 4), ("present_velocity", 4), ("present_current", 2))
     SLOW = (
@@ -198,7 +198,7 @@ class Judge:
         self._blame(old & ~aged, "not heard, and yet a new stamp: stamp, before", stamp, before)
 
     def _same(self, state: JointState, bus: Any, shown: NDArray[np.int64]) -> Bools:
-        """Which joints of a bus (m,) show what one refresh put into their registers, all three of one."""
+        """Joints of a bus (m,) whose three values are those of one refresh of their registers."""
         at = bus.joints
         position = np.abs(self._zero[at] + state.position[at] * self._counts[at] - shown[:, 0]) < 1e-6
         velocity = np.abs(state.velocity[at] - shown[:, 1] * bus.velocity_scale) < 1e-9
@@ -210,7 +210,7 @@ class Judge:
     # ------------------------------------------------------------------------------- slow registers
 
     def _slow(self) -> None:
-        """What is newly said of torque, error, watchdog, voltage, temperature was true when it was read."""
+        """Each new report of torque, error, watchdog, voltage, temperature was true when it was read."""
         slow = self.rig.loop.hardware.slow
         now = self.rig.clock.now()
         volts = np.where(np.isnan(slow.voltage), -1.0, np.rint(slow.voltage * 10.0))

@@ -6,7 +6,7 @@ from twind_drivers.clock import FakeClock
 
 
 def known(*news: News, clock: FakeClock | None = None) -> ViewerState:
-    """Of h24, then these."""
+    """Viewer state after the announcement of h24 and these messages."""
     made = ViewerState() if clock is None else ViewerState(clock.now)
     for each in (RobotAnnounced(h24()), *news):
         made.take(each)

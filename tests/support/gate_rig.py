@@ -1,4 +1,4 @@
-"""What the tests of the gate share: robots, snapshots, paths, and an oracle that is slow and exact.
+"""Rig of the gate's tests: robots, snapshots, paths, and an oracle that is slow and exact.
 
 The oracle knows nothing of `twind.safety`: it solves each segment's polynomial from its end conditions in
 rationals and looks at it in many places.
@@ -62,7 +62,7 @@ def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> GateSnapshot
 
 
 def ratings(n: int = 2) -> ActuatorRatings:
-    """Of XM430s at 12 V."""
+    """Ratings of XM430s at 12 V."""
     bounds = {"low_warn": 11.1, "low_settle": 10.5, "low_fault": 10.0, "high_warn": 14.8}
     bounds |= {"warm": 60.0, "hot": 65.0, "shut": 70.0, "cool": 55.0, "continuous": 0.5}
     return ActuatorRatings(

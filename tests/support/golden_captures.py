@@ -39,7 +39,7 @@ TO_AND_FRO = ((0.2, 1.0), (-0.2, 2.2), (0.0, 3.2))
 
 
 class Hand:
-    """Who commands the robot that is recorded: calls on one connection, each with all its answers."""
+    """Client that commands the recorded robot: calls on one connection, each with all its replies."""
 
     def __init__(self, virtual: Virtual, running: Daemon) -> None:
         self.virtual = virtual
@@ -280,7 +280,7 @@ def outcome_of(plain: Mapping[str, Any]) -> RunOutcome:
 
 
 def expected(name: str) -> RunOutcome:
-    """What must come out."""
+    """Expected result."""
     return outcome_of(json.loads((HERE / f"{name}.expected.json").read_text()))
 
 
@@ -291,7 +291,7 @@ def expected_figures(name: str) -> dict[str, Any]:
 
 
 def names() -> list[str]:
-    """Of all captures."""
+    """Names of all captures."""
     return sorted(path.stem for path in HERE.glob("*.flight"))
 
 

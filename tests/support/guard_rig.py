@@ -1,4 +1,4 @@
-"""What the tests of the guard share: a live robot of three joints at which all is well."""
+"""Rig of the guard's tests: a live robot of three joints without a fault."""
 
 from dataclasses import replace
 from math import nan

@@ -105,7 +105,7 @@ class Homed(Rig):
         return self.bus.servos["torque_enable"].tolist()
 
     def stop(self, side: str = "lower") -> int:
-        """Where its stop really is, in counts as they are told."""
+        """True place of its stop, in reported counts."""
         angle = self.spec.stops.endstop_of_side(side)
         assert angle is not None
         return ticks_of(self.spec, self.made.shown[self.spec.name], angle)

@@ -45,7 +45,7 @@ PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 @dataclass(frozen=True)
 class Ran:
-    """What a script said, and which paths differ from the machine's since."""
+    """Output of a script, and the paths that it changed."""
 
     output: str
     left: frozenset[str]

@@ -32,7 +32,7 @@ LIMBS = ("head", "l_shoulder l_elbow", "r_shoulder r_elbow", "waist", "l_hip l_k
 
 
 def transcript() -> str:
-    """What the recording leaves on the screen, shortened and without the shell's own lines, for the page."""
+    """Text of the recording on the screen, shortened and without the shell's own lines, for the page."""
     lines = [line for line in rendered(load(CAST)) if not JOB.match(line)]
     return "\n".join(shortened(lines, MOST)).strip()
 

@@ -52,7 +52,7 @@ def side_by_side(file: Path, out: Path) -> None:
 
 
 def seen(env: Any, seed: int, act: Callable[[Any], Any]) -> tuple[list[Any], bool]:
-    """What the robot looks like at each moment, lying where it fell; and whether it did."""
+    """Pictures of the robot at each moment, lying where it fell; and whether it fell."""
     observation, _ = env.reset(seed=seed)
     pictures = []
     fallen = False

@@ -101,7 +101,7 @@ def waving(running: Daemon) -> Iterator[None]:
 
 
 def shown(running: Daemon, out: Path) -> None:
-    """What `twindctl monitor` shows in a terminal that is tall enough."""
+    """Screen of `twindctl monitor` in a terminal that is tall enough."""
     feed = MonitorFeed(lambda: Client(str(running.sockets), name="observe"), rate=20.0)
     time.sleep(1.5)  # histograms come once a second
     out.write_text(svg(feed.watched.view(time.monotonic()), title="twindctl monitor", width=120, height=60))
@@ -109,7 +109,7 @@ def shown(running: Daemon, out: Path) -> None:
 
 
 def seen(running: Daemon, out: Path) -> None:
-    """What the browser shows while it waves once more."""
+    """Browser's picture while the robot waves once more."""
     with ctl(running, "view") as viewer, browser() as found:
         try:
             assert viewer.stdout is not None
@@ -130,7 +130,7 @@ def seen(running: Daemon, out: Path) -> None:
 
 
 def bent(running: Daemon) -> float:
-    """Of the right elbow, rad."""
+    """Angle of the right elbow, rad."""
     with running.client() as client:
         joints = client.call("GetStatus", joints=True)["joints"]
     (elbow,) = [joint["position"] for joint in joints if joint["name"] == "r_elbow"]

@@ -1,4 +1,4 @@
-"""What a daemon tells `twindctl metrics`, written by hand: two joints, one bus."""
+"""Messages of a daemon to `twindctl metrics`, written by hand: two joints, one bus."""
 
 from typing import Any
 

@@ -42,7 +42,7 @@ class Planted(Rig):
             self.look()
 
     def look(self) -> None:
-        """Who has torque, and who has moved?"""
+        """Note the joints with torque and the largest move so far, counts."""
         on = self.register("torque_enable") != 0
         self.energised |= {self.names[row] for row in np.flatnonzero(on)}
         if self._began is None:
@@ -77,7 +77,7 @@ class Planted(Rig):
         return self.said(reply.parameters.get("findings", ()))
 
     def said(self, findings: Any = ()) -> list[tuple[str, str, str]]:
-        """Of a reply, and of every event so far."""
+        """Findings (code, joint, message) of a reply, and of every event so far."""
         found = [(str(each["code"]), each["joint"], each["message"]) for each in findings]
         for event in self.events():
             found += [(str(each.code), each.joint, each.message) for each in event.findings]

@@ -58,7 +58,7 @@ class BodyRig(Rig):
         assert self.replies(ticket)[0].error is None, self.replies(ticket)[0]
 
     def wiggled(self, name: str, way: float = WAY) -> HoldMeans:
-        """What is recorded while one joint goes away and home."""
+        """Record of one joint that moves away and back."""
         place = self.names.index(name)
         home = float(self.loop.executor.reference.position[place])
         stays = self.traced(path(name, home, way)).stays(place, home, home + way)
@@ -66,7 +66,7 @@ class BodyRig(Rig):
         return stays
 
     def traced(self, trajectory: Mapping[str, Any]) -> StateTrace:
-        """What is recorded while one joint goes that way, a little before and after."""
+        """Record of one joint that moves one way, with a little time before and after."""
         [name], points = trajectory["joint_names"], trajectory["points"]
         place = self.names.index(name)
         rows = np.tile(self.loop.executor.reference.position, (len(points), 1))

@@ -130,7 +130,7 @@ def _named(names: Names, calls: list[Call]) -> Names:
 def recorded(
     folder: Path, save: Callable[[], object], module: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> Recording:
-    """What `save` does to `folder`; `module` is where it takes its `os` from."""
+    """Operations of `save` on `folder`; `module` is where it takes its `os` from."""
     paths = list(folder.iterdir())
     names = {path.name: path.stat().st_ino for path in paths}
     files = {path.stat().st_ino: path.read_bytes() for path in paths}
@@ -150,5 +150,5 @@ def laid_out(folder: Path, held: Folder) -> Path:
 
 
 def holding(folder: Path) -> Folder:
-    """What a folder holds."""
+    """Content of a folder."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}

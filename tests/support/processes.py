@@ -30,7 +30,7 @@ PATIENCE = 30.0  # s that a machine may be too busy
 
 
 def until(what: Callable[[], T | None], seconds: float, said: str | Callable[[], str]) -> T:
-    """What `what` returns once it is true, within `seconds`; else `said`, as it is then."""
+    """Wait until `what` returns a true value, at most `seconds`, and return it; else fail with `said`."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         found = what()
@@ -50,7 +50,7 @@ def favour(process: subprocess.Popen[bytes]) -> None:
 
 
 def patiently(call: Callable[[], T], seconds: float = PATIENCE) -> T:
-    """What the call returns, or raises; again for as long as it is refused for the machine's want of time."""
+    """Result of the call, which is repeated as long as a busy machine causes the refusal."""
     deadline = time.monotonic() + seconds
     while True:
         try:
@@ -141,7 +141,7 @@ class Virtual:
         return answer
 
     def servos(self) -> list[dict[str, Any]]:
-        """What is true of every servo."""
+        """State of every servo."""
         return [servo for bus in self.order(query="state")["buses"].values() for servo in bus["servos"]]
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ class Screen:
         ]
 
     def show(self, text: str) -> None:
-        """What a program writes."""
+        """Show the output of a program."""
         text = self._rest + text
         self._rest = ""
         begun = text.rfind("\x1b")
@@ -83,7 +83,7 @@ class Screen:
 
     @property
     def lines(self) -> list[str]:
-        """What stands there now."""
+        """Lines of the screen."""
         return ["".join(row).rstrip() for row in self._cells]
 
 

@@ -14,7 +14,7 @@ NOWHERE = f"none{os.getpid() % 10_000:04d}"
 
 
 class Wire:
-    """What every socket of one test does."""
+    """Behaviour shared by all sockets of one test."""
 
     def __init__(self) -> None:
         self.sent: list[bytes] = []

@@ -41,7 +41,7 @@ def python() -> str:
 
 
 def environment(folder: Path, domain: int) -> dict[str, str]:
-    """Of a process in that domain; `folder` keeps its profile and logs."""
+    """Environment of a process in that domain; `folder` keeps its profile and logs."""
     profile = folder / "fastdds.xml"
     profile.write_text(PROFILE)
     ours = {key: value for key, value in os.environ.items() if not key.startswith(SOURCED)}

@@ -40,7 +40,7 @@ class FarRobot:
         self.alive = self.session.liveliness().declare_token(robot_key(name, "alive"))
 
     def client(self, timeout: float = 20.0) -> Client:
-        """Of this robot, by a session of its own."""
+        """Client of this robot, by a session of its own."""
         return client(self.name, PrivateSession(self.place), timeout)
 
     def tell(self, part: str, told: Any) -> None:
@@ -54,7 +54,7 @@ class FarRobot:
         return {"lease": "L1", "holder": asked.get("holder", "?"), "expires_in": 1.0, "now": now}
 
     def times(self, part: str) -> list[dict[str, Any]]:
-        """What was asked of a part."""
+        """Questions to a part."""
         return [what for _, which, what in list(self.asked) if which == part]
 
     def _queried(self, query: zenoh.Query) -> None:

@@ -51,7 +51,7 @@ def recording(robot: str = "h24", **options: Any) -> Rig:
 
 
 def flight(rig: Rig, folder: Path) -> FlightFile:
-    """What it holds by now, as a file of it would."""
+    """Content so far, as a flight file has it."""
     calibrated = save_calibration(rig.calibration, folder, rig.robot.name)
     files = fingerprints([rig.robot.path, rig.robot.mjcf_path, calibrated])
     fd = assembly.make_briefing(rig.one, rig.robot.rate_hz, {}, "info", files)
@@ -64,7 +64,7 @@ def flight(rig: Rig, folder: Path) -> FlightFile:
 
 
 def figures(asked: ReplayScript, begin: float, news: Sequence[Any]) -> dict[str, Any]:
-    """What a loop said in numbers since `begin` (s): of findings, of its buses, of its last goals."""
+    """Figures of a loop since `begin` (s): its findings, buses and last goals."""
     tickets = {each.command.ticket for each in asked.commands if isinstance(each.command, link.Command)}
     replies = [each for each in news if isinstance(each, link.Reply) and each.ticket in tickets]
     overviews = [each for each in news if isinstance(each, link.Overview)]
@@ -87,7 +87,7 @@ def _findings(replies: Sequence[link.Reply]) -> Iterator[Mapping[str, Any]]:
 
 
 def unlike(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """What differs between the figures of a recording and those of its replay, in words."""
+    """Differences between the figures of a recording and those of its replay, in words."""
     rows = [[(code, bound) for code, _, bound in each["findings"]] for each in (then, now)]
     if rows[0] != rows[1]:
         yield f"findings and bounds: recorded {rows[0]}, replayed {rows[1]}"
@@ -199,7 +199,7 @@ class Replay:
         return sum(bus.verbatim for bus in told) / max(1, sum(bus.verbatim + bus.made for bus in told))
 
     def figures(self) -> dict[str, Any]:
-        """Of what came out."""
+        """Figures of the result."""
         return figures(self.score, self.score.begin + self.passage.shift, self.news)
 
     def close(self) -> None:

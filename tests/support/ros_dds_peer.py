@@ -32,7 +32,7 @@ class Peer:
         )
 
     def ask(self, do: str, **parameters: Any) -> Any:
-        """What it answers. AssertionError where it cannot."""
+        """Reply to a question. Raises AssertionError where there is none."""
         assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
         self.process.stdin.flush()
@@ -75,7 +75,7 @@ class Node:
         self._readers[topic] = self._made("Reader", topic, kind, latched=latched)
 
     def heard(self, topic: str) -> list[Any]:
-        """What came since this was last asked."""
+        """Messages since the last question."""
         return [plain(each) for each in self._readers[topic].take(N=10_000)]
 
     def speak(self, topics: list[tuple[str, str]]) -> None:

@@ -108,7 +108,7 @@ class Bridge:
         favour(self.process)
 
     def says(self, text: str) -> str:
-        """What it said, once that is in it."""
+        """Wait until that is in its output, and return the output."""
 
         def look() -> str | None:
             said = self.log.read_text()

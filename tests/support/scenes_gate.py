@@ -31,7 +31,7 @@ def leads_to(code: ReasonCode) -> Callable[[Scene], Scene]:
 
 
 def checked(message: dict[str, Any], binding: Binding | None = None) -> Told:
-    """What `Check` says of it, of a robot at rest."""
+    """Result of `Check` for it, with a robot at rest."""
     binding = bind(load_robot("h24"), None) if binding is None else binding
     found = verdict(binding, pose(binding.robot, "rest"), message)
     return [finding["code"] for findings in found.values() for finding in findings]

@@ -53,7 +53,7 @@ class StandingRig(Rig):
 
     @property
     def crane(self) -> Any:
-        """What held it; it pushes, too."""
+        """Support that held it; it pushes, too."""
         return self.body.crane
 
     def heard(self) -> StateMessage:
@@ -116,7 +116,7 @@ class StandingRig(Rig):
                 self.pilot.hold("refused")
 
     def base(self) -> dict[str, Any]:
-        """What is true of the base."""
+        """State of the base."""
         told: dict[str, Any] = self.crane.truth()
         return told
 
@@ -132,7 +132,7 @@ def soft(folder: Path, gain: int) -> str:
 
 
 def of_tick(tick: Tick, now: float) -> StateMessage:
-    """What a tick says, as a client hears it."""
+    """State of a tick, as a client receives it."""
     row = [np.frombuffer(each) for each in (tick.position, tick.velocity, tick.goal, tick.age)]
     imu = np.frombuffer(tick.imu)
     felt = ImuReading(imu[:3], imu[3:6], imu[6:], tick.imu_age) if len(imu) else None
@@ -140,7 +140,7 @@ def of_tick(tick: Tick, now: float) -> StateMessage:
 
 
 def truth(rig: StandingRig) -> BodyReading:
-    """What a simulation would read of the body as it stands."""
+    """Values that a simulation would read of the body as it stands."""
     base = rig.base()
     reading = BodyReading.empty(len(rig.names))
     reading.base_velocity[...] = rotation(base["quaternion"]).T @ np.array(base["velocity"])

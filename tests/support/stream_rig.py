@@ -80,7 +80,7 @@ def streamer(run: Path, url: str, spool: Path, *more: str) -> Process:
 
 
 def reported(run: Path) -> dict[str, Any] | None:
-    """What the daemon says of the only streamer."""
+    """Status of the only streamer, as the daemon reports it."""
     with suppress(ClientError), Client(run, name="observe") as client:
         streams: list[dict[str, Any]] = client.call("GetStatus")["status"]["streams"]
         return streams[0] if streams else None

@@ -95,7 +95,7 @@ def load(path: Path) -> str:
 
 
 def rendered(shown: str) -> list[str]:
-    """What is left on an endless terminal once all was shown: lines that were drawn over are gone."""
+    """Text left on an endless terminal once all was shown: lines that were drawn over are gone."""
     lines = [""]
     row = 0
     column = 0

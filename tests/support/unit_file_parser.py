@@ -36,12 +36,12 @@ def unit(name: str) -> Lines:
 
 
 def values(lines: Lines, key: str) -> list[str]:
-    """What a key was given, each time it stands there."""
+    """All values of a key."""
     return [value for _, name, value in lines if name == key]
 
 
 def value(lines: Lines, key: str) -> str:
-    """What a key was given; it must stand there once."""
+    """Value of a key that must stand there once."""
     found = values(lines, key)
     assert len(found) == 1, f"{key}: {found}"
     return found[0]

@@ -1,4 +1,4 @@
-"""What a daemon would tell the viewer, made up: a robot, and states of it."""
+"""Messages of a daemon to the viewer, made up: a robot, and its states."""
 
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ def h24() -> dict[str, Any]:
 def other(
     mjcf: str = GROUP_THREE, base: str = "trunk", joints: tuple[str, ...] = ("swing",)
 ) -> dict[str, Any]:
-    """Of a small robot, as much as the viewer asks for."""
+    """Briefing of a small robot, as much as the viewer needs."""
     robot = {
         "name": "small",
         "path": "small.yaml",

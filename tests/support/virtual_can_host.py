@@ -46,7 +46,7 @@ class CanHost:
         return self.wait(wait)
 
     def wait(self, seconds: float) -> list[CanMessage]:
-        """What has come by then, but for error frames."""
+        """Frames that have come by then, without error frames."""
         self.clock.sleep_until(self.clock.now() + seconds)
         self.bus.advance(self.clock.now())
         heard = messages(self.bus.give_host_frames(self.clock.now()))

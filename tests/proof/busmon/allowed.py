@@ -1,4 +1,4 @@
-"""What may be written at all (W2): (address, length) -> the values, and when. Everything else is refused.
+"""Permitted writes (W2): (address, length) -> the values, and the states. Everything else is refused.
 
 Addresses of the X series' control table. Named for what arming, motion, damping and an operator's register
 write need; id, baud rate, protocol, indirect addresses and goals of other modes are not among it.

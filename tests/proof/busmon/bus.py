@@ -30,5 +30,5 @@ def monitor_of(limits: AnyLimits, *, writes: bool = True, hearsay: float = 0.0) 
 
 
 def port_baud(limits: AnyLimits) -> int:
-    """What the port to the bus is set to at first."""
+    """Initial rate of the port to the bus."""
     return PORT_BAUD if isinstance(limits, CanLimits) else limits.baud

@@ -18,7 +18,7 @@ def bitwise(data: bytes, crc: int = 0) -> int:
 
 
 def _tables() -> np.ndarray:
-    """What each byte, at each place counted from the end, adds to the CRC of a message: it is linear, and
+    """Contribution of each byte, by its place from the end, to the CRC of a message: it is linear, and
     zeros before a message add nothing."""
     single = np.array([bitwise(bytes((byte,))) for byte in range(256)], np.uint16)
     table = np.zeros((LONGEST, 256), np.uint16)

@@ -1,4 +1,4 @@
-"""What each servo of a bus may be asked: from the robot file and the calibration file, read on its own.
+"""Permitted commands of each servo of a bus, from the robot file and the calibration file, read on its own.
 
 Knows the X series (control tables 0..63 EEPROM, 64.. RAM); another kind of servo is refused, not guessed at.
 """
@@ -42,7 +42,7 @@ class Servo:
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one bus. `servos` by id."""
+    """Limits of one bus. `servos` by id."""
 
     bus: str
     period: float  # s, nominal, between two goals

@@ -56,7 +56,7 @@ class Observer:
             self._socket = None
 
     def words(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """What was said since: for `Monitor.told`, in order."""
+        """Reports since the last call, in order, for `Monitor.told`."""
         if self._socket is None:
             return
         try:

@@ -24,7 +24,7 @@ def _settings(fd: int) -> list[int]:
 
 
 def baud_of(fd: int) -> int:
-    """What the port is set to."""
+    """Rate that the port is set to."""
     return _settings(fd)[-1]
 
 
@@ -102,7 +102,7 @@ class DaemonEnd:
         return self.present
 
     def read(self) -> bytes:
-        """What was written, also by somebody who has gone since."""
+        """Bytes that were written, also by a process that has ended since."""
         with suppress(OSError):
             return os.read(self.fd, CHUNK)
         return b""
@@ -119,7 +119,7 @@ class DaemonEnd:
 
 
 class Holders:
-    """Who has a port open, found a few processes at a time: a look at all of them takes milliseconds."""
+    """Processes that have a port open, searched a few at a time: a look at all of them takes milliseconds."""
 
     def __init__(self) -> None:
         self._left: list[int] = []

@@ -73,7 +73,7 @@ class Relay:
         return 1 if self.monitor.violations else 0
 
     def _nothing_until(self) -> float:
-        """What waits already may have come at any time since the port was last found empty: while this
+        """Bytes in the buffer may have come at any time since the port was last found empty: while this
         process judged, or was kept from running."""
         before = monotonic()
         if not self._daemon.present or not select.select([self._daemon.fd], [], [], 0.0)[0]:
@@ -207,7 +207,7 @@ class Relay:
                 self.monitor.told(what, now, **facts)
 
     def report(self) -> None:
-        """What was seen, and of a violation all that led to it."""
+        """Print counts, and for a violation all that led to it."""
         monitor = self.monitor
         for violation in monitor.violations[:20]:
             print(f"violation {violation}")

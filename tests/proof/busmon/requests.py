@@ -85,7 +85,7 @@ class Parser:
         self._known: dict[bytes, Request] = {}
 
     def take(self, packet: bytes) -> Request:
-        """What it says. Raises Malformed."""
+        """Decode it. Raises Malformed."""
         found = self._known.get(packet)
         if found is None:
             found = self._parse(packet)

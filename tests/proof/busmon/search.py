@@ -18,7 +18,7 @@ LATE = 0.1  # s that a goal may make good at once: then the search has ended by 
 
 
 class Search:
-    """What is known of modes and caps. Arrays (m,) in order of ids."""
+    """Known modes and caps. Arrays (m,) in order of ids."""
 
     def __init__(self, limits: Limits, servos: Turning) -> None:
         known = [limits.servos[id] for id in servos.ids]
@@ -55,7 +55,7 @@ class Search:
         return ""
 
     def goal(self, row: int, word: int, now: float) -> str:
-        """What is wrong with a goal of a search, but for its first: W1 or W3, and how; empty: nothing."""
+        """Fault of a goal of a search, except its first: W1 or W3, and how; empty: none."""
         servos = self._servos
         lower, upper = (self._ends[row] + servos.shift[row]).tolist()
         passed = min(max(now - self._since[row], 0.0), LATE)

@@ -1,4 +1,4 @@
-"""What is known of the servos of a bus from the bytes alone. Arrays (m,) in order of their ids."""
+"""State of the servos of a bus, derived from the bytes alone. Arrays (m,) in order of their ids."""
 
 from collections import deque
 
@@ -52,7 +52,7 @@ class Servos:
             seen.popleft()
 
     def present(self, row: int, now: float) -> list[int]:
-        """Where that servo was in the readings that are fresh, and where inside its range is nearest."""
+        """Fresh positions of that servo, each moved to the nearest place inside its range."""
         found = []
         for time, rows, positions in reversed(self.seen):
             if time < now - FRESH - 1e-9:

@@ -34,7 +34,7 @@ class Stop:
 
 
 class Stopping:
-    """What must come to rest, and until when."""
+    """Joints that must come to rest, and their deadlines."""
 
     def __init__(self, broken: Broken, limits: Limits, servos: Servos) -> None:
         self._broken = broken
@@ -57,7 +57,7 @@ class Stopping:
         return self._stop is None and self._hold_due == np.inf
 
     def told(self, what: str, now: float, facts: dict[str, object]) -> None:
-        """What the daemon says of itself; see `Words.told`."""
+        """Take a report of the daemon; see `Words.told`."""
         if what == "hold" or (what == "state" and facts["state"] != "armed"):
             self._hold_due = np.inf
         if what in ("damp", "aborted") and self._stop is not None:
@@ -136,7 +136,7 @@ class Stopping:
             self._silence = silence
 
     def look(self, now: float) -> None:
-        """What is overdue."""
+        """Report what is overdue."""
         if self._stop is not None and now > self._stop.due:
             on = self._servos.on
             row = int(np.argmax(on))

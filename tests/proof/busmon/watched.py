@@ -69,7 +69,7 @@ class Watched:
         bus.give_host_frames = said
 
     def listen(self, now: float) -> None:
-        """What the daemon is, told to every monitor when it changes."""
+        """Report each change of the daemon's state to every monitor."""
         loop = self.rig.loop
         self._tell("mode", now, mode=str(loop.mode.value))
         self._tell("state", now, state=str(loop.state.value))

@@ -1,4 +1,4 @@
-"""What the monitor is told from outside the bytes: states, modes, e-stops, the end of the process."""
+"""Reports from outside the bytes: states, modes, e-stops, the end of the process."""
 
 from collections.abc import Callable
 from typing import Any

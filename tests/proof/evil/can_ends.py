@@ -1,11 +1,12 @@
 """Wrong ends on a CAN bus: W6 after an e-stop, W7 silence and watchdogs, W10 mirrors, W11 after the kill."""
 
-from tests.proof.evil.can_good import Cutting, Good, Killed, Mirror, Over, packed
+from tests.proof.evil import daemon_life
+from tests.proof.evil.can_good import EVILS, Cutting, Good, Killed, Mirror, packed
 from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, reply_frame
-from tests.proof.evil.can_registry import breaks
+from tests.proof.evil.daemon_life import Over
 
 
-@breaks("W6")
+@EVILS.breaks("W6")
 class Accelerates(Good):
     """The first goals after the e-stop go on faster than before."""
 
@@ -15,86 +16,33 @@ class Accelerates(Good):
         super().brake()
 
 
-@breaks("W6")
-class GoesOn(Good):
-    """Neither faster nor slower: as if nothing had happened."""
-
-    def brake(self) -> None:
-        speed = dict(self.speed)
-        for _ in range(12):
-            self.cycle({id: goal + round(speed[id]) for id, goal in self.goals.items()})
-        super().brake()
+EVILS.breaks("W6")(type("GoesOn", (daemon_life.GoesOn, Good), {}))
+EVILS.breaks("W6")(type("NeverLetsGo", (daemon_life.NeverLetsGo, Good), {}))
+EVILS.breaks("W6")(type("LateCut", (daemon_life.LateCut, Cutting), {}))
+EVILS.breaks("W6")(type("GoalAfterCut", (daemon_life.GoalAfterCut, Cutting), {}))
 
 
-@breaks("W6")
-class NeverLetsGo(Good):
-    """Stands, and torque is still on 5 s later."""
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
-        self.brake()
-        self.hold(500)
-        raise Over
-
-
-@breaks("W6")
+@EVILS.breaks("W6")
 class LetsGoOfSome(Good):
     """Torque off, but for one."""
 
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
+    def settle(self) -> None:
         self.brake()
         self.exchange(b"".join(self.switch(id, False) for id in self.ids[1:]))
         self.idle(450)
         raise Over
 
 
-@breaks("W6")
-class LateCut(Cutting):
-    """Level cut, and it takes 100 ms."""
-
-    def loosen(self) -> None:
-        self.idle(10)
-        super().loosen()
-
-
-@breaks("W6")
-class GoalAfterCut(Cutting):
-    """Level cut, and one more goal."""
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="cut")
-        self.port.say("state", state="estop")
-        self.hold(1)
-        self.loosen()
-        raise Over
-
-
 # ------------------------------------------------------------------------------------------- W7
 
 
-@breaks("W7")
-class NoWatchdog(Good):
-    """Off, as it is delivered."""
-
-    ticks = 0
-
-
-@breaks("W7")
-class LongWatchdog(Good):
-    """One second."""
-
-    ticks = 20_000
+# Off, as the motors are delivered; 1 s; one count more than is allowed.
+EVILS.derive("W7", "NoWatchdog", Good, ticks=0)
+EVILS.derive("W7", "LongWatchdog", Good, ticks=20_000)
+EVILS.derive("W7", "JustTooLongWatchdog", Good, ticks=2001)
 
 
-@breaks("W7")
-class JustTooLongWatchdog(Good):
-    ticks = 2001
-
-
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogNotReadBack(Good):
     """Written and believed."""
 
@@ -102,7 +50,7 @@ class WatchdogNotReadBack(Good):
         """Not done."""
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogReadTooEarly(Good):
     """Read back, and then written once more."""
 
@@ -111,7 +59,7 @@ class WatchdogReadTooEarly(Good):
         self.exchange(self.register(0x55, 9, self.ticks))
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogOfOneMissing(Good):
     """That of the other family is forgotten."""
 
@@ -119,7 +67,7 @@ class WatchdogOfOneMissing(Good):
         self.exchange(self.register(0x55, 9, self.ticks))
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class AcknowledgementForAReadBack(Good):
     """Takes the echo of what it wrote for what the motor holds."""
 
@@ -127,7 +75,7 @@ class AcknowledgementForAReadBack(Good):
         self.exchange(self.parameter(0x11, 0x7028))
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogOffUnderTorque(Good):
     """Switched off while armed, so that nothing disturbs."""
 
@@ -138,62 +86,41 @@ class WatchdogOffUnderTorque(Good):
         raise Over
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogLongerUnderTorque(Good):
     def moving(self) -> None:
         self.exchange(self.parameter(0x12, 0x7028, 20_000))
 
 
-class Silent(Good):
-    """Nothing for so long in motion, and on it goes."""
+class Slow(daemon_life.Silent, Good):
+    """Moves slowly, so that a silence breaks no rule of motion."""
 
-    lasts = 0.1
-
-    def moving(self) -> None:
-        self.port.until(self.port.now + self.lasts)
-        self.tick = self.port.now
-
-    def move(self, seconds: float, far: int = 900) -> None:
-        super().move(seconds * 4, far)
+    slower = 4
 
 
-@breaks("W7")
-class Silence(Silent):
-    """100 ms."""
+EVILS.derive("W7", "Silence", Slow)
+EVILS.derive("W7", "ShortSilence", Slow, lasts=0.065)
+EVILS.breaks("W7")(type("SilentForEver", (daemon_life.SilentForEver, Good), {}))
 
 
-@breaks("W7")
-class ShortSilence(Silent):
-    """65 ms."""
-
-    lasts = 0.065
-
-
-@breaks("W7")
-class SilentForEver(Good):
-    """Armed, and then it hangs."""
-
-    def moving(self) -> None:
-        self.port.until(self.port.now + 2.0)
-        raise Over
-
-
-@breaks("W7")
+@EVILS.breaks("W7")
 class StarvesOne(Good):
-    """Everybody is spoken to but one, whose watchdog runs out while the others go on."""
+    """All motors but one get goals; its watchdog runs out while the others go on."""
 
     def aim(self, goals: dict[int, int]) -> bytes:
         starved = 0.4 < self.port.now < 2.0
         return super().aim({id: place for id, place in goals.items() if not (starved and id == CUBEMARS)})
 
-    def move(self, seconds: float, far: int = 900) -> None:
-        super().move(seconds * 4, far)
+    def move(self, seconds: float) -> None:
+        super().move(seconds * 4)
 
 
 # ------------------------------------------------------------------------------------------- W10
 
 
 class Says(Mirror):
+    """A mirror that sends one text."""
+
     def text(self) -> bytes:
         raise NotImplementedError
 
@@ -202,62 +129,22 @@ class Says(Mirror):
         self.wait()
 
 
-@breaks("W10")
-class MirrorWritesGoal(Says):
-    """A mirror that pushes a little."""
-
-    def text(self) -> bytes:
-        return reply_frame(DAMIAO, packed(0x7FFF))
-
-
-@breaks("W10")
-class MirrorTakesTorqueOff(Says):
-    """A mirror that means well."""
-
-    def text(self) -> bytes:
-        return self.switch(DAMIAO, False)
-
-
-@breaks("W10")
-class MirrorTakesTorqueOn(Says):
-    def text(self) -> bytes:
-        return self.switch(CUBEMARS, True)
-
-
-@breaks("W10")
-class MirrorAsksByAnEmptyCommand(Says):
-    """Whoever holds the robot now holds it no more."""
-
-    def text(self) -> bytes:
-        return self.limp()
-
-
-@breaks("W10")
-class MirrorSetsAWatchdog(Says):
-    def text(self) -> bytes:
-        return self.register(0x55, 9, 2000)
-
-
-@breaks("W10")
-class MirrorClearsAFault(Says):
-    def text(self) -> bytes:
-        return reply_frame(DAMIAO, b"\xff" * 7 + b"\xfb")
-
-
-@breaks("W10")
-class SimulationWrites(Says):
-    """A simulation whose goals reach the bus."""
-
-    mode = "sim"
-
-    def text(self) -> bytes:
-        return reply_frame(CUBEMARS, packed(0x7FFF))
+EVILS.derive("W10", "MirrorWritesGoal", Says, text=lambda self: reply_frame(DAMIAO, packed(0x7FFF)))
+EVILS.derive("W10", "MirrorTakesTorqueOff", Says, text=lambda self: self.switch(DAMIAO, False))
+EVILS.derive("W10", "MirrorTakesTorqueOn", Says, text=lambda self: self.switch(CUBEMARS, True))
+# The empty command takes the robot from its holder.
+EVILS.derive("W10", "MirrorAsksByAnEmptyCommand", Says, text=lambda self: self.limp())
+EVILS.derive("W10", "MirrorSetsAWatchdog", Says, text=lambda self: self.register(0x55, 9, 2000))
+EVILS.derive("W10", "MirrorClearsAFault", Says, text=lambda self: reply_frame(DAMIAO, b"\xff" * 7 + b"\xfb"))
+EVILS.derive(
+    "W10", "SimulationWrites", Says, mode="sim", text=lambda self: reply_frame(CUBEMARS, packed(0x7FFF))
+)
 
 
 # ------------------------------------------------------------------------------------------- W11
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class FrameAfterTheKill(Killed):
     """Something of it lives on and sends the next goals."""
 
@@ -265,7 +152,7 @@ class FrameAfterTheKill(Killed):
         self.port.write(self.aim(self.goals))
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class ReaderOutlivesItsWriter(Killed):
     """Only its reader lives on."""
 
@@ -273,7 +160,7 @@ class ReaderOutlivesItsWriter(Killed):
         self.port.write(self.question())
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class MotorGoesOn(Killed):
     """Its watchdog was not what it was thought to be: it still turns 120 ms later."""
 

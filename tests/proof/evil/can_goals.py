@@ -1,11 +1,12 @@
 """Wrong goals and frames on a CAN bus: W1 to W5, W8."""
 
 import struct
+from collections.abc import Callable
 
 from tests.proof.busmon.can.motors import TURN
-from tests.proof.evil.can_good import Good, Over, packed
+from tests.proof.evil.can_good import EVILS, Good, packed
 from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, reply_frame
-from tests.proof.evil.can_registry import breaks
+from tests.proof.evil.daemon_life import Over
 
 
 class AtEdge(Good):
@@ -28,25 +29,25 @@ class AtEdge(Good):
         raise Over
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class BeyondUpper(AtEdge):
     """One word past the upper end."""
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class BeyondLower(AtEdge):
     id = ROBSTRIDE
     way = -1
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class BeyondInTurns(AtEdge):
     """One count, of one that takes floats."""
 
     id = ODRIVE
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class WrongRange(Good):
     """Takes one motor's range for another's: 12.5 rad for 12.57, far out it is past the end."""
 
@@ -65,7 +66,7 @@ class WrongRange(Good):
 
 
 class SaysOnce(Good):
-    """Says one thing more, while connected."""
+    """Sends one text more, while connected."""
 
     def text(self) -> bytes:
         raise NotImplementedError
@@ -75,81 +76,35 @@ class SaysOnce(Good):
         self.wait()
 
 
-@breaks("W2")
-class SetsARange(SaysOnce):
-    """Writes the range of the position field of a Damiao."""
-
-    def text(self) -> bytes:
-        return self.register(0x55, 21, 0x41480000)
+def says(rule: str, name: str, text: Callable[[Good], bytes]) -> None:
+    """Add a daemon that sends one text more, which breaks the rule."""
+    EVILS.derive(rule, name, SaysOnce, text=text)
 
 
-@breaks("W2")
-class ChangesTheMode(SaysOnce):
-    """Velocity control."""
-
-    def text(self) -> bytes:
-        return self.register(0x55, 10, 3)
-
-
-@breaks("W2")
-class GoalOfAnotherMode(SaysOnce):
-    """Position and velocity as floats, on the id of another mode."""
-
-    def text(self) -> bytes:
-        return reply_frame(0x100 + DAMIAO, struct.pack("<ff", 0.2, 1.0))
-
-
-@breaks("W2")
-class RunsInAnotherMode(SaysOnce):
-    def text(self) -> bytes:
-        return self.parameter(0x12, 0x7005, 2)
-
-
-@breaks("W2")
-class WritesAPositionReference(SaysOnce):
-    """Past the motion frame, by a parameter."""
-
-    def text(self) -> bytes:
-        return self.parameter(0x12, 0x7016, 0x3F800000)
+# Writes the range of the position field of a Damiao.
+says("W2", "SetsARange", lambda d: d.register(0x55, 21, 0x41480000))
+# Velocity control.
+says("W2", "ChangesTheMode", lambda d: d.register(0x55, 10, 3))
+# Position and velocity as floats, on the id of another mode.
+says("W2", "GoalOfAnotherMode", lambda d: reply_frame(0x100 + DAMIAO, struct.pack("<ff", 0.2, 1.0)))
+says("W2", "RunsInAnotherMode", lambda d: d.parameter(0x12, 0x7005, 2))
+# Past the motion frame, by a parameter.
+says("W2", "WritesAPositionReference", lambda d: d.parameter(0x12, 0x7016, 0x3F800000))
+says("W2", "ControlsVelocity", lambda d: reply_frame(ODRIVE << 5 | 0x0B, struct.pack("<ii", 2, 1)))
+says("W2", "SaysAVelocity", lambda d: reply_frame(ODRIVE << 5 | 0x0D, struct.pack("<ff", 1.0, 0.0)))
+# Axis state 3: it turns by itself.
+says("W2", "Calibrates", lambda d: reply_frame(ODRIVE << 5 | 7, (3).to_bytes(4, "little")))
+# Active report: the bus fills with what nobody asked for.
+says(
+    "W2",
+    "ReportsByItself",
+    lambda d: reply_frame(0x18 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 1, 8)), extended=True),
+)
+# A special frame that it is not known to have.
+says("W2", "ClearsAFaultOfCubeMars", lambda d: reply_frame(CUBEMARS, b"\xff" * 7 + b"\xfb"))
 
 
-@breaks("W2")
-class ControlsVelocity(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 0x0B, struct.pack("<ii", 2, 1))
-
-
-@breaks("W2")
-class SaysAVelocity(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 0x0D, struct.pack("<ff", 1.0, 0.0))
-
-
-@breaks("W2")
-class Calibrates(SaysOnce):
-    """Axis state 3: it turns by itself."""
-
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 7, (3).to_bytes(4, "little"))
-
-
-@breaks("W2")
-class ReportsByItself(SaysOnce):
-    """Active report: the bus fills with what nobody asked for."""
-
-    def text(self) -> bytes:
-        return reply_frame(0x18 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 1, 8)), extended=True)
-
-
-@breaks("W2")
-class ClearsAFaultOfCubeMars(SaysOnce):
-    """A special frame that it is not known to have."""
-
-    def text(self) -> bytes:
-        return reply_frame(CUBEMARS, b"\xff" * 7 + b"\xfb")
-
-
-@breaks("W2")
+@EVILS.breaks("W2")
 class Pushes(Good):
     """A feed-forward torque that nobody allowed."""
 
@@ -157,7 +112,7 @@ class Pushes(Good):
         self.exchange(reply_frame(DAMIAO, packed(self.goals[DAMIAO], push=0x900)))
 
 
-@breaks("W2")
+@EVILS.breaks("W2")
 class ChangesTheRunModeUnderTorque(Good):
     def moving(self) -> None:
         self.exchange(self.parameter(0x12, 0x7005, 0))
@@ -180,24 +135,24 @@ class Step(Good):
         raise Over
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class TooFast(Step):
     """Three words more than its speed allows."""
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class OneWordTooFast(Step):
     id = ROBSTRIDE
     more = 1
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class TooFastInTurns(Step):
     id = ODRIVE
     more = 1
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class FeedsATooFastVelocityForward(Good):
     """Right places, and 5 rad/s where 3 are allowed."""
 
@@ -205,7 +160,7 @@ class FeedsATooFastVelocityForward(Good):
         self.exchange(reply_frame(DAMIAO, packed(self.goals[DAMIAO], rate=round((5.0 + 8.0) * 4095 / 16.0))))
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class JumpsAfterAFault(Good):
     """A fault; the hold that follows is where the robot was meant to go."""
 
@@ -215,7 +170,7 @@ class JumpsAfterAFault(Good):
         raise Over
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class CatchesUp(Good):
     """Three ticks were missed; the next goal is where the motion should be by now."""
 
@@ -227,7 +182,7 @@ class CatchesUp(Good):
 # ------------------------------------------------------------------------------------------- W4
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class FirstGoalElsewhere(Good):
     """The first goal after torque-on is a step away: within the speed, and not where the motor is."""
 
@@ -239,7 +194,7 @@ class FirstGoalElsewhere(Good):
         self.wait()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class ThreeWordsOff(Good):
     """Three words from where it was read: too little for a jump, and wrong."""
 
@@ -247,7 +202,7 @@ class ThreeWordsOff(Good):
         return {id: place + 3 for id, place in self.here.items()}
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class StalePresent(Good):
     """Rests on a reading of 60 ms ago."""
 
@@ -264,7 +219,7 @@ class StalePresent(Good):
         raise Over
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class TorqueBeforeGoal(Good):
     """One that turns to its goal at once is switched on and then told where to."""
 
@@ -275,9 +230,9 @@ class TorqueBeforeGoal(Good):
         self.wait()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class SwitchesOnLate(Good):
-    """Where one stood when its goal was written is 60 ms old when it is switched on."""
+    """A motor is switched on 60 ms after its position, which its goal was taken from."""
 
     def energise(self) -> None:
         self.exchange(self.goal(ODRIVE, self.present()[ODRIVE]))
@@ -288,7 +243,7 @@ class SwitchesOnLate(Good):
         self.wait()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class TakesAnAnswerForAPlace(Good):
     """A register's acknowledgement read as feedback: as near as the range has."""
 
@@ -300,7 +255,7 @@ class TakesAnAnswerForAPlace(Good):
         raise Over
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class OldGoalAfterTheBusWasAway(Good):
     """The bus was gone; what it meant to say then is said now."""
 
@@ -316,7 +271,7 @@ class OldGoalAfterTheBusWasAway(Good):
 # ------------------------------------------------------------------------------------------- W5
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class GoalWhileConnected(Good):
     """Writes goals before anybody has armed."""
 
@@ -326,7 +281,7 @@ class GoalWhileConnected(Good):
         self.wait()
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class DampsWhileConnected(Good):
     """Without stiffness, but it is a command, and nobody has armed."""
 
@@ -335,7 +290,7 @@ class DampsWhileConnected(Good):
         self.wait()
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class TorqueWhileConnected(Good):
     """Switches on one that has been given all that it needs, but nobody has asked it to arm."""
 
@@ -346,130 +301,50 @@ class TorqueWhileConnected(Good):
 
 # ------------------------------------------------------------------------------------------- W8
 
-
-@breaks("W8")
-class NewZero(SaysOnce):
-    """Where it is shall be zero."""
-
-    def text(self) -> bytes:
-        return reply_frame(DAMIAO, b"\xff" * 7 + b"\xfe")
-
-
-@breaks("W8")
-class NewZeroOfRobStride(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(6 << 24 | HOST << 8 | ROBSTRIDE, b"\x01" + bytes(7), extended=True)
-
-
-@breaks("W8")
-class NewPlaceOfODrive(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 0x19, bytes(4))
-
-
-@breaks("W8")
-class Stores(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(0x7FF, bytes((DAMIAO, 0, 0xAA, 1, 0, 0, 0, 0)))
-
-
-@breaks("W8")
-class StoresInRobStride(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(0x16 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 7, 8)), extended=True)
-
-
-@breaks("W8")
-class GivesAnotherId(SaysOnce):
-    def text(self) -> bytes:
-        return self.register(0x55, 8, 5)
-
-
-@breaks("W8")
-class GivesRobStrideAnotherId(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(7 << 24 | 5 << 16 | HOST << 8 | ROBSTRIDE, bytes(8), extended=True)
+# Where it is shall be zero.
+says("W8", "NewZero", lambda d: reply_frame(DAMIAO, b"\xff" * 7 + b"\xfe"))
+says(
+    "W8",
+    "NewZeroOfRobStride",
+    lambda d: reply_frame(6 << 24 | HOST << 8 | ROBSTRIDE, b"\x01" + bytes(7), extended=True),
+)
+says("W8", "NewPlaceOfODrive", lambda d: reply_frame(ODRIVE << 5 | 0x19, bytes(4)))
+says("W8", "Stores", lambda d: reply_frame(0x7FF, bytes((DAMIAO, 0, 0xAA, 1, 0, 0, 0, 0))))
+says(
+    "W8",
+    "StoresInRobStride",
+    lambda d: reply_frame(0x16 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 7, 8)), extended=True),
+)
+says("W8", "GivesAnotherId", lambda d: d.register(0x55, 8, 5))
+says(
+    "W8",
+    "GivesRobStrideAnotherId",
+    lambda d: reply_frame(7 << 24 | 5 << 16 | HOST << 8 | ROBSTRIDE, bytes(8), extended=True),
+)
+says("W8", "GivesANodeAnotherId", lambda d: reply_frame(ODRIVE << 5 | 6, (5).to_bytes(4, "little")))
+# An id that is not of this bus.
+says("W8", "SpeaksToAStranger", lambda d: reply_frame(9, packed(0x7FFF)))
+says("W8", "ReadsARegisterOfAStranger", lambda d: reply_frame(0x7FF, bytes((9, 0, 0x33, 9, 0, 0, 0, 0))))
+# Announces eight bytes and sends two.
+says("W8", "ShortData", lambda d: b"t0018AABB\r")
+says("W8", "NineBytes", lambda d: b"t0019" + b"00" * 9 + b"\r")
+# Four bytes to a motor that takes eight.
+says("W8", "ShortCommand", lambda d: reply_frame(CUBEMARS, bytes(4)))
+says("W8", "NoDigit", lambda d: b"t00180000000000G00000\r")
+# A frame of CAN FD.
+says("W8", "FlexibleRate", lambda d: b"d0018" + b"00" * 8 + b"\r")
+# Two lines without an end between.
+says(
+    "W8",
+    "RunTogether",
+    lambda d: reply_frame(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))[:-1] * 2 + b"\r",
+)
+says("W8", "RemoteToAMotor", lambda d: reply_frame(DAMIAO, b"", remote=True))
+# The adapter is set to 500 kbit/s.
+says("W8", "AnotherRate", lambda d: b"C\rS6\rO\r")
 
 
-@breaks("W8")
-class GivesANodeAnotherId(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 6, (5).to_bytes(4, "little"))
-
-
-@breaks("W8")
-class SpeaksToAStranger(SaysOnce):
-    """An id that is not of this bus."""
-
-    def text(self) -> bytes:
-        return reply_frame(9, packed(0x7FFF))
-
-
-@breaks("W8")
-class ReadsARegisterOfAStranger(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(0x7FF, bytes((9, 0, 0x33, 9, 0, 0, 0, 0)))
-
-
-@breaks("W8")
-class ShortData(SaysOnce):
-    """Announces eight bytes and sends two."""
-
-    def text(self) -> bytes:
-        return b"t0018AABB\r"
-
-
-@breaks("W8")
-class NineBytes(SaysOnce):
-    def text(self) -> bytes:
-        return b"t0019" + b"00" * 9 + b"\r"
-
-
-@breaks("W8")
-class ShortCommand(SaysOnce):
-    """Four bytes to a motor that takes eight."""
-
-    def text(self) -> bytes:
-        return reply_frame(CUBEMARS, bytes(4))
-
-
-@breaks("W8")
-class NoDigit(SaysOnce):
-    def text(self) -> bytes:
-        return b"t00180000000000G00000\r"
-
-
-@breaks("W8")
-class FlexibleRate(SaysOnce):
-    """A frame of CAN FD."""
-
-    def text(self) -> bytes:
-        return b"d0018" + b"00" * 8 + b"\r"
-
-
-@breaks("W8")
-class RunTogether(SaysOnce):
-    """Two lines without an end between."""
-
-    def text(self) -> bytes:
-        return reply_frame(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))[:-1] * 2 + b"\r"
-
-
-@breaks("W8")
-class RemoteToAMotor(SaysOnce):
-    def text(self) -> bytes:
-        return reply_frame(DAMIAO, b"", remote=True)
-
-
-@breaks("W8")
-class AnotherRate(SaysOnce):
-    """The adapter is set to 500 kbit/s."""
-
-    def text(self) -> bytes:
-        return b"C\rS6\rO\r"
-
-
-@breaks("W8")
+@EVILS.breaks("W8")
 class Unfinished(SaysOnce):
     """Half a line, and then nothing."""
 
@@ -479,12 +354,8 @@ class Unfinished(SaysOnce):
         raise Over
 
 
-@breaks("W8")
-class NotANumber(SaysOnce):
-    """A goal in turns that is none."""
-
-    def text(self) -> bytes:
-        return reply_frame(ODRIVE << 5 | 0x0C, struct.pack("<fhh", float("nan"), 0, 0))
+# A goal in turns that is none.
+says("W8", "NotANumber", lambda d: reply_frame(ODRIVE << 5 | 0x0C, struct.pack("<fhh", float("nan"), 0, 0)))
 
 
 assert TURN == 16384

@@ -1,35 +1,21 @@
 """A daemon that does everything right on a CAN bus: what the wrong ones are changed from."""
 
 import struct
-from math import cos, pi, tau
-from typing import Any, Protocol
+from typing import Protocol
 
 from tests.proof.busmon.can.motors import TURN, CanLimits, Motor
 from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, reply_frame
+from tests.proof.evil.daemon_life import WAY, CuttingLife, DaemonLife, KilledLife, LifePort, MirrorLife
+from tests.proof.evil.registry import WrongDaemons
 
-# words and s of a move there and back
-FAR = 900
-WAY = 0.8
 SLACK = 0.002  # s that answers take
 TICKS = 2000  # of 50 us: 0.1 s
 
 
-class Over(Exception):
-    """Enough was seen of this daemon."""
-
-
-class Port(Protocol):
-    """What a daemon has of the world."""
-
-    now: float
-
-    def write(self, data: bytes) -> None: ...
+class Port(LifePort, Protocol):
+    """A daemon's access to the world."""
 
     def read(self, seconds: float) -> bytes: ...
-
-    def until(self, time: float) -> None: ...
-
-    def say(self, what: str, **facts: Any) -> None: ...
 
 
 def packed(place: int, rate: int = 0x7FF, kp: int = 400, kd: int = 300, push: int = 0x7FF) -> bytes:
@@ -39,46 +25,16 @@ def packed(place: int, rate: int = 0x7FF, kp: int = 400, kd: int = 300, push: in
     ) + bytes(((kd & 15) << 4 | push >> 8, push & 255))
 
 
-class Good:
-    """Each step is a method of its own, so that a wrong daemon changes one."""
+class Good(DaemonLife):
+    """A right daemon of four families."""
 
-    ticks = TICKS
-
-    def __init__(self, port: Port, limits: CanLimits) -> None:
-        self.port = port
-        self.limits = limits
-        self.period = limits.period
-        self.ids = sorted(limits.servos)
-        self.goals: dict[int, int] = {}
-        self.speed: dict[int, float] = {}
-        self.here: dict[int, int] = {}
-        self.tick = port.now
-        self._rest = b""
-
-    # ------------------------------------------------------------------------- its life
-
-    def live(self) -> None:
-        self.connect()
-        self.connected()
-        self.arm()
-        self.armed()
-        self.hold(5)
-        self.move(WAY)
-        self.emergency()
-        self.arm()
-        self.hold(3)
-        self.move(WAY)
-        self.disarm()
-        self.idle(3)
-
-    def connected(self) -> None:
-        """Where a wrong one may do something."""
-
-    def armed(self) -> None:
-        """The same."""
-
-    def moving(self) -> None:
-        """The same, in the middle of each move."""
+    port: Port
+    limits: CanLimits
+    far = 900
+    sag = 200
+    rest = 8
+    ticks = TICKS  # watchdog
+    _unread = b""
 
     # ------------------------------------------------------------------------- frames
 
@@ -123,12 +79,12 @@ class Good:
     def exchange(self, text: bytes) -> None:
         """Say it, and take what comes."""
         self.port.write(text)
-        *lines, self._rest = (self._rest + self.port.read(SLACK)).split(b"\r")
+        *lines, self._unread = (self._unread + self.port.read(SLACK)).split(b"\r")
         for line in lines:
             self.hear(line)
 
     def hear(self, line: bytes) -> None:
-        """Where they are, by place of the digits alone."""
+        """Positions, by place of the digits alone."""
         text = line.decode()
         if text.startswith((f"t{self.motor(DAMIAO).reply:03X}8", "t0008")) and text[7:9] != "00":
             data = bytes.fromhex(text[5:])
@@ -142,21 +98,8 @@ class Good:
         elif text.startswith(f"t{ODRIVE << 5 | 9:03X}8"):
             self.here[ODRIVE] = round(struct.unpack("<f", bytes.fromhex(text[5:13]))[0] * TURN)
 
-    def cycle(self, goals: dict[int, int] | None = None) -> None:
-        """One tick: goals out, places in."""
-        if goals is not None:
-            self.speed = {id: goal - self.goals.get(id, goal) for id, goal in goals.items()}
-            self.goals = dict(goals)
-        self.exchange((self.aim(goals) if goals is not None else b"") + self.question())
-        self.wait()
-
-    def wait(self) -> None:
-        self.tick = max(self.tick + self.period, self.port.now)
-        self.port.until(self.tick)
-
-    def idle(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self.cycle()
+    def talk(self, goals: bytes) -> None:
+        self.exchange(goals + self.question())
 
     # ------------------------------------------------------------------------- torque
 
@@ -191,11 +134,8 @@ class Good:
         modes = reply_frame(ODRIVE << 5 | 0x0B, struct.pack("<ii", 3, 1))
         self.exchange(modes + self.parameter(0x12, 0x7005, 0) + self.register(0x55, 10, 1))
 
-    def present(self) -> dict[int, int]:
-        return dict(self.here)
-
     def energise(self) -> None:
-        """What turns to a goal at once is given it first; the first goals leave with the switches."""
+        """A motor that turns to a goal at once is given it first; the first goals leave with the switches."""
         self.goals = self.present()
         on = b"".join(self.switch(id, True) for id in self.ids)
         self.exchange(self.goal(ODRIVE, self.goals[ODRIVE]) + on + self.aim(self.goals))
@@ -205,94 +145,20 @@ class Good:
         self.exchange(b"".join(self.switch(id, False) for id in self.ids) * 2)
         self.wait()
 
-    # ------------------------------------------------------------------------- motion
 
-    def hold(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self.cycle(dict(self.goals))
-
-    def move(self, seconds: float, far: int = FAR) -> None:
-        """Away along a cosine; after `seconds`, half-way back, it is still moving."""
-        start = dict(self.goals)
-        for tick in range(1, round(seconds / self.period)):
-            if tick == 30:
-                self.moving()
-            share = 0.5 - 0.5 * cos(tau * 0.75 * tick * self.period / seconds)
-            self.cycle({id: place - round(far * share) for id, place in start.items()})
-
-    def brake(self) -> None:
-        """Every joint loses speed at its limit, then stands."""
-        exact: dict[int, float] = dict(self.goals)
-        speed = dict(self.speed)
-        while any(speed.values()):
-            for id, each in speed.items():
-                less = 0.9 * self.motor(id).brake * self.period**2
-                speed[id] = max(0.0, abs(each) - less) * (1 if each > 0 else -1)
-                exact[id] += speed[id]
-            self.cycle({id: round(place) for id, place in exact.items()})
-        self.hold(8)
-
-    def lower(self) -> None:
-        start = dict(self.goals)
-        for tick in range(1, 41):
-            share = 0.5 - 0.5 * cos(pi * tick / 40)
-            self.cycle({id: place + round(200 * share) for id, place in start.items()})
-
-    # ------------------------------------------------------------------------- ends
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
-        self.settle()
-        self.port.say("state", state="connected")
-
-    def settle(self) -> None:
-        self.brake()
-        self.lower()
-        self.loosen()
-
-    def disarm(self) -> None:
-        self.port.say("state", state="settling")
-        self.settle()
-        self.port.say("state", state="connected")
+EVILS: WrongDaemons[Good] = WrongDaemons()
 
 
-class Cutting(Good):
-    """The same, but its e-stop takes the torque off at once."""
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="cut")
-        self.port.say("state", state="estop")
-        self.loosen()
-        self.port.say("state", state="connected")
+class Cutting(CuttingLife, Good):
+    """A right daemon whose e-stop takes the torque off at once."""
 
 
-class Mirror(Good):
-    """Reads, and writes nothing."""
-
-    mode = "mirror"
-
-    def live(self) -> None:
-        self.port.say("mode", mode=self.mode)
-        self.connect()
-        self.connected()
-        self.idle(20)
+class Mirror(MirrorLife, Good):
+    """A right daemon that reads, and writes nothing."""
 
 
-class Killed(Good):
-    """Dies in motion."""
-
-    def live(self) -> None:
-        self.connect()
-        self.arm()
-        self.move(WAY)
-        self.port.say("killed")
-        self.after()
-        self.port.until(self.port.now + 0.2)
-        self.port.ask_servos()  # type: ignore[attr-defined]
-
-    def after(self) -> None:
-        """Where a wrong one goes on."""
+class Killed(KilledLife, Good):
+    """A right daemon that dies in motion."""
 
 
 class Reborn(Good):

@@ -5,8 +5,9 @@ from typing import Any
 
 from tests.proof.busmon.can.monitor import CanMonitor
 from tests.proof.busmon.can.motors import CanLimits
-from tests.proof.evil.can_good import Good, Over
+from tests.proof.evil.can_good import Good
 from tests.proof.evil.can_nodes import Nodes, limits
+from tests.proof.evil.daemon_life import Over
 
 AFTER = 0.3  # s that a daemon lives on after it was caught: what else does it break?
 LIMITS = limits()
@@ -30,7 +31,7 @@ class VirtualPort:
         self.nodes.receive(data, self.now)
 
     def read(self, seconds: float) -> bytes:
-        """What comes within that time."""
+        """Bytes that come within that time."""
         data = b""
         end = self.now + seconds
         while self.nodes.due() <= end:
@@ -50,7 +51,7 @@ class VirtualPort:
         self.monitor.told(what, self.now, **facts)
 
     def ask_servos(self) -> None:
-        """What is true of the motors, for W11."""
+        """Report the velocities of the motors, for W11."""
         self.say("servos", velocity={id: node.velocity for id, node in self.nodes.nodes.items()})
 
 

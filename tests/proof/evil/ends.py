@@ -1,6 +1,9 @@
 """Wrong ends: W6 after an e-stop, W7 silence and watchdogs, W9 talkers, W10 mirrors, W11 after the kill."""
 
+from tests.proof.busmon.packet import make
+from tests.proof.evil import daemon_life
 from tests.proof.evil.good import (
+    EVILS,
     GAINS,
     PING,
     REBOOT,
@@ -10,13 +13,11 @@ from tests.proof.evil.good import (
     Good,
     Killed,
     Mirror,
-    make,
     word,
 )
-from tests.proof.evil.registry import breaks
 
 
-@breaks("W6")
+@EVILS.breaks("W6")
 class Accelerates(Good):
     """The first goals after the e-stop go on faster than before."""
 
@@ -26,75 +27,45 @@ class Accelerates(Good):
         super().brake()
 
 
-@breaks("W6")
-class GoesOn(Good):
+@EVILS.breaks("W6")
+class GoesOn(daemon_life.GoesOn, Good):
     """Neither faster nor slower: as if nothing had happened."""
 
-    def brake(self) -> None:
-        speed = dict(self.speed)
-        for _ in range(12):
-            self.cycle({id: goal + round(speed[id]) for id, goal in self.goals.items()})
-        super().brake()
 
-
-@breaks("W6")
+@EVILS.breaks("W6")
 class BrakesTooLate(Good):
-    """Thinks about it for 50 ms."""
+    """Brakes after 50 ms."""
 
     def brake(self) -> None:
-        speed = dict(self.speed)
-        for _ in range(5):
-            self.cycle({id: goal + round(speed[id]) for id, goal in self.goals.items()})
+        self.go_on(5)
         super().brake()
 
 
-@breaks("W6")
-class NeverLetsGo(Good):
+@EVILS.breaks("W6")
+class NeverLetsGo(daemon_life.NeverLetsGo, Good):
     """Stands, and torque is still on 5 s later."""
 
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
-        self.brake()
-        self.hold(500)
-        self.loosen()
-        self.port.say("state", state="connected")
 
-
-@breaks("W6")
+@EVILS.breaks("W6")
 class LetsGoOfSome(Good):
     """Torque off, but for one."""
 
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
+    def settle(self) -> None:
         self.brake()
         self.port.write(self.sync_write(64, dict.fromkeys(self.ids[1:], b"\0")) * 2)
         self.wait()
         self.idle(450)
         self.loosen()
-        self.port.say("state", state="connected")
 
 
-@breaks("W6")
-class LateCut(Cutting):
+@EVILS.breaks("W6")
+class LateCut(daemon_life.LateCut, Cutting):
     """Level cut, and it takes 100 ms."""
 
-    def loosen(self) -> None:
-        self.idle(10)
-        super().loosen()
 
-
-@breaks("W6")
-class GoalAfterCut(Cutting):
+@EVILS.breaks("W6")
+class GoalAfterCut(daemon_life.GoalAfterCut, Cutting):
     """Level cut, and one more goal."""
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="cut")
-        self.port.say("state", state="estop")
-        self.hold(1)
-        self.loosen()
-        self.port.say("state", state="connected")
 
 
 # ------------------------------------------------------------------------------------------- W7
@@ -105,9 +76,12 @@ class Guards(Good):
 
     value = b"\5"
 
+    def watchdogs(self) -> bytes:
+        return self.all(WATCHDOG, self.value)
+
     def guard(self) -> None:
         self.goals = self.present()
-        self.port.write(self.all(WATCHDOG, b"\0") + self.aim(self.goals) + self.all(WATCHDOG, self.value))
+        self.port.write(self.all(WATCHDOG, b"\0") + self.aim(self.goals) + self.watchdogs())
         self.wait()
 
     def prove(self) -> None:
@@ -115,7 +89,7 @@ class Guards(Good):
         self.wait()
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class NoWatchdog(Guards):
     """Off."""
 
@@ -126,21 +100,21 @@ class NoWatchdog(Guards):
         super().energise()
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class LongWatchdog(Guards):
     """2.54 s: too long to be one."""
 
     value = b"\x7f"
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class JustTooLongWatchdog(Guards):
     """120 ms."""
 
     value = b"\6"
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogNotReadBack(Good):
     """Written and believed."""
 
@@ -148,7 +122,7 @@ class WatchdogNotReadBack(Good):
         """Not done."""
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogReadTooEarly(Good):
     """Read back, and then written once more."""
 
@@ -158,22 +132,15 @@ class WatchdogReadTooEarly(Good):
         self.wait()
 
 
-@breaks("W7")
-class WatchdogOfOneMissing(Good):
+@EVILS.breaks("W7")
+class WatchdogOfOneMissing(Guards):
     """All but the last."""
 
-    def guard(self) -> None:
-        self.goals = self.present()
-        some = dict.fromkeys(self.ids[:-1], b"\5")
-        self.port.write(self.all(WATCHDOG, b"\0") + self.aim(self.goals) + self.sync_write(WATCHDOG, some))
-        self.wait()
-
-    def prove(self) -> None:
-        self.ask(WATCHDOG, 1)
-        self.wait()
+    def watchdogs(self) -> bytes:
+        return self.sync_write(WATCHDOG, dict.fromkeys(self.ids[:-1], self.value))
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogOffUnderTorque(Good):
     """Switched off while armed, so that nothing disturbs."""
 
@@ -185,7 +152,7 @@ class WatchdogOffUnderTorque(Good):
         self.hold(3)
 
 
-@breaks("W7")
+@EVILS.breaks("W7")
 class WatchdogLongerUnderTorque(Good):
     """Made longer in motion."""
 
@@ -195,40 +162,27 @@ class WatchdogLongerUnderTorque(Good):
         self.wait()
 
 
-@breaks("W7")
-class Silence(Good):
+@EVILS.breaks("W7")
+class Silence(daemon_life.Silent, Good):
     """100 ms of nothing in motion, and on it goes."""
 
-    def moving(self) -> None:
-        self.port.until(self.port.now + 0.1)
-        self.tick = self.port.now
 
-    def move(self, seconds: float, far: int = 260) -> None:
-        super().move(seconds * 3, far)
-
-
-@breaks("W7")
+@EVILS.breaks("W7")
 class ShortSilence(Silence):
     """65 ms."""
 
-    def moving(self) -> None:
-        self.port.until(self.port.now + 0.065)
-        self.tick = self.port.now
+    lasts = 0.065
 
 
-@breaks("W7")
-class SilentForEver(Good):
+@EVILS.breaks("W7")
+class SilentForEver(daemon_life.SilentForEver, Good):
     """Armed, and then it hangs."""
-
-    def moving(self) -> None:
-        self.port.until(self.port.now + 2.0)
-        self.tick = self.port.now
 
 
 # ------------------------------------------------------------------------------------------- W9
 
 
-@breaks("W9")
+@EVILS.breaks("W9")
 class SecondTalker(Good):
     """Somebody else asks while the first one waits for its answer."""
 
@@ -240,7 +194,7 @@ class SecondTalker(Good):
         self.wait()
 
 
-@breaks("W9")
+@EVILS.breaks("W9")
 class SecondWriter(Good):
     """Somebody else repeats the goals while an answer is on the wire: right goals, wrong moment."""
 
@@ -253,7 +207,7 @@ class SecondWriter(Good):
         self.wait()
 
 
-@breaks("W9")
+@EVILS.breaks("W9")
 class ImpatientReader(Good):
     """Does not wait for the end of an answer."""
 
@@ -268,63 +222,32 @@ class ImpatientReader(Good):
 # ------------------------------------------------------------------------------------------- W10
 
 
-@breaks("W10")
-class MirrorWritesGoal(Mirror):
-    """A mirror that pushes a little."""
+class Writes(Mirror):
+    """A mirror that sends one packet."""
+
+    def packet(self) -> bytes:
+        raise NotImplementedError
 
     def connected(self) -> None:
-        self.port.write(self.aim(self.present()))
-        self.wait()
-
-
-@breaks("W10")
-class MirrorTakesTorqueOff(Mirror):
-    """A mirror that means well."""
-
-    def connected(self) -> None:
-        self.port.write(self.torque(0))
-        self.wait()
-
-
-@breaks("W10")
-class MirrorTakesTorqueOn(Mirror):
-    def connected(self) -> None:
-        self.port.write(self.torque(1))
-        self.wait()
-
-
-@breaks("W10")
-class MirrorRestarts(Mirror):
-    def connected(self) -> None:
-        self.port.write(make(self.ids[0], REBOOT))
+        self.port.write(self.packet())
         self.port.read(11, 0.003)
         self.wait()
 
 
-@breaks("W10")
-class MirrorSetsGains(Mirror):
-    """Only gains, only a little."""
-
-    def connected(self) -> None:
-        self.port.write(self.all(GAINS, bytes(6)))
-        self.wait()
-
-
-@breaks("W10")
-class SimulationWrites(Mirror):
-    """A simulation whose goals reach the bus."""
-
-    mode = "sim"
-
-    def connected(self) -> None:
-        self.port.write(self.aim(self.present()))
-        self.wait()
+MirrorWritesGoal = EVILS.derive(
+    "W10", "MirrorWritesGoal", Writes, packet=lambda self: self.aim(self.present())
+)
+SimulationWrites = EVILS.derive("W10", "SimulationWrites", MirrorWritesGoal, mode="sim")
+EVILS.derive("W10", "MirrorTakesTorqueOff", Writes, packet=lambda self: self.torque(0))
+EVILS.derive("W10", "MirrorTakesTorqueOn", Writes, packet=lambda self: self.torque(1))
+EVILS.derive("W10", "MirrorRestarts", Writes, packet=lambda self: make(self.ids[0], REBOOT))
+EVILS.derive("W10", "MirrorSetsGains", Writes, packet=lambda self: self.all(GAINS, bytes(6)))
 
 
 # ------------------------------------------------------------------------------------------- W11
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class PacketAfterTheKill(Killed):
     """Something of it lives on and sends the next goals."""
 
@@ -332,7 +255,7 @@ class PacketAfterTheKill(Killed):
         self.cycle(dict(self.goals))
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class ReaderOutlivesItsWriter(Killed):
     """Only its reader lives on, and keeps every watchdog fed."""
 
@@ -340,7 +263,7 @@ class ReaderOutlivesItsWriter(Killed):
         self.idle(10)
 
 
-@breaks("W11")
+@EVILS.breaks("W11")
 class ServoGoesOn(Killed):
     """A servo that was told to go slowly, and whose watchdog was not: it still turns 120 ms later."""
 
@@ -349,4 +272,4 @@ class ServoGoesOn(Killed):
         self.port.bus.servos["bus_watchdog"][:] = 0  # type: ignore[attr-defined]
         self.port.bus.servos.muscles.position[:] -= 900.0  # type: ignore[attr-defined]
         self.port.until(self.port.now + 0.125)
-        self.port.ask_servos()  # type: ignore[attr-defined]
+        self.port.ask_servos()

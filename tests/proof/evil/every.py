@@ -1,6 +1,6 @@
 """All wrong daemons."""
 
 from tests.proof.evil import ends, goals, packets, search
-from tests.proof.evil.registry import EVILS
+from tests.proof.evil.good import EVILS
 
 __all__ = ["EVILS", "ends", "goals", "packets", "search"]

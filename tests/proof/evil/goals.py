@@ -1,7 +1,8 @@
 """Wrong goals: W1, W3, W4, W5."""
 
-from tests.proof.evil.good import GOAL, WRITE, Good, Over, make, word
-from tests.proof.evil.registry import breaks
+from tests.proof.busmon.packet import make
+from tests.proof.evil.daemon_life import Over
+from tests.proof.evil.good import EVILS, GOAL, WRITE, Good, word
 
 
 class AtEdge(Good):
@@ -29,30 +30,30 @@ class AtEdge(Good):
         self.cycle(goals)
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class BeyondUpper(AtEdge):
     """A few counts past the upper end."""
 
     beyond = 12
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class BeyondLower(AtEdge):
     way = -1
     beyond = 12
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class OneCountBeyondUpper(AtEdge):
     """One count."""
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class OneCountBeyondLower(AtEdge):
     way = -1
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class WrongZero(Good):
     """Takes goals for angles: writes what is right for another encoder."""
 
@@ -65,7 +66,7 @@ class WrongZero(Good):
         raise Over
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class OneServoAlone(Good):
     """The last servo gets its goal by a packet of its own, past the end."""
 
@@ -102,25 +103,25 @@ class Step(Good):
             self.cycle(goals)
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class TwoCountsTooFast(Step):
     """Two counts more than its speed allows."""
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class OneCountTooFast(Step):
     servo = 0
     more = 1
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class TooFastForThePowerOfTheGear(Step):
     """Takes the speed of the motor for that of the joint behind its gear."""
 
     more = 5
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class JumpsAfterAFault(Good):
     """A fault; the hold that follows is where the robot was meant to go."""
 
@@ -132,7 +133,7 @@ class JumpsAfterAFault(Good):
         self.port.say("state", state="armed")
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class HoldsAtTheMeasuredPlace(Good):
     """Something holds a joint back; the goal jumps to where it was measured, under torque."""
 
@@ -143,7 +144,7 @@ class HoldsAtTheMeasuredPlace(Good):
         self.cycle(goals)
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class CatchesUp(Good):
     """Three ticks were missed; the next goal is where the motion should be by now."""
 
@@ -153,7 +154,7 @@ class CatchesUp(Good):
         self.cycle({id: goal + far[id] for id, goal in self.goals.items()})
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class JumpsAfterRearming(Good):
     """Armed once more, it goes on where it was before, and torque is not yet on."""
 
@@ -162,7 +163,6 @@ class JumpsAfterRearming(Good):
     def present(self) -> dict[int, int]:
         if self.old is None:
             self.old = {id: place - 100 for id, place in self.here.items()}
-            return super().present()
         return super().present()
 
     def place(self) -> None:
@@ -178,7 +178,7 @@ class JumpsAfterRearming(Good):
 # ------------------------------------------------------------------------------------------- W4
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class GoalNotPresent(Good):
     """Torque on with a goal three counts from where the servo is: too little for a jump, and wrong."""
 
@@ -189,7 +189,7 @@ class GoalNotPresent(Good):
         self.wait()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class StalePresent(Good):
     """Rests on a reading of 60 ms ago."""
 
@@ -200,7 +200,7 @@ class StalePresent(Good):
             self.wait()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class TorqueBeforeGoal(Good):
     """Switches torque on and then says where to."""
 
@@ -213,12 +213,9 @@ class TorqueBeforeGoal(Good):
         """Later."""
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class OldGoalAfterRestart(Good):
     """A servo was restarted: its goal is gone, and torque goes on all the same."""
-
-    def prepare(self) -> None:
-        super().prepare()
 
     def place(self) -> None:
         super().place()
@@ -227,7 +224,7 @@ class OldGoalAfterRestart(Good):
         self.prove()
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class FirstGoalElsewhere(Good):
     """The first goal after torque-on is a step away: within the speed, and not where the servo is."""
 
@@ -237,7 +234,7 @@ class FirstGoalElsewhere(Good):
         self.cycle(dict(self.goals))
 
 
-@breaks("W4")
+@EVILS.breaks("W4")
 class NeverLooked(Good):
     """Goal := what it remembers; nobody has read a position yet."""
 
@@ -253,7 +250,7 @@ class NeverLooked(Good):
 # ------------------------------------------------------------------------------------------- W5
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class GoalWhileConnected(Good):
     """Writes goals before anybody has armed."""
 
@@ -262,7 +259,7 @@ class GoalWhileConnected(Good):
         self.wait()
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class TorqueWhileDisarmed(Good):
     """Everything right but the word: nobody has asked it to arm."""
 
@@ -284,7 +281,7 @@ class TorqueWhileDisarmed(Good):
         self.port.say("state", state="armed")
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class RearmsOneServo(Good):
     """A servo has lost its torque; it is switched on again in the middle of a motion."""
 
@@ -298,7 +295,7 @@ class RearmsOneServo(Good):
         self.cycle(dict(self.goals))
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class GoalAfterDisarm(Good):
     """The last goal leaves once more after the robot was let go."""
 
@@ -306,7 +303,7 @@ class GoalAfterDisarm(Good):
         self.cycle(self.present())
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class GoalWhileInhibited(Good):
     """Nothing may be written any more, and a goal is."""
 

@@ -1,14 +1,11 @@
-"""A daemon that does everything right, from the protocol's text: what the wrong ones are changed from.
+"""A daemon on a Dynamixel bus that does everything right: what the wrong ones are changed from."""
 
-It knows three things of a robot: ids, where it stands, and a period. Its life: connect, arm, hold, move,
-e-stop in motion, reset, arm again, move, disarm.
-"""
-
-from math import cos, pi, tau
-from typing import Any, Protocol
+from typing import Protocol
 
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.packet import make
+from tests.proof.evil.daemon_life import WAY, CuttingLife, DaemonLife, KilledLife, LifePort, MirrorLife
+from tests.proof.evil.registry import WrongDaemons
 
 PING = 0x01
 READ = 0x02
@@ -29,79 +26,24 @@ WATCHDOG = 98
 PROFILE = 108
 GOAL = 116
 POSITION = 132
-# counts and s of a move there and back
-FAR = 260
-WAY = 0.8
 SLACK = 0.002  # s
 
 
-class Over(Exception):
-    """Enough was seen of this daemon."""
-
-
-class Port(Protocol):
-    """What a daemon has of the world."""
-
-    now: float
-
-    def write(self, data: bytes) -> None: ...
+class Port(LifePort, Protocol):
+    """A daemon's access to the world."""
 
     def read(self, count: int, timeout: float) -> bytes: ...
-
-    def until(self, time: float) -> None: ...
-
-    def say(self, what: str, **facts: Any) -> None: ...
 
 
 def word(value: int, size: int = 4) -> bytes:
     return value.to_bytes(size, "little", signed=value < 0)
 
 
-class Good:
-    """Each step is a method of its own, so that a wrong daemon changes one."""
+class Good(DaemonLife):
+    """A right daemon that writes and reads all servos with sync packets."""
 
-    def __init__(self, port: Port, limits: Limits) -> None:
-        self.port = port
-        self.limits = limits
-        self.ids = sorted(limits.servos)
-        self.period = limits.period
-        self.goals: dict[int, int] = {}
-        self.speed: dict[int, float] = {}
-        self.here: dict[int, int] = {}
-        self.tick = port.now
-
-    # ------------------------------------------------------------------------- its life
-
-    def live(self) -> None:
-        self.connect()
-        self.connected()
-        self.arm()
-        self.armed()
-        self.hold(5)
-        self.move(WAY)
-        self.emergency()
-        self.stopped()
-        self.arm()
-        self.hold(3)
-        self.move(WAY)
-        self.disarm()
-        self.disarmed()
-        self.idle(3)
-
-    def connected(self) -> None:
-        """Where a wrong one may do something."""
-
-    def armed(self) -> None:
-        """The same."""
-
-    def moving(self) -> None:
-        """The same, in the middle of each move."""
-
-    def stopped(self) -> None:
-        """The same."""
-
-    def disarmed(self) -> None:
-        """The same."""
+    port: Port
+    limits: Limits
 
     # ------------------------------------------------------------------------- packets
 
@@ -133,22 +75,8 @@ class Good:
                 found[id] = int.from_bytes(answer[at + 2 : at + 2 + size], "little", signed=size == 4)
         return found
 
-    def cycle(self, goals: dict[int, int] | None = None) -> None:
-        """One tick: goals out, positions in."""
-        if goals is not None:
-            self.speed = {id: goal - self.goals.get(id, goal) for id, goal in goals.items()}
-            self.goals = dict(goals)
-        before = self.aim(goals) if goals is not None else b""
-        self.here |= self.ask(POSITION, 4, before)
-        self.wait()
-
-    def wait(self) -> None:
-        self.tick = max(self.tick + self.period, self.port.now)
-        self.port.until(self.tick)
-
-    def idle(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self.cycle()
+    def talk(self, goals: bytes) -> None:
+        self.here |= self.ask(POSITION, 4, goals)
 
     # ------------------------------------------------------------------------- torque
 
@@ -189,10 +117,6 @@ class Good:
         self.port.write(self.all(GAINS, gains) + self.all(PROFILE, bytes(8)))
         self.wait()
 
-    def present(self) -> dict[int, int]:
-        """Where everybody is, and may be told to be."""
-        return dict(self.here)
-
     def place(self) -> None:
         """Goal := present once more, read back."""
         self.goals = self.present()
@@ -215,95 +139,20 @@ class Good:
         assert set(self.ask(TORQUE, 1).values()) == {0}
         self.wait()
 
-    # ------------------------------------------------------------------------- motion
 
-    def hold(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self.cycle(dict(self.goals))
-
-    def move(self, seconds: float, far: int = FAR) -> None:
-        """Away along a cosine; after `seconds`, half-way back, it is still moving."""
-        start = dict(self.goals)
-        for tick in range(1, round(seconds / self.period)):
-            if tick == 30:
-                self.moving()
-            share = 0.5 - 0.5 * cos(tau * 0.75 * tick * self.period / seconds)
-            self.cycle({id: place - round(far * share) for id, place in start.items()})
-
-    def brake(self) -> None:
-        """Every joint loses speed at its limit, then stands."""
-        exact: dict[int, float] = dict(self.goals)
-        speed = dict(self.speed)
-        while any(speed.values()):
-            for id, each in speed.items():
-                less = 0.9 * self.limits.servos[id].brake * self.period**2
-                speed[id] = max(0.0, abs(each) - less) * (1 if each > 0 else -1)
-                exact[id] += speed[id]
-            self.cycle({id: round(place) for id, place in exact.items()})
-        self.hold(2)
-
-    def lower(self) -> None:
-        """Slowly to where it would hang, here a little further."""
-        start = dict(self.goals)
-        for tick in range(1, 41):
-            share = 0.5 - 0.5 * cos(pi * tick / 40)
-            self.cycle({id: place + round(80 * share) for id, place in start.items()})
-
-    # ------------------------------------------------------------------------- ends
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="settle")
-        self.port.say("state", state="estop")
-        self.settle()
-        self.port.say("state", state="connected")
-
-    def settle(self) -> None:
-        self.brake()
-        self.lower()
-        self.loosen()
-
-    def disarm(self) -> None:
-        self.port.say("state", state="settling")
-        self.settle()
-        self.port.say("state", state="connected")
+EVILS: WrongDaemons[Good] = WrongDaemons()
 
 
-class Cutting(Good):
-    """The same, but its e-stop takes the torque off at once."""
-
-    def emergency(self) -> None:
-        self.port.say("estop", level="cut")
-        self.port.say("state", state="estop")
-        self.loosen()
-        self.port.say("state", state="connected")
+class Cutting(CuttingLife, Good):
+    """A right daemon whose e-stop takes the torque off at once."""
 
 
-class Mirror(Good):
-    """Reads, and writes nothing."""
-
-    mode = "mirror"
-
-    def live(self) -> None:
-        self.port.say("mode", mode=self.mode)
-        self.connect()
-        self.connected()
-        self.idle(20)
+class Mirror(MirrorLife, Good):
+    """A right daemon that reads, and writes nothing."""
 
 
-class Killed(Good):
-    """Dies in motion; what it cannot know of any more is asked of the servos."""
-
-    def live(self) -> None:
-        self.connect()
-        self.arm()
-        self.move(WAY)
-        self.port.say("killed")
-        self.after()
-        self.port.until(self.port.now + 0.2)
-        self.port.ask_servos()  # type: ignore[attr-defined]
-
-    def after(self) -> None:
-        """Where a wrong one goes on."""
+class Killed(KilledLife, Good):
+    """A right daemon that dies in motion."""
 
 
 class Reborn(Good):

@@ -14,7 +14,8 @@ from typing import Any
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.ports import set_baud
 from tests.proof.busmon.started import relayed
-from tests.proof.evil.good import Good, Over
+from tests.proof.evil.daemon_life import Over
+from tests.proof.evil.good import Good
 from tests.proof.evil.world import BAUD, files
 
 LATE = 0.02  # s: a daemon that the machine kept from running for longer broke rules by no fault of its own
@@ -84,7 +85,7 @@ class PtyPort:
             raise Over from None
 
     def ask_servos(self) -> None:
-        """What only virtual time can ask."""
+        """Nothing: only virtual time can ask the servos."""
 
     @property
     def fd(self) -> int:

@@ -1,10 +1,14 @@
 """Wrong packets: W2 what may not be written, W8 what is no packet."""
 
+from collections.abc import Callable
+
+from tests.proof.busmon.packet import make
 from tests.proof.evil.good import (
     ACTION,
     ALL,
     BULK_WRITE,
     CLEAR,
+    EVILS,
     FACTORY,
     PING,
     READ,
@@ -12,76 +16,107 @@ from tests.proof.evil.good import (
     REG_WRITE,
     WRITE,
     Good,
-    make,
     word,
 )
-from tests.proof.evil.registry import breaks
 
 
 class Sends(Good):
-    """Sends something once, armed and standing still."""
+    """Sends one packet more, armed and standing still."""
 
     def packet(self) -> bytes:
         raise NotImplementedError
 
-    def armed(self) -> None:
+    def send(self) -> None:
         self.port.write(self.packet())
         self.port.read(64, 0.004)
         self.wait()
+
+    def armed(self) -> None:
+        self.send()
         self.hold(2)
 
 
 class SendsDisarmed(Sends):
-    """The same, before arming."""
+    """Sends it before arming."""
 
     def armed(self) -> None:
         """Not then."""
 
     def connected(self) -> None:
-        self.port.write(self.packet())
-        self.port.read(64, 0.004)
-        self.wait()
+        self.send()
+
+
+class RestartsAll(SendsDisarmed):
+    """Sends it before arming, and waits a second for the servos to restart."""
+
+    def connected(self) -> None:
+        self.send()
+        self.port.until(self.port.now + 1.0)
+        self.tick = self.port.now
+        self.idle(2)
+
+
+def sends(rule: str, name: str, packet: Callable[[Good], bytes], base: type[Sends] = Sends) -> type[Good]:
+    """Add a daemon that sends one packet more, which breaks the rule."""
+    return EVILS.derive(rule, name, base, packet=packet)
 
 
 def write(id: int, address: int, data: bytes) -> bytes:
     return make(id, WRITE, word(address, 2) + data)
 
 
-@breaks("W2")
-class WrongAddress(Sends):
-    """One register beside the goal: the goal velocity's upper half."""
-
-    def packet(self) -> bytes:
-        return self.sync_write(106, dict.fromkeys(self.ids, b"\0\0"))
+def rows(daemon: Good) -> list[bytes]:
+    """Rows of a sync write of all goals."""
+    return [bytes((id,)) + word(goal) for id, goal in daemon.goals.items()]
 
 
-@breaks("W2")
-class WrongLength(Sends):
-    """Only the low half of a goal."""
-
-    def packet(self) -> bytes:
-        return self.sync_write(116, {id: word(goal & 0xFFFF, 2) for id, goal in self.goals.items()})
+def goals_by(rows: bytes) -> bytes:
+    """A sync write of these rows to the goals."""
+    return make(ALL, 0x83, word(116, 2) + word(4, 2) + rows)
 
 
-@breaks("W2")
-class GoalVelocity(Sends):
-    """A goal of another mode."""
+# One register beside the goal: the goal velocity's upper half. Then only the low half of a goal.
+sends("W2", "WrongAddress", lambda d: d.all(106, b"\0\0"))
+sends("W2", "WrongLength", lambda d: d.all(116, word(2048, 2)))
+# A goal of another mode.
+GoalVelocity = sends("W2", "GoalVelocity", lambda d: d.all(104, word(40)))
+# An EEPROM register while armed: the servo refuses it, and the daemon must not ask.
+sends("W2", "Eeprom", lambda d: write(d.ids[0], 48, word(4095)))
+# Another mode under torque: the joint would drop.
+sends("W2", "WritesOperatingMode", lambda d: write(d.ids[1], 11, b"\x04"))
+sends("W2", "NewId", lambda d: write(d.ids[0], 7, b"\x09"), SendsDisarmed)
+# Servos of no robot included.
+sends("W2", "WritesToBroadcastId", lambda d: write(ALL, 116, word(2048)))
+sends("W2", "RestartOfAll", lambda d: make(ALL, REBOOT), RestartsAll)
+# All settings but id and rate.
+sends("W2", "FactoryReset", lambda d: make(d.ids[0], FACTORY, b"\2"), RestartsAll)
+# The turn count is lost.
+sends("W2", "ClearsTurns", lambda d: make(d.ids[0], CLEAR, bytes.fromhex("01 44 58 4c 22")), SendsDisarmed)
+# A goal for a servo that is not of this robot. Then two goals for one servo.
+sends("W2", "UnknownId", lambda d: d.aim(d.goals | {77: 2048}))
+sends("W2", "IdTwice", lambda d: goals_by(b"".join([*rows(d), rows(d)[0]])))
+# A goal that is stored now and acts later; then the order to act.
+sends("W2", "LateGoal", lambda d: make(d.ids[0], REG_WRITE, word(116, 2) + word(d.goals[d.ids[0]])))
+sends("W2", "LateAction", lambda d: make(ALL, ACTION))
+# A bulk write, where each row names its register.
+sends(
+    "W2", "Bulk", lambda d: make(ALL, BULK_WRITE, rows(d)[0][:1] + word(116, 2) + word(4, 2) + rows(d)[0][1:])
+)
+# A register at another address.
+sends("W2", "IndirectAddress", lambda d: write(d.ids[0], 168, word(116, 2)), SendsDisarmed)
+sends("W2", "StrangeTorque", lambda d: write(d.ids[0], 64, b"\2"))
+# A cap above the register's own range.
+sends("W2", "TooMuchPwm", lambda d: write(d.ids[0], 100, word(886, 2)))
+# A servo sends no status while it holds the robot.
+sends("W2", "Mute", lambda d: write(d.ids[0], 68, b"\0"))
+sends("W2", "UnknownInstruction", lambda d: make(d.ids[0], 0x21))
+# An id that is not of this robot.
+sends("W2", "AsksAStranger", lambda d: make(200, PING))
 
-    def packet(self) -> bytes:
-        return self.all(104, word(40))
 
-
-@breaks("W2")
-class Eeprom(Sends):
-    """An EEPROM register while armed; the servo refuses it, the daemon should not have asked."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 48, word(4095))
-
-
-@breaks("W2")
+@EVILS.breaks("W2")
 class EepromBehindTheState(Good):
-    """Torque is on, and the state says that it is not."""
+    """Torque is on, and the reported state says that it is not."""
 
     def armed(self) -> None:
         self.hold(2)
@@ -93,281 +128,63 @@ class EepromBehindTheState(Good):
         self.hold(2)
 
 
-@breaks("W2")
-class WritesOperatingMode(Sends):
-    """Another mode in the middle of everything: the joint would drop."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[1], 11, b"\x04")
-
-
-@breaks("W2")
-class NewId(SendsDisarmed):
-    """Gives a servo another id."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 7, b"\x09")
-
-
-@breaks("W2")
-class WritesToBroadcastId(Sends):
-    """One write to everybody, strangers included."""
-
-    def packet(self) -> bytes:
-        return write(ALL, 116, word(2048))
-
-
-@breaks("W2")
+@EVILS.breaks("W2")
 class Restart(Sends):
-    """Restarts a servo that carries something."""
+    """Restarts a servo that carries a load, which then holds no goal."""
 
     def packet(self) -> bytes:
         return make(self.ids[0], REBOOT)
 
     def armed(self) -> None:
-        self.port.write(self.packet())
-        self.port.read(11, 0.004)
-        self.wait()
-
-
-@breaks("W2")
-class RestartOfAll(SendsDisarmed):
-    """By broadcast."""
-
-    def packet(self) -> bytes:
-        return make(ALL, REBOOT)
-
-    def connected(self) -> None:
-        self.port.write(self.packet())
-        self.port.until(self.port.now + 1.0)
-        self.tick = self.port.now
-        self.idle(2)
-
-
-@breaks("W2")
-class FactoryReset(SendsDisarmed):
-    """Everything but id and rate."""
-
-    def packet(self) -> bytes:
-        return make(self.ids[0], FACTORY, b"\2")
-
-    def connected(self) -> None:
-        super().connected()
-        self.port.until(self.port.now + 1.0)
-        self.tick = self.port.now
-        self.idle(2)
-
-
-@breaks("W2")
-class ClearsTurns(SendsDisarmed):
-    """Drops the turn count."""
-
-    def packet(self) -> bytes:
-        return make(self.ids[0], CLEAR, bytes.fromhex("01 44 58 4c 22"))
-
-
-@breaks("W2")
-class UnknownId(Sends):
-    """A goal for somebody who is not of this robot."""
-
-    def packet(self) -> bytes:
-        return self.aim(self.goals | {77: 2048})
-
-
-@breaks("W2")
-class IdTwice(Sends):
-    """A servo is told two things at once."""
-
-    def packet(self) -> bytes:
-        rows = [bytes((id,)) + word(goal) for id, goal in self.goals.items()]
-        return make(ALL, 0x83, word(116, 2) + word(4, 2) + b"".join([*rows, rows[0]]))
-
-
-@breaks("W2")
-class LateGoal(Sends):
-    """A goal that is stored now and acts later."""
-
-    def packet(self) -> bytes:
-        return make(self.ids[0], REG_WRITE, word(116, 2) + word(self.goals[self.ids[0]]))
-
-
-@breaks("W2")
-class LateAction(Sends):
-    """Whatever is stored acts now."""
-
-    def packet(self) -> bytes:
-        return make(ALL, ACTION)
-
-
-@breaks("W2")
-class Bulk(Sends):
-    """A goal by bulk write, where nothing is kept in one place."""
-
-    def packet(self) -> bytes:
-        id = self.ids[0]
-        return make(ALL, BULK_WRITE, bytes((id,)) + word(116, 2) + word(4, 2) + word(self.goals[id]))
-
-
-@breaks("W2")
-class IndirectAddress(SendsDisarmed):
-    """Maps a register somewhere else, where nobody looks for it."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 168, word(116, 2))
-
-
-@breaks("W2")
-class StrangeTorque(Sends):
-    """Torque enable := 2."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 64, b"\2")
-
-
-@breaks("W2")
-class TooMuchPwm(Sends):
-    """A cap above the register's own range."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 100, word(886, 2))
-
-
-@breaks("W2")
-class Mute(Sends):
-    """Makes a servo silent while it holds the robot."""
-
-    def packet(self) -> bytes:
-        return write(self.ids[0], 68, b"\0")
-
-
-@breaks("W2")
-class UnknownInstruction(Sends):
-    def packet(self) -> bytes:
-        return make(self.ids[0], 0x21)
-
-
-@breaks("W2")
-class AsksAStranger(Sends):
-    """A ping to an id that is not of this robot."""
-
-    def packet(self) -> bytes:
-        return make(200, PING)
+        self.send()
 
 
 # ------------------------------------------------------------------------------------------- W8
 
 
-@breaks("W8")
-class BadCrc(Sends):
-    """One bit of the CRC."""
-
-    def packet(self) -> bytes:
-        good = self.aim(self.goals)
-        return good[:-1] + bytes((good[-1] ^ 1,))
+def changed(packet: bytes, place: int, change: Callable[[int], int]) -> bytes:
+    """The packet with one byte changed."""
+    bytes_ = bytearray(packet)
+    bytes_[place] = change(bytes_[place])
+    return bytes(bytes_)
 
 
-@breaks("W8")
-class BadByte(Sends):
-    """One bit of a goal, under the CRC of the right one."""
-
-    def packet(self) -> bytes:
-        good = bytearray(self.aim(self.goals))
-        good[14] ^= 4
-        return bytes(good)
-
-
-@breaks("W8")
-class TooLong(Sends):
-    """LEN one too large: what follows is swallowed."""
-
-    def packet(self) -> bytes:
-        good = bytearray(self.aim(self.goals))
-        good[5] += 1
-        return bytes(good)
+def unstuffed(daemon: Good) -> bytes:
+    """A goal of -131073, which has FF FF FD in its data, with a right CRC and without stuffing."""
+    body = b"\x03" + word(116, 2) + bytes.fromhex("ff ff fd 00")
+    head = b"\xff\xff\xfd\x00" + bytes((daemon.ids[0],)) + word(len(body) + 2, 2) + body
+    crc = 0
+    for byte in head:
+        for bit in range(7, -1, -1):
+            top = crc >> 15 ^ byte >> bit & 1
+            crc = (crc << 1 ^ (0x8005 if top else 0)) & 0xFFFF
+    return head + word(crc, 2)
 
 
-@breaks("W8")
-class TooShort(Sends):
-    """LEN one too small."""
-
-    def packet(self) -> bytes:
-        good = bytearray(self.aim(self.goals))
-        good[5] -= 1
-        return bytes(good)
-
-
-@breaks("W8")
-class NoStuffing(Sends):
-    """FF FF FD among the data, sent as it is: a goal of -131073."""
-
-    def packet(self) -> bytes:
-        body = b"\x03" + word(116, 2) + bytes.fromhex("ff ff fd 00")
-        head = b"\xff\xff\xfd\x00" + bytes((self.ids[0],)) + word(len(body) + 2, 2) + body
-        return head + word(self.crc(head), 2)
-
-    @staticmethod
-    def crc(data: bytes) -> int:
-        value = 0
-        for byte in data:
-            for bit in range(7, -1, -1):
-                top = value >> 15 ^ byte >> bit & 1
-                value = (value << 1 ^ (0x8005 if top else 0)) & 0xFFFF
-        return value
+# One bit of the CRC; one bit of a goal; LEN one too large and one too small.
+BadCrc = sends("W8", "BadCrc", lambda d: changed(d.aim(d.goals), -1, lambda byte: byte ^ 1))
+sends("W8", "BadByte", lambda d: changed(d.aim(d.goals), 14, lambda byte: byte ^ 4))
+sends("W8", "TooLong", lambda d: changed(d.aim(d.goals), 5, lambda byte: byte + 1))
+sends("W8", "TooShort", lambda d: changed(d.aim(d.goals), 5, lambda byte: byte - 1))
+sends("W8", "NoStuffing", unstuffed)
+sends("W8", "Garbage", lambda d: bytes.fromhex("00 ff 12 fd ff 80 01"))
+# A ping of protocol 1.0.
+sends("W8", "OldProtocol", lambda d: bytes.fromhex("ff ff 01 02 01 fb"))
+# The last row of a sync write is not whole.
+sends("W8", "HalfARow", lambda d: goals_by(b"".join(rows(d))[:-1]))
+sends("W8", "ReadWithoutLength", lambda d: make(d.ids[0], READ, word(132, 2)))
+# The protocol gives id 253 to no servo.
+sends("W8", "IdOfNobody", lambda d: make(253, PING))
 
 
-@breaks("W8")
-class Garbage(Sends):
-    """Bytes that are nothing."""
-
-    def packet(self) -> bytes:
-        return bytes.fromhex("00 ff 12 fd ff 80 01")
-
-
-@breaks("W8")
-class OldProtocol(Sends):
-    """A ping of protocol 1.0."""
-
-    def packet(self) -> bytes:
-        return bytes.fromhex("ff ff 01 02 01 fb")
-
-
-@breaks("W8")
-class Cut(Sends):
+@EVILS.breaks("W8")
+class Cut(Good):
     """Half a packet, and then nothing for a while."""
 
-    def packet(self) -> bytes:
-        return self.aim(self.goals)[:11]
-
     def disarmed(self) -> None:
-        self.port.write(self.packet())
+        self.port.write(self.aim(self.goals)[:11])
         self.port.until(self.port.now + 0.1)
-
-    def armed(self) -> None:
-        """Not then."""
 
     def idle(self, ticks: int) -> None:
         if not (self.goals and self.port.now > 2.5):
             super().idle(ticks)
-
-
-@breaks("W8")
-class HalfARow(Sends):
-    """A sync write whose last row is not whole."""
-
-    def packet(self) -> bytes:
-        rows = b"".join(bytes((id,)) + word(goal) for id, goal in self.goals.items())
-        return make(ALL, 0x83, word(116, 2) + word(4, 2) + rows[:-1])
-
-
-@breaks("W8")
-class ReadWithoutLength(Sends):
-    def packet(self) -> bytes:
-        return make(self.ids[0], READ, word(132, 2))
-
-
-@breaks("W8")
-class IdOfNobody(Sends):
-    """Id 253 belongs to nobody."""
-
-    def packet(self) -> bytes:
-        return make(253, PING)

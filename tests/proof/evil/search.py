@@ -1,7 +1,7 @@
 """A calibration that drives a joint against its stop, right and wrong: W1, W3, W5."""
 
-from tests.proof.evil.good import GOAL, POSITION, TORQUE, WATCHDOG, WRITE, Good, make, word
-from tests.proof.evil.registry import breaks
+from tests.proof.busmon.packet import make
+from tests.proof.evil.good import EVILS, GOAL, POSITION, TORQUE, WATCHDOG, WRITE, Good, word
 
 MODE = 11
 CURRENT = 102
@@ -55,39 +55,39 @@ class Seeker(Good):
         self.wait()
 
 
-@breaks("W1")
+@EVILS.breaks("W1")
 class PastItsStop(Seeker):
     """One count further than a stop may lie."""
 
     beyond = 1
 
 
-@breaks("W3")
+@EVILS.breaks("W3")
 class Hurried(Seeker):
     step = 6
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class Strong(Seeker):
     """With a little more than a search may use."""
 
     cap = 56
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class Uncapped(Seeker):
     def weaken(self, id: int) -> None:
         """Nothing caps it but what it was set to."""
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class InItsOwnMode(Seeker):
-    """Where no current is capped."""
+    """No current is capped."""
 
     mode = 3
 
 
-@breaks("W5")
+@EVILS.breaks("W5")
 class BothSides(Seeker):
     """Two joints at once."""
 

@@ -13,7 +13,7 @@ from tests.proof.evil import can_world
 from tests.proof.evil.can_every import EVILS
 from tests.proof.evil.can_good import Cutting, Good, Killed, Mirror, Reborn, packed
 from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, reply_frame
-from tests.proof.evil.can_registry import Evil
+from tests.proof.evil.registry import Evil
 
 RULES = {"W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8", "W10", "W11"}
 HOME = Path(tests.proof.busmon.can.__file__).parent
@@ -83,7 +83,7 @@ def test_a_daemon_that_does_everything_right_breaks_nothing(daemon: type[Good]) 
 
 
 @pytest.mark.parametrize("evil", EVILS, ids=lambda evil: evil.name)
-def test_a_daemon_that_does_one_thing_wrong_is_caught_by_that_rule_and_no_other(evil: Evil) -> None:
+def test_a_daemon_that_does_one_thing_wrong_is_caught_by_that_rule_and_no_other(evil: Evil[Good]) -> None:
     monitor = can_world.tried(evil.daemon)
     assert {violation.rule for violation in monitor.violations} == {evil.rule}, "\n".join(
         map(str, monitor.violations[:5])

@@ -50,7 +50,7 @@ def test_a_daemon_that_does_everything_right_breaks_nothing(daemon: type[Good]) 
 
 
 @pytest.mark.parametrize("evil", EVILS, ids=lambda evil: evil.name)
-def test_a_daemon_that_does_one_thing_wrong_is_caught_by_that_rule_and_no_other(evil: Evil) -> None:
+def test_a_daemon_that_does_one_thing_wrong_is_caught_by_that_rule_and_no_other(evil: Evil[Good]) -> None:
     monitor = world.tried(evil.daemon, LIMITS)
     assert {violation.rule for violation in monitor.violations} == {evil.rule}, "\n".join(
         map(str, monitor.violations[:5])

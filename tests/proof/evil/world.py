@@ -9,7 +9,8 @@ import numpy as np
 
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.monitor import Monitor
-from tests.proof.evil.good import Good, Over
+from tests.proof.evil.daemon_life import Over
+from tests.proof.evil.good import Good
 from twind.virtual.bench_servos import FIRMWARE, settings
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -119,7 +120,7 @@ class VirtualPort:
         self.monitor.told(what, self.now, **facts)
 
     def ask_servos(self) -> None:
-        """What is true of the servos, for W11."""
+        """Report the velocities of the servos, for W11."""
         self.bus.advance(self.now)
         velocity = dict(zip(START, self.bus.servos.muscles.velocity.tolist(), strict=True))
         self.say("servos", velocity=velocity)

@@ -17,13 +17,13 @@ COUNTS = 4.0  # of 16384 a turn
 
 
 def _leg(ground: Ground) -> list[dict[str, Any]]:
-    """What is true of the actuators of the leg."""
+    """State of the actuators of the leg."""
     found: list[dict[str, Any]] = ground.virtual.order(query="state")["buses"][LEG]["servos"]
     return found
 
 
 def _others(ground: Ground) -> list[bool]:
-    """Whose torque is on, on the other buses."""
+    """Devices with torque on the other buses."""
     buses = ground.virtual.order(query="state")["buses"]
     return [bool(servo["torque"]) for name, bus in buses.items() if name != LEG for servo in bus["servos"]]
 

@@ -1,4 +1,4 @@
-"""What one row of the matrix is, and what one injection of it came to."""
+"""One row of the matrix, and the outcome of one injection of it."""
 
 from __future__ import annotations
 

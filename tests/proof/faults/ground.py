@@ -196,7 +196,7 @@ class Ground:
             self.wrong.append(what)
 
     def told(self, codes: Iterable[str] | None = None) -> float | None:
-        """When one of these was told since the injection."""
+        """Time of the first of these reports since the injection."""
         wanted = set(codes if codes is not None else self.fault.codes)
         times = [
             event["time"]
@@ -227,7 +227,7 @@ class Ground:
         return sum(int(bus["errors"]) for bus in self.running.status()["buses"])
 
     def counted(self, before: int) -> None:
-        """What is thrown away is counted; two bad answers of a hundred are told, one may be not."""
+        """Claim that dropped answers are counted; two bad of a hundred are reported, one need not be."""
         counted = self.until(lambda: self.bad() > before, 1.0)
         self.claim(counted, "neither told nor counted")
 
@@ -294,12 +294,12 @@ class Ground:
         return float(self.virtual.order(query="state")["lost"])
 
     def said(self) -> str:
-        """What the daemon told since the motion began, for whoever wonders."""
+        """Events since the motion began, for the message of a failure."""
         events = list(self.watcher.events) if hasattr(self, "watcher") else []
         return ", ".join(f"{each['time'] - self.begun:+.2f} {each['code']}" for each in events[-30:])
 
     def note_lost(self) -> None:
-        """What the servos' process says of its own stops."""
+        """Note the stops that the servos' process reports of itself."""
         if hasattr(self, "virtual") and (more := self.lost() - self._lost) > 0.0:
             self.machine.note(f"the servos' clock stood still for {more * 1e3:.0f} ms")
 

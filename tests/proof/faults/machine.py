@@ -1,4 +1,4 @@
-"""How long the machine kept processes from running that wanted to: the kernel's own account of it.
+"""Time for which the machine kept runnable processes waiting, from the kernel's account.
 
 A process that waits for a core cannot answer in time. This is not what it says of itself, and nothing that is
 done to it on purpose (a signal, a fault) counts: a stopped process wants nothing.

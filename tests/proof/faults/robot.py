@@ -125,7 +125,7 @@ class Robot:
             self.note()
 
     def note(self) -> None:
-        """What is so now: servos, and what was told."""
+        """Record the present: servos and reports."""
         self.trace.look()
         self.tap.look()
         for news in self.rig.news[self._seen :]:

@@ -67,7 +67,7 @@ def printed(row: dict[str, Any]) -> str:
 
 
 def blame(row: Fault, way: str, found: list[Outcome], most: int) -> None:
-    """What was wrong, and how it is seen again."""
+    """Print each wrong outcome and the command that repeats it."""
     for one in [each for each in found if each.wrong][:most]:
         again = f"make faults ROW={row.number} SEED={one.seed}" + (" REAL=1" if way == "real" else "")
         print(f"    {again}")

@@ -39,7 +39,7 @@ def brown_out(world: World) -> None:
 
 
 def _lowered(world: World, row: int) -> None:
-    """What stands by itself with a joint that is limp: lowered, or damped at once where it is of a leg."""
+    """A free-standing robot with a limp joint is lowered, or damped at once where the joint is of a leg."""
     if world.leg:
         world.sinks(but=[row])
     else:

@@ -58,5 +58,5 @@ class Tap(Watched):
 
     @property
     def wrong(self) -> list[str]:
-        """What was against the rules of the wire."""
+        """Violations of the rules of the wire."""
         return [f"{name}: {each}" for name, one in self.monitors.items() for each in one.violations]

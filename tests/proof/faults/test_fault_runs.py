@@ -88,7 +88,7 @@ def test_a_mirror_shows_no_wrong_reading_as_fresh(
 def test_answers_that_are_late_by_whole_cycles_are_never_taken_for_new_ones(
     mirror: tuple[Rig, Judge, Wire], id: int | None, late: int
 ) -> None:
-    """Of the bus, or of one servo among others that answer in time; a late joint answer holds up both."""
+    """The bus, or one servo among others that reply in time, is late; a late joint reply delays both."""
     rig, judge, _ = mirror
     rig.ticks(late)
     obey(rig, [{"fault": "delay", "seconds": 0.01 * late} | ({} if id is None else {"id": id})])
@@ -152,7 +152,7 @@ def nodding(rig: Rig) -> None:
 
 
 def first_events(rig: Rig, since: float) -> dict[str, float]:
-    """When each code was first told, s after `since`."""
+    """Time of the first report of each code, s after `since`."""
     found: dict[str, float] = {}
     for event in rig.events():
         if event.time >= since:

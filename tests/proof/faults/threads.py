@@ -1,4 +1,4 @@
-"""What a client does beside its calls: it listens, and it renews its lease."""
+"""Work of a client beside its calls: it receives events and renews its lease."""
 
 from __future__ import annotations
 

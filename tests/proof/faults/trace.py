@@ -1,4 +1,4 @@
-"""What the servos did, tick after tick: registers and shafts, read from inside, no word of the daemon's."""
+"""Motion of the servos, tick after tick: registers and shafts, read from inside, not from reports."""
 
 from __future__ import annotations
 

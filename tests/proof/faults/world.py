@@ -33,7 +33,7 @@ class World(Robot):
             self.blame(what)
 
     def told(self, codes: Iterable[str] | None = None, since: float | None = None) -> float | None:
-        """When one of the codes was first told since the injection, s."""
+        """Time of the first of the codes since the injection, s."""
         wanted = set(codes if codes is not None else self.fault.codes)
         since = since or self.begun
         times = [
@@ -82,11 +82,11 @@ class World(Robot):
 
     @property
     def rejected(self) -> int:
-        """What was thrown away so far: bytes, and exchanges in which somebody was not heard."""
+        """Count what was dropped so far: bytes, and exchanges without a reply of some device."""
         return sum(port.counts.discarded + port.counts.errors for port in self.rig.loop.hardware.ports)
 
     def counted(self, before: int) -> bool:
-        """What is thrown away is counted, whether it is told or not: like `detected`, within the bound."""
+        """Claim that what is dropped is counted, reported or not; like `detected`, within the bound."""
         bound = self.fault.bound
         if not self.until(lambda: self.rejected > before, self.begun + bound + 0.3 - self.now):
             self.blame("neither told nor counted")

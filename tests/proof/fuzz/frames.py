@@ -95,7 +95,7 @@ class Frames:
         shutil.rmtree(self.folder)
 
     def told(self) -> str:
-        """What was seen, in words."""
+        """Summary of the run."""
         grown = (self._grown() or 0) >> 10
         return (
             f"{self.connections} connections, {self.answered} answers, {self.hung_up} hung up by the front, "
@@ -138,7 +138,7 @@ class Frames:
         self.slowest = max(self.slowest, time.monotonic() - begun)
 
     def _heard(self, peer: socket.socket) -> bytes:
-        """What comes within `PATIENCE`. Who watches for events or verdicts waits for one: one happens."""
+        """Replies within `PATIENCE`. For a call that monitors events or verdicts, one is caused."""
         begun = time.monotonic()
         peer.settimeout(QUIET)
         while True:

@@ -1,4 +1,4 @@
-"""How valid bytes become invalid ones. Everything is drawn from the `random.Random` that is passed in."""
+"""Ways to make valid bytes invalid. Everything is drawn from the `random.Random` that is passed in."""
 
 from random import Random
 

@@ -1,4 +1,4 @@
-"""What clients did and were told, and whether any one order of events explains it.
+"""History of calls and replies of clients, and a search for one order of events that explains it.
 
 Each call has a beginning and an end; what happened lies between. So of a lease two spans are known: when its
 holder *may* have held it, and when it *must* have. Nothing here is taken from the daemon but its answers.

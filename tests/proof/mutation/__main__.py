@@ -17,7 +17,8 @@ from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
-from tests.proof.mutation.court import Case, cases_of, hear
+from tests.proof.mutation.court import judge
+from tests.proof.mutation.mutated_code import Case, cases_of
 from tests.proof.mutation.rooms import HOME, Room, rooms_of
 
 ENOUGH = 0.98
@@ -38,19 +39,19 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--list", action="store_true", help="only name the mutants")
     parser.add_argument("--brief", action="store_true", help="few generated examples, and no second try")
     parser.add_argument("--anew", action="store_true", help="believe no earlier run")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     begun = time.monotonic()
     fine = True
     reasons = ledger()
-    chosen = [(room, _choose(modules, asked)) for room, modules in rooms_of(asked.files)]
+    chosen = [(room, _choose(modules, options)) for room, modules in rooms_of(options.files)]
     for place, (room, (cases, every)) in enumerate(chosen):
-        if asked.list:
+        if options.list:
             print(*(case.name for case in cases), sep="\n")
             continue
-        left = asked.seconds - (time.monotonic() - begun)
+        left = options.seconds - (time.monotonic() - begun)
         share = left / (len(chosen) - place)  # what a room leaves over is the next one's
-        judged = _heard(room, cases, reasons, time.monotonic() + share, asked)
-        whole = not (asked.sample or asked.changed)
+        judged = _judged(room, cases, reasons, time.monotonic() + share, options)
+        whole = not (options.sample or options.changed)
         fine &= _report(room, judged, len(cases), every, reasons, whole, time.monotonic() - begun)
     return 0 if fine else 1
 
@@ -61,15 +62,15 @@ def ledger() -> dict[str, str]:
     return {name: f"{group['kind']}: {group['reason']}" for group in groups for name in group["mutants"]}
 
 
-def _choose(modules: tuple[str, ...], asked: argparse.Namespace) -> tuple[list[Case], list[Case]]:
+def _choose(modules: tuple[str, ...], options: argparse.Namespace) -> tuple[list[Case], list[Case]]:
     """The mutants to try, and all there are."""
     every = [case for module in modules for case in cases_of(module)]
     cases = every
-    if asked.changed:
-        touched = {module: _touched(module, asked.changed) for module in modules}
+    if options.changed:
+        touched = {module: _touched(module, options.changed) for module in modules}
         cases = [case for case in every if case.mutant.line in touched[case.module]]
-    if asked.sample and len(cases) > asked.sample:
-        cases = random.Random(SEED).sample(cases, asked.sample)
+    if options.sample and len(cases) > options.sample:
+        cases = random.Random(SEED).sample(cases, options.sample)
     return cases, every
 
 
@@ -85,13 +86,13 @@ def _touched(module: str, revision: str) -> set[int]:
     return lines
 
 
-def _heard(
-    room: Room, cases: list[Case], listed: Collection[str], deadline: float, asked: argparse.Namespace
+def _judged(
+    room: Room, cases: list[Case], listed: Collection[str], deadline: float, options: argparse.Namespace
 ) -> list[Case]:
     """Judge what no earlier run has settled: a kill holds as long as the module and the test that killed
     stand as they were, a survival as long as all tests of the room do."""
     memory = MEMORY / f"{room.name}.json"
-    known = json.loads(memory.read_text()) if memory.exists() and not asked.anew else {}
+    known = json.loads(memory.read_text()) if memory.exists() and not options.anew else {}
     MEMORY.mkdir(exist_ok=True)
 
     @cache
@@ -121,13 +122,13 @@ def _heard(
             settled.append(case)
         else:
             fresh.append(case)
-    return settled + (hear(room, fresh, deadline, remember, listed, asked.brief) if fresh else [])
+    return settled + (judge(room, fresh, deadline, remember, listed, options.brief) if fresh else [])
 
 
 def _report(
     room: Room,
     judged: list[Case],
-    asked: int,
+    wanted: int,
     every: list[Case],
     reasons: dict[str, str],
     whole: bool,
@@ -139,7 +140,7 @@ def _report(
     killed = len(judged) - len(alive)
     able = len(judged) - same
     rate = killed / able if able else 1.0
-    note = "" if len(judged) == asked else f" ({asked - len(judged)} more for want of time)"
+    note = "" if len(judged) == wanted else f" ({wanted - len(judged)} more for want of time)"
     print(
         f"{room.name}: {killed} of {len(judged)} mutants killed, {100.0 * rate:.2f} %{note}, {t:.0f} s",
         flush=True,

@@ -6,10 +6,7 @@ change of what runs at import (a constant, a table, a default, what a test modul
 fresh import of everything. The first failing test ends the child.
 """
 
-import ast
 import gc
-import importlib.abc
-import importlib.util
 import json
 import os
 import resource
@@ -18,23 +15,19 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 from pathlib import Path
-from types import CodeType, ModuleType
-from typing import Any
 
+import coverage
 import hypothesis
 import pytest
 
-from tests.proof.mutation import coverage
-from tests.proof.mutation.operators import Mutant, mutants
-from tests.proof.mutation.rooms import HOME, Room, importable
+from tests.proof.mutation.mutated_code import Case, ChangedModule, forget, living, transplant
+from tests.proof.mutation.rooms import HOME, Room
 
 JOBS = len(os.sched_getaffinity(0))  # `taskset -c 0` leaves the others free
 PATIENCE = 300.0  # s of waiting for one child: its share of CPU time ends it long before
 MEMORY = 3 << 30  # bytes a child may map
 FEW = 20  # generated examples of a test at the first try: they nearly always kill what all of them kill
-OURS = ("twind", "twind_drivers", "twind_calibration")
 QUIET = (
     *("-o", "addopts=", "-p", "no:terminal", "-p", "no:cacheprovider", "-s", "-x"),
     *("-m", "not slow and not realtime", "-p", "tests.proof.mutation.calm"),
@@ -44,27 +37,15 @@ QUIET = (
 
 
 @dataclass
-class Case:
-    """A mutant with its name and its fate: a test's name, "timeout", or None while it lives."""
-
-    module: str
-    tree: ast.Module  # the module's; the child that tries the mutant changes it
-    mutant: Mutant
-    name: str
-    killer: str | None = None
-    covered: bool = False
-
-
-@dataclass
 class Court:
     """A pytest plugin: takes the place of the run of the tests."""
 
     room: Room
     cases: list[Case]
     deadline: float = float("inf")  # s, monotonic: no mutant is begun later
-    remember: Callable[[Case], None] = lambda case: None  # told of each verdict
+    remember: Callable[[Case], None] = lambda case: None  # called with each verdict
     listed: Collection[str] = ()  # names of survivors that are known: they are not tried twice
-    brief: bool = False  # nobody is tried twice
+    brief: bool = False  # no mutant is tried twice
     judged: list[Case] = field(default_factory=list)
     _touching: dict[str, dict[int, list[str]]] = field(default_factory=dict)
     _seconds: dict[str, float] = field(default_factory=dict)
@@ -90,7 +71,7 @@ class Court:
     # -------------------------------------------------------------------------------- which test runs what
 
     def _survey(self) -> None:
-        """Which test touches which line of each module ("": the import does), and how long each takes."""
+        """Note which test runs which line of each module ("": the import does), and its duration."""
         reader, writer = os.pipe()
         child = os.fork()
         if not child:
@@ -98,16 +79,16 @@ class Court:
             _leave(lambda: self._covered(writer))
         os.close(writer)
         with os.fdopen(reader) as pipe:
-            told = pipe.read()
-        if os.waitpid(child, 0)[1] or not told:
+            report = pipe.read()
+        if os.waitpid(child, 0)[1] or not report:
             raise SystemExit(f"{self.room.name}: the tests fail without any mutant")
-        self._seconds, touching = json.loads(told)
+        self._seconds, touching = json.loads(report)
         self._touching = {
             module: {int(line): tests for line, tests in lines.items()} for module, lines in touching.items()
         }
 
     def _covered(self, writer: int) -> int:
-        _forget()
+        forget()
         survey = _Survey([str(HOME / module) for module in self.room.modules])
         code = pytest.main([*QUIET, *self._items], plugins=[survey])
         data = survey.cov.get_data()
@@ -118,7 +99,7 @@ class Court:
 
     def _touched(self, case: Case) -> set[str]:
         """The tests that run the mutant's lines; "" among them where the import does."""
-        if hasattr(_living(case), "cache_clear"):
+        if hasattr(living(case), "cache_clear"):
             return set(self._items)  # only the first test that asks runs a cached function
         lines = self._touching[case.module]
         first, last = case.mutant.lines
@@ -150,10 +131,12 @@ class Court:
         if "" not in touched:
             tests = self._ordered(case, near)
             return (
-                self._child(tests, lambda told: self._inside(case, tests, told, examples)) if tests else None
+                self._child(tests, lambda report: self._inside(case, tests, report, examples))
+                if tests
+                else None
             )
         every = [*self._ordered(case, near), *self._ordered(case, set(self._items) - near)]
-        return self._child(every, lambda told: self._anew(case, every, told, examples))
+        return self._child(every, lambda report: self._anew(case, every, report, examples))
 
     def _child(self, tests: Sequence[str], work: Callable[[int], int]) -> tuple[int, int]:
         reader, writer = os.pipe()
@@ -168,40 +151,40 @@ class Court:
         _leave(lambda: work(writer))
         raise AssertionError("unreachable")
 
-    def _inside(self, case: Case, tests: list[str], told: int, examples: int | None) -> int:
+    def _inside(self, case: Case, tests: list[str], report: int, examples: int | None) -> int:
         """The change goes into the living function; tests run until the first that fails."""
         try:
-            _transplant(case)
+            transplant(case)
         except ValueError:  # other free variables: the code does not fit into the living function
-            return self._anew(case, tests, told, examples)
+            return self._anew(case, tests, report, examples)
         _thin(self._items.values(), examples)
         for item, after in _in_turn([self._items[test] for test in tests]):
             _bound(self._seconds[item.nodeid])
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
             if self._session.testsfailed:
-                os.write(told, item.nodeid.encode()[:500])
+                os.write(report, item.nodeid.encode()[:500])
                 return 1
         return 0
 
-    def _anew(self, case: Case, tests: list[str], told: int, examples: int | None) -> int:
+    def _anew(self, case: Case, tests: list[str], report: int, examples: int | None) -> int:
         """The change goes into the source before anything is imported."""
-        _forget()
-        sys.meta_path.insert(0, _Changed(case))
+        forget()
+        sys.meta_path.insert(0, ChangedModule(case))
         first = _FirstFailure(examples, self._seconds)
         code = pytest.main([*QUIET, *tests], plugins=[first])
         if code == pytest.ExitCode.USAGE_ERROR:  # a test's name has what was changed in it
-            _forget()
+            forget()
             code = pytest.main([*QUIET, *dict.fromkeys(test.partition("::")[0] for test in tests)], [first])
         if code:
-            os.write(told, (first.name or f"does not load ({code})").encode()[:500])
+            os.write(report, (first.name or f"does not load ({code})").encode()[:500])
         return int(code != 0)
 
-    def _verdict(self, case: Case, status: int, told: str) -> None:
+    def _verdict(self, case: Case, status: int, report: str) -> None:
         if status:
-            case.killer = told or "timeout"
-            if told:
+            case.killer = report or "timeout"
+            if report:
                 known = self._killers.setdefault((case.module, case.mutant.scope), [])
-                known[:] = [told, *(test for test in known if test != told)]
+                known[:] = [report, *(test for test in known if test != report)]
 
 
 class _Survey:
@@ -216,10 +199,10 @@ class _Survey:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         self.cov.switch_context(item.nodeid)
         begun = time.process_time()
-        told = yield
+        report = yield
         self.seconds[item.nodeid] = time.process_time() - begun
         self.cov.switch_context("")
-        return told
+        return report
 
     def pytest_sessionfinish(self) -> None:
         self.cov.stop()
@@ -241,85 +224,6 @@ class _FirstFailure:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self.name = self.name or (report.nodeid if report.failed else "")
-
-
-class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Loads the mutated module in the place of the true one."""
-
-    def __init__(self, case: Case) -> None:
-        self._case = case
-        self._name = importable(case.module)
-
-    def find_spec(self, name: str, path: Any, target: ModuleType | None = None) -> Any:
-        if name != self._name:
-            return None
-        return importlib.util.spec_from_loader(name, self, origin=str(HOME / self._case.module))
-
-    def exec_module(self, module: ModuleType) -> None:
-        module.__file__ = str(HOME / self._case.module)
-        exec(_compiled(self._case), module.__dict__)
-
-
-def cases_of(module: str) -> list[Case]:
-    """Every mutant of a module under a name that outlives moved lines."""
-    source = (HOME / module).read_text()
-    rows = source.splitlines()
-    seen = dict[str, int]()
-    cases = []
-    tree = ast.parse(source)
-    for mutant in mutants(tree):
-        name = f"{module}::{mutant.scope}::{rows[mutant.line - 1].strip()}::{mutant.words}"
-        seen[name] = seen.get(name, 0) + 1
-        name += f" #{seen[name]}" if seen[name] > 1 else ""
-        cases.append(Case(module, tree, mutant, name))
-    return cases
-
-
-def _compiled(case: Case) -> CodeType:
-    """Changes the tree: only where nobody else needs it any more."""
-    case.mutant.switch()
-    return compile(case.tree, str(HOME / case.module), "exec")
-
-
-def _living(case: Case) -> Any:
-    """The outermost function around the mutant, as it was imported; None where there is none."""
-    try:
-        return reduce(getattr, case.mutant.scope.split("."), sys.modules[importable(case.module)])
-    except (KeyError, AttributeError):
-        return None
-
-
-def _transplant(case: Case) -> None:
-    """Puts the mutated code into the function that lives. Raises ValueError where it does not fit."""
-    code = next(_codes(_compiled(case), case.mutant.scope), None)
-    found = _living(case)
-    found = found.fget if isinstance(found, property) else found
-    if hasattr(found, "cache_clear"):
-        found.cache_clear()
-    while hasattr(found, "__wrapped__"):
-        found = found.__wrapped__
-    found = getattr(found, "__func__", found)
-    if code is None or not hasattr(found, "__code__"):
-        raise ValueError(case.name)
-    found.__code__ = code
-
-
-def _codes(code: CodeType, name: str) -> Iterator[CodeType]:
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            if constant.co_qualname == name:
-                yield constant
-            yield from _codes(constant, name)
-
-
-def _forget() -> None:
-    """Everything of ours that was imported, tests too; not this tool."""
-    tests = str(HOME / "tests")
-    tool = str(Path(__file__).parent)
-    for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None) or ""
-        if name.split(".")[0] in OURS or (file.startswith(tests) and not file.startswith(tool)):
-            del sys.modules[name]
 
 
 def _in_turn(items: list[pytest.Item]) -> Iterator[tuple[pytest.Item, pytest.Item | None]]:
@@ -383,7 +287,7 @@ def _thin(items: Iterable[pytest.Item], examples: int | None) -> None:
             test._hypothesis_internal_use_settings = hypothesis.settings(own, max_examples=examples)
 
 
-def hear(
+def judge(
     room: Room,
     cases: list[Case],
     deadline: float,
@@ -391,7 +295,7 @@ def hear(
     listed: Collection[str],
     brief: bool,
 ) -> list[Case]:
-    """Judge `cases`; those that were begun before `deadline` (s, monotonic). `remember` is told of each.
+    """Judge `cases`; those that were begun before `deadline` (s, monotonic). `remember` is called with each.
 
     `brief`: tests of generated examples look at few of them only, and what survives may yet be noticed.
     """

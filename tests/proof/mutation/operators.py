@@ -1,4 +1,4 @@
-"""What a mutant may be: small changes of a module's syntax tree, each of which ought to be noticed.
+"""Kinds of mutants: small changes of a module's syntax tree, each of which a test ought to notice.
 
 Left alone, because no behaviour hangs on them: annotations, docstrings, strings (the words of messages; a
 string that decides stands in a comparison, which is turned), decorators, `assert` and `strict=` (both only
@@ -151,7 +151,7 @@ def _short(node: ast.AST) -> str:
 
 
 def _changes(node: ast.AST) -> Iterator[ast.AST]:
-    """What may stand in the place of `node`."""
+    """Replacements of `node`."""
     if isinstance(node, ast.Compare):
         yield from _comparisons(node)
     elif isinstance(node, ast.BinOp) and type(node.op) in SUMS:

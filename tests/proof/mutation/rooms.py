@@ -1,4 +1,4 @@
-"""Which modules are mutated and must be covered whole, and the tests that must notice: those of the room."""
+"""Mutated modules, which must be covered whole, and the tests of their room that must notice."""
 
 from dataclasses import dataclass
 from pathlib import Path

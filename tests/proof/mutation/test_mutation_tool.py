@@ -1,9 +1,13 @@
 """The tool of `make mutate`: what it changes, what it leaves alone; its ledger names what is there."""
 
 import ast
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
 
 from tests.proof.mutation.__main__ import ledger
-from tests.proof.mutation.court import cases_of
+from tests.proof.mutation.mutated_code import cases_of
 from tests.proof.mutation.operators import mutants
 from tests.proof.mutation.rooms import HOME, ROOMS
 
@@ -50,3 +54,16 @@ def test_every_survivor_that_is_listed_is_there_once() -> None:
     assert all((HOME / test).is_file() for room in ROOMS for test in room.tests)
     for reason in ledger().values():
         assert reason.startswith(("equivalent: ", "accepted: "))
+
+
+def test_a_mutant_of_a_room_is_judged_in_a_session_of_its_own() -> None:
+    """`homing`: its tests import helpers of `tests.support`, and so must be importable a second time."""
+    command = [sys.executable, "-m", "tests.proof.mutation", "homing", "--sample", "1", "--brief", "--anew"]
+    run = subprocess.run(command, cwd=HOME, capture_output=True, text=True, timeout=120, check=False)
+    assert "1 of 1 mutants killed" in run.stdout, run.stdout + run.stderr
+
+
+def test_every_module_that_make_runs_exists() -> None:
+    modules = set(re.findall(r"python -m ([a-z_.]+)", (HOME / "Makefile").read_text()))
+    assert modules >= {"bench", "tests.proof.mutation"}
+    assert [module for module in modules if find_spec(module) is None] == []

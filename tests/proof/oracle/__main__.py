@@ -28,7 +28,7 @@ CURVE = (ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, Reaso
 
 @dataclass
 class Tally:
-    """What was seen. Disagreements as (number of the question, words)."""
+    """Counts of a run. Disagreements as (number of the question, words)."""
 
     asked: int = 0
     accepted: int = 0
@@ -56,7 +56,7 @@ def judged(asked: Question) -> GateResult:
 
 
 def broken(asked: Question, answer: GateResult, exactly: bool) -> list[str]:
-    """What the oracle has against a path that the gate let in."""
+    """Violations that the oracle finds in a path that the gate accepted."""
     found = [
         f"{code} by {amount:.3g}"
         for code, amount in excess(answer.path, asked.before, asked.limit).items()
@@ -72,7 +72,7 @@ def _size(code: ReasonCode, asked: Question) -> float:
 
 
 def _estranged(asked: Question, answer: GateResult) -> list[str]:
-    """What runs must be what was asked: the same places and rhythm, slower as a whole or with a ramp."""
+    """Check that the path that runs is the requested one: same places and rhythm, slower or with a ramp."""
     told = {finding.code: finding.value for finding in answer.verdict.changes}
     k = len(asked.path.time)
     path = answer.path

@@ -16,7 +16,7 @@ HAIRS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)  # of the value
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What the gate and the oracle are both asked."""
+    """Question to both gate and oracle."""
 
     path: Trajectory
     before: Reference

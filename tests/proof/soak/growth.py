@@ -62,7 +62,7 @@ class Growth:
         }
 
     def wrong(self) -> list[str]:
-        """What grew; nothing where there are too few samples to say."""
+        """Quantities that grew; empty where there are too few samples."""
         if len(self.time) < 12:
             return []
         found = []

@@ -230,7 +230,7 @@ class Life:
                 self._by_hand(reply)
 
     def _by_hand(self, refused: link.Reply) -> None:
-        """What a hand took out of its travel a hand puts back, as the refusal says."""
+        """Turn a joint back by hand that a hand turned out of its travel, as the refusal asks."""
         for finding in refused.parameters.get("findings") or ():
             if finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
                 id = self.rig.robot.joints[finding["joint"]].id

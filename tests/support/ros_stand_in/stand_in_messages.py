@@ -31,7 +31,7 @@ TEXTS = dict(KNOWN) | {
 
 @cache
 def definitions(kind):
-    """What the bytes of `kind` are."""
+    """Meaning of the bytes of `kind`."""
     found = {}
     waiting = [kind]
     while waiting:

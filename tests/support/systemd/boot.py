@@ -50,7 +50,7 @@ def write(path: Path, text: str = "") -> None:
 
 
 def lay(upper: Path) -> None:
-    """What every machine gets on top of `/`: what may not start, and a target of our own."""
+    """Write the files on top of `/` of every machine: units that may not start, and a target of our own."""
     units = upper / "etc/systemd/system"
     units.mkdir(parents=True)
     for name in MASKED.split():

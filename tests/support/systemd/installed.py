@@ -34,7 +34,7 @@ def own_python() -> bool:
 
 
 def binds() -> dict[str, str]:
-    """What is shown where, read only."""
+    """Read-only mounts: place -> source."""
     shown = {f"{SOURCE}/{room}": str(REPOSITORY / room) for room in ROOMS}
     shown[PEERS] = str(REPOSITORY / "tests")
     shown[PACKAGES] = sysconfig.get_path("purelib")

@@ -40,7 +40,7 @@ class Failed(AssertionError):
 
 
 def cgroup2() -> Path | None:
-    """Where the unified hierarchy is mounted; it needs no controllers."""
+    """Mount point of the unified hierarchy; it needs no controllers."""
     for line in Path("/proc/mounts").read_text().splitlines():
         _, place, kind, *_ = line.split()
         if kind == "cgroup2":
@@ -140,7 +140,7 @@ class Machine:
         return self._cgroup / path.lstrip("/")
 
     def pids(self, cgroup: str) -> list[int]:
-        """Who is in that cgroup of it or below, as we see them."""
+        """Processes in that cgroup or below, by our pids."""
         found: list[int] = []
         for place, _, _ in os.walk(self.cgroup(cgroup)):
             with contextlib.suppress(OSError):
@@ -159,7 +159,7 @@ class Machine:
         os.kill(pid, signal.SIGKILL)
 
     def _command(self, *command: str, user: str | None = None) -> list[str]:
-        """How to run it inside, as root or as that user with all of the user's groups."""
+        """Command that runs it inside, as root or as that user with all of the user's groups."""
         enter = ["nsenter", "-t", str(self.init), "-m", "-p", "-C", "-u", "-i", "-n", "-r", "-w"]
         enter += ["setpriv", "--pdeathsig", "KILL"]
         if user is not None:
@@ -181,7 +181,7 @@ class Machine:
         )
 
     def run(self, *command: str, user: str | None = None, seconds: float = COMMAND) -> str:
-        """What it printed. Raises Failed where it ends with another code than 0."""
+        """Output of a command. Raises Failed where it ends with another code than 0."""
         done = self.try_run(*command, user=user, seconds=seconds)
         if done.returncode != 0:
             raise Failed(f"{' '.join(command)}: {done.returncode}\n{done.stdout}{done.stderr}")
@@ -194,7 +194,7 @@ class Machine:
         )
 
     def until(self, what: Callable[[], T | None], seconds: float, said: str) -> T:
-        """What `what` returns once it is true, within `seconds`. Raises AssertionError."""
+        """Wait until `what` returns a true value, at most `seconds`, and return it. Raises AssertionError."""
         deadline = time.monotonic() + seconds
         while not (found := what()):
             assert time.monotonic() < deadline, f"not within {seconds} s: {said}\n{self.told()}"

@@ -76,7 +76,7 @@ class Unit:
         raise AssertionError(f"{self.unit} has no main process\n{self.machine.told()}")
 
     def within(self, *command: str) -> str:
-        """What a command prints that runs under the unit's device rules and in its view of the machine."""
+        """Output of a command that runs under the unit's device rules and in its view of the machine."""
         cgroup = self.machine.cgroup(self.show("ControlGroup"))
         enter = f'echo $$ > {cgroup}/cgroup.procs; exec nsenter -t {self.main()} -m -r -w setpriv "$@"'
         # Users are those of the machine: their numbers are looked up inside.
@@ -89,7 +89,7 @@ class Unit:
         return done.stdout
 
     def journal(self, *options: str) -> list[Json]:
-        """What was told of it, by itself and by systemd, oldest first. Since `start`, or since this object
+        """Messages about it, from itself and from systemd, oldest first. Since `start`, or since this object
         was made: others used the unit before."""
         since = f"--since=@{self._since:.6f}"
         text = self.machine.run("journalctl", "--no-pager", "-o", "json", since, "-u", self.unit, *options)
@@ -172,11 +172,11 @@ class Robot(Virtual):
         stop(self.process)
 
     def torque(self) -> set[bool]:
-        """Of all servos: on, off, or some of each."""
+        """Torque of all servos: on, off, or some of each."""
         return {bool(servo["torque"]) for servo in self.servos()}
 
     def places(self) -> list[float]:
-        """Where its servos stand, ticks."""
+        """Positions of its servos, ticks."""
         return [servo["position"] for servo in self.servos()]
 
     def arrived(self) -> bool:
@@ -184,7 +184,7 @@ class Robot(Virtual):
         return all(abs(servo["position"] - servo["goal"]) < 1.0 for servo in self.servos())
 
     def settings(self, **more: Any) -> Json:
-        """Of a daemon that may drive it."""
+        """Settings of a daemon that may drive it."""
         ports = {bus: f"{self.place}/ports/{bus}" for bus in self.ports}
         named = {"robot": self.robot, "calibration": f"{self.place}/calibration.yaml", "ports": ports}
         return {"mode": "live", **named, **more}

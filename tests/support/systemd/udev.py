@@ -1,4 +1,4 @@
-"""What udevd would tell PID 1 of a device, on a machine without udevd. Standard library only; run inside:
+"""Messages of udevd to PID 1 about a device, on a machine without udevd. Standard library only; run inside:
 
     udev.py add|remove LINK WANTS      LINK: a name below /dev; WANTS: units that it starts, or ""
 

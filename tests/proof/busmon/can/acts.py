@@ -1,4 +1,4 @@
-"""What a frame to an actuator does, and what one from it says. No state, no judgement but of form."""
+"""Meaning of a frame to an actuator, and of one from it. No state; only the form is judged."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ class Act(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What one frame of a motor says."""
+    """Content of one frame of a motor."""
 
     id: int
     word: int | None = None  # where it is

@@ -1,4 +1,4 @@
-"""What each actuator of a CAN bus may be told: a motor, and a bus of them."""
+"""Permitted commands of each actuator of a CAN bus: a motor, and a bus of them."""
 
 from dataclasses import dataclass
 from math import ceil, floor, pi
@@ -31,7 +31,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class CanLimits:
-    """Of one bus. `servos` by id."""
+    """Limits of one bus. `servos` by id."""
 
     bus: str
     period: float  # s

@@ -38,7 +38,7 @@ def _number(text: bytes) -> int:
 
 
 def frame(line: bytes) -> Frame:
-    """Of a line without its end. Raises Malformed."""
+    """Decode a line without its end. Raises Malformed."""
     if not line or line[0] not in LETTERS:
         raise Malformed(f"no frame: {line[:40]!r}")
     digits, extended, remote = LETTERS[line[0]]

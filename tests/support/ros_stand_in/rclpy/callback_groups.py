@@ -1,4 +1,4 @@
-"""Which callbacks wait for which."""
+"""Callback groups: which callbacks wait for which."""
 
 
 class CallbackGroup:

@@ -1,4 +1,4 @@
-"""Who calls callbacks: what has come is put in order, and a group's callbacks wait for each other."""
+"""Executors: they put arrivals in order, and the callbacks of a group wait for each other."""
 
 import os
 import select

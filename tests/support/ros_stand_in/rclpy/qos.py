@@ -35,7 +35,7 @@ class QoSProfile:
 
 
 def profile(given):
-    """Of a profile, or of a depth alone."""
+    """Profile from a profile, or from a depth alone."""
     return given if isinstance(given, QoSProfile) else QoSProfile(depth=given)
 
 

@@ -1,4 +1,4 @@
-"""What will be known later."""
+"""Futures: results that will be known later."""
 
 
 class Future:
