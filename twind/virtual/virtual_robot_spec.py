@@ -196,14 +196,13 @@ def buses(
     *,
     physics: bool = True,
     body: MujocoPhysics | None = None,
-    base: str = UPRIGHT,
     now: float = 0.0,
     line: BusTiming | None = None,
     extra: Mapping[str, Sequence[ServoSpec]] | None = None,
 ) -> dict[str, ServableBus]:
     """Make the buses of a virtual robot, in its rest pose with torque off. One body moves all of them.
 
-    `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
+    `body`: that one, else with `physics` one is made, held upright.
     `extra`: servos beside those of the robot, by serial bus.
     Raises InvalidInput for a bus that the robot has not, and with `physics`: the body knows nothing of them.
     """
@@ -216,7 +215,7 @@ def buses(
         known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
         raise InvalidInput(f"{strange[0]} {why}" if why else known)
     if physics and body is None:
-        body = body_for(made, base=base, now=now)
+        body = body_for(made, now=now)
     if extra and body is not None:
         raise InvalidInput("servos beside those of a robot have no body: say --muscles first-order")
     line = line or BusTiming()

@@ -12,7 +12,7 @@ from twind_drivers.bus import Bools, Floats, Ints, WireClamp, WriteRequest
 from twind_drivers.can.actuator_family import ValuelessCommand
 from twind_drivers.can.actuator_group import joined
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.can_transactor import PendingCanGoals
+from twind_drivers.can.can_transaction import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
 from twind_drivers.can.command_frame_check import CanWireCheck
 from twind_drivers.can.frame import Frames

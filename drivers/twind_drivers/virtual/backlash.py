@@ -28,7 +28,7 @@ class Backlash:
         self._muscles.drive(drive)
 
     def set_goals(self, goal: Floats) -> None:
-        """See `ServoPhysics.aim`."""
+        """See `ServoPhysics.set_goals`."""
         self._muscles.set_goals(goal)
 
     def block(self, held: Bools) -> None:
@@ -36,11 +36,11 @@ class Backlash:
         self._muscles.block(held)
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """See `ServoPhysics.grip`: a hand holds the joint, not the encoder."""
+        """See `ServoPhysics.set_hand_positions`: a hand holds the joint, not the encoder."""
         self._muscles.set_hand_positions(place, speed)
 
     def set_base_pose(self, base: str) -> None:
-        """See `ServoPhysics.lay`."""
+        """See `ServoPhysics.set_base_pose`."""
         self._muscles.set_base_pose(base)
 
     def advance(self, now: float) -> None:
