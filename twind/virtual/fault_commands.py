@@ -19,7 +19,7 @@ NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count"
 
 Order = dict[str, Any]
 REAL = (int, float)
-# fault -> its arguments and their kinds, as the methods of `LineFaults`; the names that end in ? may be left out
+# Arguments of each fault and their kinds, as the methods of a bus's `faults`; those ending in ? are optional.
 FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
     "drop": {"count": int, "id?": int},
     "corrupt": {"count": int, "id?": int, "bits?": int},
@@ -96,7 +96,7 @@ CAN_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
 }
 
 
-# of the body that all buses move, as the methods of `BaseSupport`; of its inertial sensor, as `VirtualSensor.err`
+# Of the body that all buses move, as the methods of `BaseSupport`; `imu` as `VirtualSensor.err`.
 BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
     "hold": {"on?": bool},
     "push": {"forward?": REAL, "left?": REAL, "up?": REAL, "seconds?": REAL},
