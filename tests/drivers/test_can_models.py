@@ -101,7 +101,9 @@ def test_a_damiao_has_its_id_and_10h_as_default_feedback_id() -> None:
     assert list(beside.ranges.velocity) == [30.0, 8.0]
     for id, family in ((0x12, beside), (0x21, given)):
         heard = np.zeros(1, beside.make_position_request().dtype)
-        heard["id"], heard["size"], heard["data"][0, 0] = id, 8, 0x12
+        heard["id"] = id
+        heard["size"] = 8
+        heard["data"][0, 0] = 0x12
         heard["data"][0, 1] = 0x7F
         assert list(family.feedback(heard)[0].rows) == [1]
 

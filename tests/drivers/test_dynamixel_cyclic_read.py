@@ -148,7 +148,7 @@ def test_a_servo_that_restarts_is_back_soon_and_its_slow_registers_are_known_in_
 
 
 def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
-    """What it says is no reading, but it is there."""
+    """Its answer is no reading, but it is there."""
     servos = Servos(IDS)
     rig = Rig(servos)
     servos.silent = {7}

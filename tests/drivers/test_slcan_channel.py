@@ -35,7 +35,8 @@ def one_frame(draw: st.DrawFn) -> tuple[int, bytes, int]:
 def made(rows: list[tuple[int, bytes, int]]) -> Frames:
     found = np.zeros(len(rows), FRAME)
     for place, (id, data, size) in enumerate(rows):
-        found[place]["id"], found[place]["size"] = id, size
+        found[place]["id"] = id
+        found[place]["size"] = size
         found[place]["data"][: len(data)] = list(data)
     return found
 
@@ -177,7 +178,8 @@ def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
 @pytest.mark.parametrize(("id", "size"), [(0x800, 1), (1 | ERROR, 8), (1, 9), (0x3FFFFFFF | EXTENDED, 0)])
 def test_an_invalid_frame_is_not_sent(id: int, size: int) -> None:
     wrong = cycle(3)
-    wrong[1]["id"], wrong[1]["size"] = id, size
+    wrong[1]["id"] = id
+    wrong[1]["size"] = size
     with pytest.raises(ValueError, match="frame 1"):
         encode(wrong)
 
@@ -253,7 +255,7 @@ def opened(adapter: Adapter) -> SlcanChannel:
 
 
 def lost_at(adapter: Adapter, *, stuck_until: float) -> float | None:
-    """When a channel that sends 100 times a second says that its port is lost; None: never."""
+    """Return the time when a channel that sends 100 times a second reports a lost port; None: never."""
     channel = opened(adapter)
     for tick in range(1, 300):
         now = tick * 0.01

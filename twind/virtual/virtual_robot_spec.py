@@ -153,13 +153,13 @@ def calibration(made: VirtualRobotSpec) -> Calibration:
     tool = f"twind-virtual {__version__}"
     found = fitting(made.robot, zeros, devices, created=created, tool=tool)
     named = zip(made.robot.names, found.joints, strict=True)
-    swept = tuple(_swept(made, entry, holders[name]) for name, entry in named)
-    found = replace(found, joints=swept)
+    joints = tuple(_with_travel(made, entry, holders[name]) for name, entry in named)
+    found = replace(found, joints=joints)
     return replace(found, sha256=text_hash(dump_calibration(found)))
 
 
-def _swept(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> JointCalibration:
-    """The travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
+def _with_travel(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> JointCalibration:
+    """Add the travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):

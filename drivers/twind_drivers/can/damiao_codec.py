@@ -122,7 +122,8 @@ class DamiaoCodec(MitCodec):
         receiving = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
         self.claims = frozenset({*receiving, *masters, *([ASK] if self.ids else [])})
         requests = np.zeros((len(self.ids), 8), np.uint8)
-        requests[:, 0], requests[:, 2] = self.ids, REFRESH
+        requests[:, 0] = self.ids
+        requests[:, 2] = REFRESH
         self._question = frames([ASK] * len(self.ids), requests)
 
     def _voices(self, masters: Sequence[int]) -> tuple[Table, Table]:

@@ -177,7 +177,8 @@ class ODriveCodec(ActuatorFamily):
         The position gain works through the velocity gain, so kd must be above 0 (else WireClamp).
         """
         values = np.zeros(self._lower.shape)
-        values[2], values[3] = kp, kd
+        values[2] = kp
+        values[3] = kd
         lower = self._lower.copy()
         lower[3] = np.finfo(np.float32).tiny
         checked(self.port, self.ids, values, lower, self._upper)

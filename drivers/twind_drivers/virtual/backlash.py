@@ -17,7 +17,8 @@ class Backlash:
         """Make the backlash; `play` (m,): ticks, from one side to the other."""
         self._muscles = muscles
         self._half = play / 2.0
-        self.position, self._seen = muscles.position.copy(), muscles.position.copy()
+        self.position = muscles.position.copy()
+        self._seen = muscles.position.copy()
         self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
         self.current = muscles.current
         self.pwm = muscles.pwm

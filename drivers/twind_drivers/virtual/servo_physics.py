@@ -135,7 +135,8 @@ class FirstOrderPhysics:
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
         self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
         self._rate = np.where(pulls & seeks, drive.p / (GAIN * LAG), 0.0)
-        self._pulled, self._slowest = self._rate > 0.0, np.maximum(self._rate, 1e-9)
+        self._pulled = self._rate > 0.0
+        self._slowest = np.maximum(self._rate, 1e-9)
         self._per_tick = self._rate / self._ticks  # raw velocity per tick of error
         self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
         gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
