@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
 from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening

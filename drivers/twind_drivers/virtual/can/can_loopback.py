@@ -4,7 +4,8 @@ With an adapter that `keeps` it acts as a kernel's socket: waiting frames surviv
 leave when a node acknowledges again.
 """
 
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
