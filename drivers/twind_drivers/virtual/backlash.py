@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.virtual.servo_physics import Bools, DriveState, Floats, ServoPhysics
+from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
+from twind_drivers.virtual.shaft_physics import Bools, Floats
 
 
 class Backlash:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.virtual.mode_units import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_position
+from twind_drivers.virtual.shaft_physics import Bools, Floats, ShaftPhysics
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 RPM = 0.229  # per raw velocity of the X series
 FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
 COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
@@ -42,14 +41,12 @@ class DriveState:
     rpm: Floats | float = RPM  # per raw velocity
 
 
-class ServoPhysics(Protocol):
-    """The motors of the servos of one bus. Arrays are (m,), in the order of the servos.
+class ServoPhysics(ShaftPhysics, Protocol):
+    """The motors of the servos of one bus.
 
-    The four readings stay true until the next `advance`; only the implementation writes them.
+    Position: encoder ticks; velocity: raw, 0.229 rpm but for the P series.
     """
 
-    position: Floats  # encoder ticks
-    velocity: Floats  # raw, 0.229 rpm but for the P series
     current: Floats  # raw, the model's current unit
     pwm: Floats  # raw, 0.113 % but for the P series
     stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
@@ -62,21 +59,6 @@ class ServoPhysics(Protocol):
 
         Ignored where torque is off.
         """
-
-    def block(self, held: Bools) -> None:
-        """Set the shafts that are held fast from now on; they turn neither with torque nor without."""
-
-    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """Set the places (ticks) where hands take and hold limp shafts; NaN: no hand. Speed: ticks/s.
-
-        Where torque is on a hand slips.
-        """
-
-    def set_base_pose(self, base: str) -> None:
-        """Hold the base of the robot in this attitude. Raises KeyError: unknown, ValueError: no body."""
-
-    def advance(self, now: float) -> None:
-        """Let the time pass until `now` (s). A time already passed does nothing."""
 
 
 # An XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").

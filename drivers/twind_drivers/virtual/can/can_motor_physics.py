@@ -7,23 +7,17 @@ serial servos' physics (`twind_drivers.virtual.servo_physics`) use registers; on
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from twind_drivers.virtual.shaft_physics import Bools, Floats, ShaftPhysics
+
 INERTIA = 0.02  # kg·m² at the output: rotor and a light link
 FRICTION = 0.2  # N·m·s/rad, viscous
 STEP = 0.002  # s, the longest step of the solution that is exact as long as nothing saturates
 
 
-class CanMotorPhysics(Protocol):
-    """The motors of the nodes of one bus. Arrays are (m,), in the order of the nodes.
+class CanMotorPhysics(ShaftPhysics, Protocol):
+    """The motors of the nodes of one bus: position in rad of the shaft, neither wrapped nor zeroed; rad/s."""
 
-    The three readings stay valid until the next `advance`; only the physics writes them.
-    """
-
-    position: Floats  # rad of the shaft, continuous: neither wrapped nor zeroed
-    velocity: Floats  # rad/s
     torque: Floats  # N·m, what the motor gives
 
     def drive(
@@ -40,21 +34,6 @@ class CanMotorPhysics(Protocol):
 
         Off: nothing but friction.
         """
-
-    def block(self, held: Bools) -> None:
-        """Set the blocked shafts (m,); they turn neither with torque nor without."""
-
-    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """Set the positions (m,) where hands hold limp shafts, rad, NaN: no hand; their speed, rad/s.
-
-        Where torque is on a hand slips.
-        """
-
-    def set_base_pose(self, base: str) -> None:
-        """Set how the base of the robot is held. Raises KeyError: no such way, ValueError: no body."""
-
-    def advance(self, now: float) -> None:
-        """Let the time pass until `now` (s). A time already passed does nothing."""
 
 
 FASTEST = 30.0  # rad/s of a shaft
