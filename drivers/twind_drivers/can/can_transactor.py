@@ -62,7 +62,7 @@ class CanTransactor:
         self.foreign = 0  # frames; the reader resets it when it reports them
         self.epoch = 0
         self.left: Ints = np.zeros(len(fleet), np.int64)  # (m,) the last goals sent, counts ...
-        self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... and the actuators (m,) that any was sent to
+        self.commanded: Bools = np.zeros(len(fleet), np.bool_)  # ... and the actuators (m,) that got any
         self.asked: Bools = np.ones(len(fleet), np.bool_)  # (m,) not parked
         self.heard = GroupFeedback.nothing(len(fleet))  # feedback of the present transaction
         self.expect: Ints = np.zeros(len(fleet), np.int64)  # (m,) expected frames of it
@@ -157,7 +157,7 @@ class CanTransactor:
     def _keep(self, goals: PendingCanGoals) -> None:
         """Record the goals that left."""
         np.copyto(self.left, goals.ticks, where=goals.rows)
-        self.told |= goals.rows
+        self.commanded |= goals.rows
 
     def _lead(self, goals: bool) -> tuple[Frames, Ints]:
         """Return the first frames: an urgent order, else the goals; and the commands per actuator (m,)."""
