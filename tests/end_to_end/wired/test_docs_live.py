@@ -19,10 +19,9 @@ import pytest
 from tests.support import rclpy_environment as ros_peer
 from tests.support.dds_domain import free_domain
 from tests.support.doc_pages_text import README, ROOT, fenced
-from tests.support.docs_rig import readme_lines, run
+from tests.support.docs_rig import readme_lines, run, wait_for
 from tests.support.processes import until
 from tests.support.zenoh_router import free_port
-from twind.client import Client, ClientError
 
 BIN = Path(sys.executable).parent
 # What a test cannot run as it stands, and why.
@@ -54,18 +53,6 @@ def daemon(runtime: Path, *options: str) -> Iterator[dict[str, str]]:
         if process.poll() is None:
             process.kill()
             process.wait(10.0)
-
-
-def wait_for(runtime: Path, **wanted: object) -> None:
-    def there() -> bool:
-        try:
-            with Client(runtime / "twind") as client:
-                status = client.call("GetStatus")["status"]
-        except ClientError:
-            return False
-        return all(status[key] == value for key, value in wanted.items())
-
-    until(there, 30.0, f"{wanted}: {(runtime / 'log').read_text()}")
 
 
 @pytest.fixture(scope="module")
