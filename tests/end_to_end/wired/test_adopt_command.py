@@ -243,12 +243,6 @@ def test_an_invalid_adopt_option_is_refused_before_a_port_is_opened(
     assert said in shown.err + shown.out
 
 
-def test_the_help_describes_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["adopt", "--help"])
-    assert "Configure a new serial servo as the missing one" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 def test_killed_while_it_writes_the_same_command_ends_the_job(words: list[str], tmp_path: Path) -> None:
     """SIGKILL at other moments of the writing, seen by its own output; each on a servo as delivered."""
