@@ -291,9 +291,3 @@ def test_a_recording_ends_after_the_requested_seconds(story: Story) -> None:
     code, said = story.ends["timed"]
     found = open_recording(story.folder / "timed" / "one.mcap")
     assert code == 0 and 1.5 <= said["seconds"] < 3.5 and 0.8 < found.duration < 3.5
-
-
-def test_record_without_a_daemon_exits_with_three(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "record"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
-    assert done.returncode == 3 and "no daemon" in done.stderr and not done.stdout
