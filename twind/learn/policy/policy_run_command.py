@@ -27,7 +27,6 @@ from twind.command_line.verb import (
 )
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_timing import SystemClock
 from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
@@ -40,6 +39,7 @@ from twind.learn.task.learning_tasks import LearningTask, task_of
 from twind.learn.task.plant_model import Plant
 from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
+from twind_drivers.clock import MonotonicClock
 
 AXES = ("forward", "left", "turn")
 MANY = 0.02  # of the periods: so many missed ones are reported with a remedy
@@ -70,7 +70,7 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         RewardFunction(task, plant).fallen,
         task.phases(card.shaping.period),
         _command(options, card, task),
-        SystemClock().now,
+        MonotonicClock().now,
     )
     with policy.ending_long_inferences():
         return _drive(options, controller, card, rate_hz)
@@ -122,7 +122,7 @@ def _drive(
                     session,
                     card.shaping.period,
                     1.0 / rate_hz,
-                    SystemClock(),
+                    MonotonicClock(),
                     print_reason,
                 )
                 good, why = _move_and_run(options, drive, session, controller, stop, progress)
