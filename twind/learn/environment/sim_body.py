@@ -43,7 +43,7 @@ class SimBody:
         self._between = plant.substeps - 2
         self._option: Any = self.model.opt
         self._seeing = self._blind = int(self._option.disableflags)
-        if not ranges.imu_delay[1]:  # what is told late must be known at every step
+        if not ranges.imu_delay[1]:  # a delayed sensor must be computed at every step
             self._blind |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self._lasts = period - 0.5 * self.model.opt.timestep
         self._due = 0.0
