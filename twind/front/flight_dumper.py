@@ -27,16 +27,11 @@ from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, pl
 from twind.front.state_cache import encode
 from twind.link import CrashRecordingDone, Event
 from twind.robot.event_codes import EventCode
-from twind.robot.modes import RobotState
+from twind.robot.modes import RESET_STATES
 
 if TYPE_CHECKING:
     from twind.front.front_server import FrontServer
 
-FAULTS = {
-    RobotState.FAULT.value,
-    RobotState.ESTOP.value,
-    RobotState.INHIBITED.value,
-}  # what an operator must acknowledge
 AFTERMATH = 2.0  # s after a fault that are in its file
 AGAIN = 10.0  # s between two files of faults
 CAUSE = 0.05  # s before a fault in which events count as its cause
@@ -98,7 +93,7 @@ class FlightDumper:
         self._farewell = self._farewell or event.code == EventCode.END
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
-        if event.code in FAULTS and self._due is None:
+        if event.code in RESET_STATES and self._due is None:
             self._cause_codes = [each.code for each in self._causes if each.time >= event.time - CAUSE]
             self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
 
