@@ -95,7 +95,8 @@ class FlightDumper:
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
         if event.code in RESET_STATES and self._due is None:
             self._cause_codes = [each.code for each in self._causes if each.time >= event.time - CAUSE]
-            self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
+            self._reason = event.code
+            self._due = max(self._front.now() + AFTERMATH, self._next)
 
     def housekeep(self, now: float) -> None:
         """Write what is due; called once per round of housekeeping."""
@@ -160,7 +161,8 @@ class FlightDumper:
     # ----------------------------------------------------------------------------- writing
 
     def _write_due(self) -> None:
-        self._due, self._next = None, self._front.now() + AGAIN
+        self._due = None
+        self._next = self._front.now() + AGAIN
         if self._recorded.ring is not None:
             self._begin(_FlightRequest(self._recorded.ring, self._reason, self._cause()))
 
