@@ -102,23 +102,23 @@ def test_the_target_is_the_robot_in_live_and_the_simulation_otherwise(tmp_path: 
 
 
 def test_latency_is_columns_by_hop_with_the_last_histogram(tmp_path: Path) -> None:
-    def told(time: float, now: float | None, histogram: Any) -> dict[str, Any]:
+    def latencies(time: float, now: float | None, histogram: Any) -> dict[str, Any]:
         hops = [{"hop": "total", "now_ms": now, "violations": 2, "histogram": histogram}]
         return {"topic": "latency", "time": time, "latency": hops}
 
     buckets = [{"upper_ms": 1.0, "count": 3}, {"upper_ms": None, "count": 0}]
-    found = record(tmp_path, told(100.0, 1.5, buckets), told(100.1, None, None)).latency["total"]
+    found = record(tmp_path, latencies(100.0, 1.5, buckets), latencies(100.1, None, None)).latency["total"]
     assert found.time.tolist() == [0.0, 0.1] and found.columns["violations"].tolist() == [2.0, 2.0]
     assert found.columns["now_ms"][0] == 1.5 and np.isnan(found.columns["now_ms"][1])
     assert np.isnan(found.columns["p99_ms"]).all() and list(found.histogram) == buckets
 
 
 def test_episodes_follow_the_marks_of_any_client() -> None:
-    def said(*answers: dict[str, Any]) -> list[RecordedMessage]:
+    def events(*answers: dict[str, Any]) -> list[RecordedMessage]:
         return [RecordedMessage(answer["time"], answer["event"]) for answer in answers]
 
     begun = mark(3.0, "begin", "b"), mark(4.0, "begin", "c")
-    rows = said(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
+    rows = events(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
     found = marked(rows)
     assert [(each.task, each.success) for each in found] == [("a", True), ("b", None), ("c", None)]
     assert np.isnan(found[0].begin) and (found[1].begin, found[1].end) == (3.0, 4.0)
