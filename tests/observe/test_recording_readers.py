@@ -13,7 +13,16 @@ from rosbags.highlevel import AnyReader
 
 from tests.support.doc_pages_text import ROOT
 from tests.support.replay_rig import flight, recording
-from tests.support.sample_recordings import CLOCKS, JOINTS, SteppedWriter, event, mark, state, status
+from tests.support.sample_recordings import (
+    CLOCKS,
+    JOINTS,
+    SteppedWriter,
+    event,
+    mark,
+    state,
+    status,
+    trajectories,
+)
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
@@ -195,8 +204,6 @@ def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
     assert len(found.joints) == 24 and found.time[0] == 0.0 and (np.diff(found.time) > 0).all()
     assert found.live.all() and abs(found.measured[-1, knee] - 0.2) < 0.01
     assert abs(found.goal[-1, knee] - 0.2) < 1e-9 and found.meta["reason"] == "dump"
-    (path,) = found.trajectories
-    assert path.what["joint_names"] == ["l_knee"] and found.verdicts[0].what["id"] == path.what["id"]
     assert found.statuses and found.slow is not None and "total" in found.latency
     assert found.robot is not None and found.mjcf and found.calibration
 
@@ -216,9 +223,8 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     for name in ("measured", "velocity", "effort", "goal", "simulated"):
         np.testing.assert_array_equal(getattr(after, name)[heard], getattr(before, name)[rows][heard])
     assert [each.what for each in after.events] == [each.what for each in before.events]
-    assert [each.what["id"] for each in after.trajectories] == [
-        each.what["id"] for each in before.trajectories
-    ]
+    (path,) = trajectories(out)
+    assert path["joint_names"] == ["l_knee"] and path["id"] == before.verdicts[0].what["id"]
     assert [each.what for each in after.verdicts] == [each.what for each in before.verdicts]
     assert after.robot == before.robot and after.mjcf == before.mjcf
     file = McapScanner(out)
