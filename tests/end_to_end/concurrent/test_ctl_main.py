@@ -1,11 +1,13 @@
 """`twindctl` from outside: what it prints, what it exits with, what it imports."""
 
+import io
 import json
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 
 from tests.support.loop_stand_in import NAMES, StandIn
 from twind import link
+from twind.ctl.ctl_main import main
 
 LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}
 
@@ -33,8 +36,16 @@ def loop(shared: StandIn) -> StandIn:
 
 
 def ctl(loop: StandIn, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(loop.directory), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=20.0)
+    """Run a command line in this process."""
+    words = ["--socket", str(loop.directory), *arguments]
+    out = io.StringIO()
+    err = io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            code: Any = main(words)
+        except SystemExit as end:
+            code = end.code
+    return subprocess.CompletedProcess(words, code or 0, out.getvalue(), err.getvalue())
 
 
 def asked(loop: StandIn) -> list[str]:

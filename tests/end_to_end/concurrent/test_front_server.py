@@ -14,8 +14,10 @@ import varlink
 
 from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.raw_connection import CONTRACT, Raw, code
+from tests.support.scenes_front import SCENES
 from twind import link
 from twind.protocol import CONTROL, SERVICE
+from twind.robot.finding import ReasonCode
 
 # --------------------------------------------------------------------------- an independent client
 
@@ -444,6 +446,11 @@ def test_a_connection_closed_in_mid_message_affects_no_other_client(loop: StandI
             client.bytes(message)
     with Raw(loop) as client:
         assert "error" not in client.call("GetStatus")
+
+
+@pytest.mark.parametrize("reason", SCENES)
+def test_every_reason_code_of_the_front_is_reached(loop: StandIn, reason: ReasonCode) -> None:
+    assert reason.value in set(SCENES[reason](loop))
 
 
 # --------------------------------------------------------------------------- a loop of one's own

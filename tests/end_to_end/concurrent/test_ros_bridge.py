@@ -16,7 +16,8 @@ import pytest
 
 from tests.support.loop_stand_in import StandIn
 from tests.support.processes import until
-from twind.bridge.ros.ros_bridge import AGAIN, RosBridge
+from twind.bridge.ros import ros_bridge
+from twind.bridge.ros.ros_bridge import RosBridge
 from twind.bridge.ros.ros_diagnostics import ERROR
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
@@ -39,6 +40,12 @@ from twind.bridge.ros.ros_endpoints import (
 from twind.bridge.ros.ros_transport import Asked, Heard
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, decode, encode
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bridge does not wait a second until it joins the graph again."""
+    monkeypatch.setattr(ros_bridge, "AGAIN", 0.2)
 
 
 def text(words: str) -> bytes:
@@ -200,7 +207,7 @@ def test_a_back_end_without_commands_states_the_reason_in_the_status(loop: Stand
         assert bridge["refuses"] == "this bridge only reads: this middleware loses commands"
         run.graph.heard(NEIGHBOURS, text(json.dumps({"bridge": {"id": "abc", "commands": True}})))
         run.graph.last(HW_JOINTS)
-        time.sleep(AGAIN)
+        time.sleep(ros_bridge.AGAIN)
     assert not any(line.startswith("another bridge") for line in run.lines)
 
 

@@ -86,7 +86,7 @@ def duration(seconds: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+def graph(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Graph]:
     folder: Path = tmp_path_factory.mktemp("run")
     daemon = Daemon(folder, "--mode", "sim")
     words = ["--socket", str(folder), "ros", "--backend", "zenoh", "--rate", "50", "--zenoh-connect"]

@@ -48,7 +48,7 @@ sys.exit(uplink_command.run(options))
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def here(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site")) as made:
         yield made
 

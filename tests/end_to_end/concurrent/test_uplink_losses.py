@@ -38,7 +38,7 @@ LET_GO = 3.0  # s after a fault until the motion is let go: a lease lasts 1, and
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def here(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site")) as made:
         yield made
 
