@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.processes import Daemon, until
+from tests.support.processes import Daemon, simulated, until
 from tests.support.raw_connection import CONTRACT
 from twind.client import Client, Refused
 from twind.telemetry.timing_monitor import COMMAND
@@ -22,16 +22,10 @@ FAST = {
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    daemon = Daemon(tmp_path_factory.mktemp("latency") / "run", "--mode", "sim", "--robot", "h24")
-    try:
-        daemon.reach()
+    with simulated(tmp_path_factory.mktemp("latency")) as daemon:
         until(lambda: "LOOKAHEAD" in daemon.log.read_text(), 30.0, "the model is loaded")
         yield daemon
         assert daemon.end() == 0
-    finally:
-        if daemon.process.poll() is None:
-            daemon.process.kill()
-        daemon.process.wait(10)
 
 
 def next_of(stream: Iterator[dict[str, Any]], topic: str) -> dict[str, Any]:
@@ -96,16 +90,8 @@ def counted(running: Daemon, before: int) -> int | None:
 
 def test_a_mark_is_published_to_subscribers_and_logged(running: Daemon) -> None:
     def mark(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [
-            sys.executable,
-            "-m",
-            "twind.ctl.ctl_main",
-            "--socket",
-            str(running.sockets),
-            "mark",
-            *words,
-        ]
-        return subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "mark"]
+        return subprocess.run([*command, *words], capture_output=True, text=True, timeout=20.0, check=False)
 
     with Client(str(running.sockets), name="observe") as watcher:
         news = watcher.stream("Monitor", topics=["events", "state"], rate=10.0)

@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
@@ -17,28 +16,9 @@ from twind.protocol import CONTROL
 STATUS = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path_factory.mktemp("front"))
-    stand_in.await_lookahead()
-    yield stand_in
-    alive = stand_in.front.poll() is None
-    assert stand_in.close() == 0
-    assert alive
-
-
-@pytest.fixture
-def loop(shared: StandIn) -> Iterator[StandIn]:
-    """The shared loop without recorded commands. Nothing is broken afterwards."""
-    shared.commands.clear()
-    shared.answers.clear()
-    yield shared
-    log = shared.log.read_text()
-    assert "CALL_BROKE" not in log and "Traceback" not in log
-
-
 def resident(loop: StandIn) -> float:
-    """Memory of the front process, MiB."""
+    """Memory of the front process, MiB, once its model is loaded."""
+    loop.await_lookahead()
     pages = int(Path(f"/proc/{loop.front.pid}/statm").read_text().split()[1])
     return pages * 4096 / 2**20
 

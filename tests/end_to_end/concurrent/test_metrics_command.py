@@ -21,7 +21,7 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from prometheus_client.parser import text_string_to_metric_families as older_text
 
 from tests.support.metrics_messages import latency, state, status
-from tests.support.processes import Daemon, until
+from tests.support.processes import Daemon, simulated, until
 from twind.client import Client, Refused
 from twind.observe.measuring import metrics_http
 from twind.observe.measuring.metrics_http import LONGEST, MetricsHttpHandler
@@ -30,18 +30,6 @@ from twind.observe.measuring.metrics_server import registry
 
 OPENMETRICS = {"Accept": "application/openmetrics-text;version=1.0.0"}
 SINCE = 30.0  # s that a busy machine may take
-
-
-@contextmanager
-def simulated(folder: Path) -> Iterator[Daemon]:
-    """A daemon without a robot; killed at the end if the test did not end it."""
-    daemon = Daemon(folder, "--mode", "sim")
-    try:
-        daemon.reach(mode="sim")
-        yield daemon
-    finally:
-        daemon.process.kill()
-        daemon.process.wait(10.0)
 
 
 def ctl(folder: Path, *words: str) -> list[str]:

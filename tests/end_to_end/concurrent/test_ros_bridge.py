@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -128,13 +128,6 @@ class Run:
         self.stop.set()
         self._thread.join(20.0)
         assert self.code == 0
-
-
-@pytest.fixture(scope="module")
-def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path_factory.mktemp("run"))
-    yield stand_in
-    stand_in.close()
 
 
 def test_daemon_data_is_published_on_its_topics(loop: StandIn) -> None:

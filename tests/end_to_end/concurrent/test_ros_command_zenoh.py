@@ -127,14 +127,6 @@ def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_published(graph: 
     until(lambda: abs(graph.place() - before - 0.1) < 0.01, PATIENCE, "the joint is there")
 
 
-def test_a_refused_trajectory_is_reported_with_its_findings_and_moves_nothing(graph: Graph) -> None:
-    before = graph.place()
-    end = graph.ended(**graph.command(50.0))
-    assert end["phase"] == "refused" and end["findings"], end
-    assert all(each["code"] and each["message"] for each in end["findings"])
-    assert abs(graph.place() - before) < 0.01
-
-
 def test_the_last_status_waits_for_who_comes_later_and_services_answer(graph: Graph) -> None:
     graph.peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
     until(lambda: graph.peer.ask("heard", topic=STATUS.name), PATIENCE, "a status comes")

@@ -1,6 +1,5 @@
 """What streamers say of themselves: told to whoever watches, in the status, and forgotten with them."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
@@ -89,16 +88,7 @@ def test_no_text_reaches_a_terminal_as_more_than_a_short_line() -> None:
 # ------------------------------------------------------------------------------------------ on the socket
 
 
-@pytest.fixture(scope="module")
-def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path_factory.mktemp("front"))
-    yield stand_in
-    assert "CALL_BROKE" not in stand_in.log.read_text()
-    assert stand_in.close() == 0
-
-
 def test_a_stream_report_of_an_observer_reaches_subscribers_but_not_the_loop(loop: StandIn) -> None:
-    loop.commands.clear()
     with Raw(loop, "observe") as watcher, Raw(loop, "observe") as streamer:
         watcher.send("Monitor", parameters={"topics": ["stream"]}, more=True)
         assert "error" not in streamer.call("GetStatus")
