@@ -58,7 +58,7 @@ class Peer:
 
 
 class Node:
-    """What the process does: each public method is an order."""
+    """Orders of the process: each public method is one."""
 
     def __init__(self, endpoint: str) -> None:
         self._heard: dict[str, deque[bytes]] = {name: deque(maxlen=10_000) for name in THEIRS}

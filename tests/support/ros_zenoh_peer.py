@@ -32,7 +32,7 @@ class Peer:
         )
 
     def ask(self, do: str, **parameters: Any) -> Any:
-        """What it answers. AssertionError where it cannot."""
+        """Reply of the peer. AssertionError where it has none."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
         self._process.stdin.flush()
@@ -60,7 +60,7 @@ class Peer:
 
 
 class Node:
-    """What the process does: each method is an order."""
+    """Orders of the process: each method is one."""
 
     def __init__(self, port: int) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -88,7 +88,7 @@ class Node:
         )
 
     def heard(self, topic: str) -> list[Any]:
-        """What has come, as plain objects."""
+        """Received messages as plain objects."""
         return [plain(message) for _, message in list(self._heard[topic])]
 
     def counted(self, topic: str) -> dict[str, Any]:

@@ -80,7 +80,7 @@ def streamer(run: Path, url: str, spool: Path, *more: str) -> Process:
 
 
 def reported(run: Path) -> dict[str, Any] | None:
-    """What the daemon says of the only streamer."""
+    """Report of the only streamer in the status of the daemon."""
     with suppress(ClientError), Client(run, name="observe") as client:
         streams: list[dict[str, Any]] = client.call("GetStatus")["status"]["streams"]
         return streams[0] if streams else None

@@ -128,13 +128,13 @@ class Far:
         return self.ask("goal", goal=name, lease=lease, deadline=deadline, trajectory=path)
 
     def knee(self) -> float:
-        """Where it is, rad."""
+        """Position of the knee, rad."""
         joints = self.ask("ask", "GetStatus", joints=True)["joints"]
         return float(next(joint["position"] for joint in joints if joint["name"] == JOINT))
 
 
 def phases(heard: list[bytes]) -> list[str]:
-    """Of a goal, in their order."""
+    """Phases of a goal in their order."""
     return [json.loads(each)["phase"] for each in heard]
 
 

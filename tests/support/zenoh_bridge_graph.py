@@ -109,7 +109,7 @@ class Graph:
         return str(self.daemon.status()["motion"])
 
     def loop(self, when: str) -> dict[str, Any]:
-        """How the loop is, printed."""
+        """State of the loop, printed too."""
         loop: dict[str, Any] = self.daemon.status()["loop"]
         print(f"{when}: {loop['missed']} of {loop['ticks']} ticks missed, p99 {loop['late_p99_us']} us")
         return loop

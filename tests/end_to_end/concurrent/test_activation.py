@@ -112,7 +112,7 @@ def test_a_missing_inherited_socket_is_created_and_an_unknown_one_is_reported(tm
 
 
 class Manager:
-    """What a service manager does: listens itself, and hands that over to one daemon after the other."""
+    """Service manager: it listens itself, and passes its sockets to one daemon after the other."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -1,4 +1,4 @@
-"""What whoever watches a daemon hears of a command's way: two real processes, the simulation for a robot."""
+"""Latency and verdict of a command as a subscriber receives them, from a real daemon in mode sim."""
 
 import subprocess
 import sys
@@ -83,7 +83,7 @@ def test_a_stream_of_setpoints_has_its_figures_and_a_refused_one_is_a_verdict(ru
 
 
 def counted(running: Daemon, before: int) -> int | None:
-    """How many commands were written, once the histogram has more than before by most of a stream."""
+    """Number of written commands, once the histogram counts most of the stream."""
     count = sum(bucket["count"] for bucket in hops(running)["command"]["histogram"])
     return count if count > before + 20 else None
 

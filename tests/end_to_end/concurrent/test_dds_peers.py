@@ -103,7 +103,7 @@ def until_heard(send: Callable[[int], None], *heard: Callable[[], Sized]) -> Non
 
 
 def stamps_of(cyclone: ros_dds_peer.Peer) -> list[int]:
-    """Of what it heard since it was last asked."""
+    """Stamps of the messages that the peer received since the last call, ns."""
     states = cyclone.ask("heard", topic=HW_JOINTS.name)
     return [state["header"]["stamp"]["nanosec"] for state in states]
 

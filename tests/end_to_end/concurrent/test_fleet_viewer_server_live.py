@@ -203,7 +203,7 @@ class Said(FleetPage):
     status_html: dict[str | None, str]
 
     def set_html(self, words: str, of: str | None = None) -> None:
-        """What the page says now."""
+        """Keep the text that the page shows."""
         super().set_html(words, of)
         self.words = {**getattr(self, "words", {}), of: words}
 

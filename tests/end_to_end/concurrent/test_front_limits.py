@@ -1,4 +1,4 @@
-"""What one client can cost the others, tried with raw bytes on a real front process: memory, rights, time."""
+"""Bounds on what one client costs the others: memory, rights and time of a real front process."""
 
 import contextlib
 import socket

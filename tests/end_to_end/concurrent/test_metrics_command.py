@@ -65,7 +65,7 @@ def get(port: int, path: str = "/metrics", **fields: str) -> tuple[int, str, byt
 
 
 def samples(port: int) -> dict[str, list[tuple[dict[str, str], float]]]:
-    """Of a scrape, as the parser of the library reads it: it refuses what is no OpenMetrics."""
+    """Samples of a scrape by name. The parser of the library refuses what is no OpenMetrics."""
     code, kind, body = get(port)
     assert code == 200 and kind.startswith("application/openmetrics-text; version=1.0.0")
     found: dict[str, list[tuple[dict[str, str], float]]] = {}
@@ -161,7 +161,7 @@ def test_a_unix_socket_is_served_and_taken_away(tmp_path: Path) -> None:
 
 @contextmanager
 def door(patience: float = 5.0) -> Iterator[int]:
-    """What serves scrapers, of a robot of two joints, in a thread of its own; its port."""
+    """Port of a metrics server in a thread of its own, for a robot of two joints."""
     ledger = MetricsLedger(0.0)
     loop = asyncio.new_event_loop()
     listener = socket.create_server(("127.0.0.1", 0), backlog=256)

@@ -63,7 +63,7 @@ def rest(client: Client, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def goals(client: Client) -> np.ndarray:
-    """What the loop commands now."""
+    """Goals that the loop commands now, rad."""
     return np.array([each["goal"] for each in client.call("GetStatus", joints=True)["joints"]])
 
 

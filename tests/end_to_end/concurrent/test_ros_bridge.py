@@ -112,7 +112,7 @@ class Run:
         self.code = self.course.run()
 
     def outcome(self, topic: RosTopic, data: bytes) -> Any:
-        """What became of it."""
+        """Result of a command that the graph sends."""
         before = len(self.graph.said.get(RESULTS.name, ()))
         self.graph.heard(topic, data)
         until(

@@ -1,4 +1,4 @@
-"""What streamers say of themselves: told to whoever watches, in the status, and forgotten with them."""
+"""Reports of streamers: published to subscribers, shown in the status, removed with their connection."""
 
 from contextlib import suppress
 from types import SimpleNamespace

@@ -40,7 +40,7 @@ class Ground:
         self.endpoint = self.router.endpoint.replace("127.0.0.1", "localhost")
 
     def file(self, name: str, authority: Authority | None = None) -> Path:
-        """What whoever is called `name` puts into the example."""
+        """Configuration by the example, with the certificate of `name`."""
         certificate, key = (authority or self.authority).sign(name)
         said = (EXAMPLES / "uplink.json5").read_text()
         for part, path in {"ca": self.authority.certificate, "cert": certificate, "key": key}.items():

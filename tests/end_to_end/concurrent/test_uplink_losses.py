@@ -1,5 +1,5 @@
-"""What is lost on the way to a robot: router, link, sender, uplink, daemon. The motion is let go, the loop
-never waits, and the uplink finds its way back.
+"""Loss of router, link, sender, uplink or daemon. The motion is released, the loop never waits, and the
+uplink reconnects.
 """
 
 import json

@@ -39,7 +39,7 @@ def accepted(_asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def told(robot: FarRobot, **what: Any) -> None:
-    """Of the goal that was asked for."""
+    """Report progress of the submitted goal."""
     name = robot.times("goal")[0]["goal"]
     robot.tell(f"goals/{name}", {"id": "7", **what})
 

@@ -67,7 +67,7 @@ def received_messages(peer: Peer, topic: RosTopic) -> list[str]:
 
 
 def endpoints(peer: Peer) -> dict[str, dict[str, str]]:
-    """What the peer sees of whoever is there, by name."""
+    """Endpoints that the peer sees, by name."""
     told = [each for kind in ("MP", "MS", "SS") for each in peer.ask("endpoints", kind=kind)]
     return {each["qualified_name"]: each for each in told}
 
@@ -182,7 +182,7 @@ def test_any_received_bytes_are_passed_on_unchanged(
 
 def test_an_oversized_message_is_cut_and_the_next_arrives(us: Us, peer: Peer) -> None:
     us.heard.clear()
-    for length in (LONGEST + 1, 20 * LONGEST, 4):
+    for length in (LONGEST + 1, 3 * LONGEST, 4):
         peer.ask("raw", topic=STOP.name, kind=STRING, data="00" * length, attachment=None)
     until(lambda: any(len(data) == 4 for _, data in us.heard), PATIENCE, "the last comes")
     assert max(len(data) for _, data in us.heard) == LONGEST + 1
@@ -190,7 +190,7 @@ def test_an_oversized_message_is_cut_and_the_next_arrives(us: Us, peer: Peer) ->
 
 def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> None:
     class Slow:
-        """Where sending takes a moment, and the first longest."""
+        """Channel whose first message takes longest to send."""
 
         def __init__(self) -> None:
             self.sent: list[int] = []
