@@ -10,7 +10,8 @@ from tests.support import gate_rig as w
 from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.modes import RobotState
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import TrajectoryRequest, admit, check, checking
+from twind.safety.admission import admit
+from twind.safety.gate import TrajectoryRequest, check, checking
 
 BOTH = np.ones(2, np.bool_)
 MOVE = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])

@@ -32,7 +32,7 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety import gate
+from twind.safety import admission, gate
 from twind.safety.guard import Guard
 from twind.safety.headroom import JointCondition
 from twind.safety.state_machine import LATCHED, TABLE, RobotEvent, StateLatch
@@ -345,7 +345,7 @@ class Loop:
 
     def may_arm(self, client: int, now: float) -> Verdict:
         """Judge the request Arm: LEASE_MISSING to LATENCY_BLOCK."""
-        verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
+        verdict = admission.arming(self.snapshot(client, now), self.parts.thresholds)
         if self.mode is Mode.LIVE and not self.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))
