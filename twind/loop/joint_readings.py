@@ -251,6 +251,10 @@ class JointReadings:
         self.alerts[self._where[number]] = 0
         self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
 
+    def silence(self, bus: JointBusMap, now: float) -> float:
+        """Return the seconds since any device on that bus answered; inf: never."""
+        return now - float(self.heard_at[bus.joints].max())
+
     def loads(self, now: float) -> Floats:
         """Return the share of the current limit (n,) at `now` (s).
 

@@ -306,7 +306,7 @@ class Loop:
         """Close the ports, and end the front."""
         self.say.event("info", EventCode.END, f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
-        self.hardware.close()
+        self.hardware.access(read=False, write=False)
         self.link.close()
 
     # ------------------------------------------------------------------------------- judging
