@@ -28,10 +28,6 @@ def test_at_most_64_findings_per_code_are_reported() -> None:
     assert sum(finding.code is ReasonCode.POS_LIMIT for finding in judged.verdict.refusals) == 64
 
 
-def test_the_default_request_is_strict() -> None:
-    assert TrajectoryRequest() == TrajectoryRequest(policy="reject", append_stop=False, start_in=0.0)
-
-
 def test_a_start_in_the_past_is_reported_against_now() -> None:
     verdict = check(MOVE, w.snapshot(2), w.limits(), TrajectoryRequest(start_in=-0.5), w.TH).verdict
     assert [(f.code, f.value, f.bound) for f in verdict.refusals] == [(ReasonCode.CMD_EXPIRED, -0.5, 0.0)]

@@ -54,7 +54,7 @@ class HomingRequest:
     cap: int  # raw current
 
 
-def sought(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
+def resolve_request(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
     """Return the request in counts, or all findings against it."""
     against = [*_check_request(command), *_allowed(loop, command, now)]
     return against if against else _counted(loop, command)

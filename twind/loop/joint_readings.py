@@ -95,7 +95,7 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
     return least, most
 
 
-def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
+def mask_incomplete_groups(bus: JointBusMap, heard: Bools) -> Bools:
     """Return the joints (m,) whose actuators are all `heard` (m,)."""
     complete = heard.copy()
     for each in bus.linked:
@@ -191,7 +191,7 @@ class JointReadings:
         usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
         if not usual:
             heard = self._believe(number, sample)
-            heard = heard_whole(bus, heard) if bus.linked else heard
+            heard = mask_incomplete_groups(bus, heard) if bus.linked else heard
         position = radians(bus, sample.position)
         if usual:
             self.position[places] = position

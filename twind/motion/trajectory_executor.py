@@ -311,9 +311,9 @@ class TrajectoryExecutor:
 
         A goal that was judged from another place, because the motion before it was slowed since, ends here.
         """
-        strayed = displaced(goal, reference)
-        if strayed is not None:
-            self._end(goal, "aborted", (strayed,))
+        finding = displaced(goal, reference)
+        if finding is not None:
+            self._end(goal, "aborted", (finding,))
             return
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
             self._stream = None
