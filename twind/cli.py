@@ -213,7 +213,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     if failsafe.left:
         print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
     if recorder is not None:
-        _write(described, one, recorder, loop.mode.value)
+        save_failsafe_recording(described, one, recorder, loop.mode.value)
     return FAILED if failsafe.left else 0
 
 
@@ -232,7 +232,9 @@ def flight_folder(settings: DaemonSettings, *, virtual: bool = False) -> Path:
     return folder / "sim" if settings.mode == "sim" else folder
 
 
-def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str) -> None:
+def save_failsafe_recording(
+    described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str
+) -> None:
     """Write the recording of a fail-safe run: torque is off by now, or the robot left as it is.
 
     It is not urgent, and its failure changes nothing in the report about the robot.

@@ -167,7 +167,7 @@ def test_servo_rebooted_a_second_restart_within_a_second_is_identified_anew_too(
     live.connect()
     live.seconds(1.0)
     for _ in range(2):
-        live.loop.parts.guard._devices._tick_time[8] -= 20.0  # its clock should be 20 s further
+        live.virtual["main"].servos.readings.origin[8] = live.clock.now()  # its clock begins anew
         until(live, lambda: not live.loop.hardware.connected, HEALTH + 5)
         until(live, lambda: live.loop.hardware.connected, 60)
     assert len(live.events("SERVO_REBOOTED")) == 1
@@ -178,7 +178,7 @@ def test_servo_rebooted_only_the_bus_of_the_restarted_servo_is_asked_anew(make_r
     rig.connect()
     rig.seconds(1.0)
     one, other = rig.loop.hardware.ports
-    rig.loop.parts.guard._devices._tick_time[rig.loop.joints.buses[0].joints[0]] -= 20.0
+    rig.virtual[one.name].servos.readings.origin[0] = rig.clock.now()
     until(rig, lambda: one.link is PortState.IDENTIFYING, HEALTH + 5)
     assert other.link is PortState.CONNECTED
 

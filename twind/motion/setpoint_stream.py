@@ -24,11 +24,7 @@ class SetpointStream:
         self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float = inf
     ) -> None:
         """Follow `position` (m,), rad, for `valid_for` s; it moves by itself with `velocity` (m,), rad/s."""
-        target = self.follower.target.copy()
-        drift = self.follower.drift.copy()
-        target[joints] = position
-        drift[joints] = 0.0 if velocity is None else velocity
-        self.follower.set_target(target, drift)
+        self.follower.set_joint_targets(joints, position, 0.0 if velocity is None else velocity)
         self._valid_for = valid_for
         self._used_at = inf
 
