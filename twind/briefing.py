@@ -20,7 +20,7 @@ class JointInfo(msgspec.Struct, frozen=True):
 
 
 class Briefing(msgspec.Struct, frozen=True, kw_only=True):
-    """All a front must know of the robot: both judge the same one."""
+    """Description of the robot and the settings, by which front and loop judge alike."""
 
     version: str
     robot: str
@@ -28,17 +28,13 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     description: dict[str, Any]  # the robot file as checked
     calibration: dict[str, Any] | None
     mjcf: str
-    binding: bytes = (
-        b""  # the bound robot for the look-ahead (`twin/binding_transfer.py`); empty: there is none
-    )
+    binding: bytes = b""  # the bound robot for the look-ahead (`twin/binding_transfer.py`); empty: none
     rate_hz: float
     parameters: dict[str, Any]
     log_level: str = "info"
     files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
     texts: dict[str, str] = {}  # the same files, path -> what was read
-    described: bytes = (
-        b""  # what the files said, to be read again (`config/config_files.py`); empty: they are not
-    )
+    described: bytes = b""  # content of the files for a reload (`config/config_files.py`); empty: no reload
     generation: int = 0  # how many changes were made since the start
 
 
@@ -55,6 +51,6 @@ class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def fingerprint(version: str, files: Mapping[str, str]) -> bytes:
-    """16 bytes that stand for a version and the files it read (path -> sha256)."""
-    told = msgspec.msgpack.encode((version, sorted(files.items())))
-    return hashlib.blake2b(told, digest_size=16).digest()
+    """Return 16 bytes that identify a version and the files it read (path -> sha256)."""
+    content = msgspec.msgpack.encode((version, sorted(files.items())))
+    return hashlib.blake2b(content, digest_size=16).digest()

@@ -58,7 +58,7 @@ LEFT = (
 
 
 def parser() -> argparse.ArgumentParser:
-    """The options of design 6.2."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="twind", description="Own a robot's buses and check every command to its actuators."
     )
@@ -92,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the daemon until it is told to end. Exit code 0: ended as asked; 1: failed; 2: usage or files.
+    """Run the daemon until it is asked to end. Exit code 0: ended as asked; 1: failed; 2: usage or files.
 
     With `--failsafe` 0: torque is off everywhere; 1: it is left on, or not known; 2: usage or files, nothing
     was written; 3: another process has a port, nothing was written.
@@ -158,10 +158,10 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     loop = _loop(described, one, buses, link, notifier, recorder)
 
     def keep() -> None:
-        """Our recorder over our death, in place of who came before."""
+        """Store this daemon's recorder with the service manager, in place of a former daemon's."""
         notifier.drop(WRECK) if recorder is None else notifier.store(WRECK, recorder.fd)
 
-    wreck.then = keep  # until then the store holds what they left: we may die sooner than it is written
+    wreck.then = keep  # until then the store holds the former recording: it may not be written yet
     if wreck.fd is None:
         keep()
     run(loop, notifier, listeners, hang_ups)
@@ -171,7 +171,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
 
 
 def _listener(inherited: InheritedDescriptors, folder: Path, name: str) -> Listener:
-    """The service manager's socket of that name, else one of our own. Raises OperationFailed."""
+    """Return the service manager's socket of that name, else a new one. Raises OperationFailed."""
     given = inherited.sockets.get(name)
     if given is not None:
         return Listener.of(given, own=False)
@@ -179,7 +179,7 @@ def _listener(inherited: InheritedDescriptors, folder: Path, name: str) -> Liste
 
 
 def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
-    """`--failsafe`: the same loop without sockets and front, until the robot is let go, or left as it is."""
+    """Run `--failsafe`: the loop without sockets and front, until torque is off or it is left on."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if options.virtual:
         raise InvalidInput("--failsafe is for a robot that is there: leave out --virtual")
@@ -213,12 +213,12 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     if failsafe.left:
         print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
     if recorder is not None:
-        _write(described, one, recorder, loop.mode.value)
+        save_failsafe_recording(described, one, recorder, loop.mode.value)
     return FAILED if failsafe.left else 0
 
 
 def _made(described: LoadedConfig) -> tuple[BoundRobot, BusOpener]:
-    """The robot of these files, and its buses; nothing is opened. Raises InvalidInput."""
+    """Return the robot of these files, and its buses; nothing is opened. Raises InvalidInput."""
     robot = described.robot
     one = BoundRobot(robot, described.calibration, bind(robot, described.calibration))
     return one, BusOpener(robot, one.binding.joint_map, described.ports, described.rate_hz)
@@ -232,7 +232,9 @@ def flight_folder(settings: DaemonSettings, *, virtual: bool = False) -> Path:
     return folder / "sim" if settings.mode == "sim" else folder
 
 
-def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str) -> None:
+def save_failsafe_recording(
+    described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str
+) -> None:
     """Write the recording of a fail-safe run: torque is off by now, or the robot left as it is.
 
     It is not urgent, and its failure changes nothing in the report about the robot.
@@ -293,7 +295,7 @@ def run_loop(loop: Loop) -> None:
 
 
 def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_ups: HangupSignal) -> None:
-    """Tick until told to end. A second signal does not cut the settling short."""
+    """Tick until a signal. A second signal does not cut the settling short."""
 
     def end() -> None:
         notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{LOWERING * 1e6:.0f}")
@@ -307,9 +309,8 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     hang_ups.enable_delivery(reread=loop.reloads.want, end=end)
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
-    said = f"twind {__version__}, {_what(loop)}; "
-    said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
-    loop.say.event("info", EventCode.START, said)
+    sockets = ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
+    loop.say.event("info", EventCode.START, f"twind {__version__}, {_what(loop)}; {sockets}")
     for what, got in loop.parts.realtime.items():
         if not got.granted:
             loop.say.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
@@ -356,7 +357,7 @@ def _sources(options: argparse.Namespace) -> ConfigSources:
 
 
 def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
-    """Virtual servos of the same robot are started; their ports and calibration over all others."""
+    """Start virtual servos of the same robot; their ports and calibration replace all others."""
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))

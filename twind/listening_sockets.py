@@ -1,4 +1,4 @@
-"""The two listening sockets of a daemon: how they are bound, and whether their files are still in place.
+"""Listening sockets of a daemon: binding, and the check that their files are still in place.
 
 The mode is set by the umask before `bind`, never by chmod after it: between the two, any user could connect.
 Standard library only; the loop's process and the front bind by the same rules.
@@ -18,12 +18,12 @@ from twind.exceptions import OperationFailed
 
 NAMES = ("control", "observe")
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
-BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
+BACKLOG = 128  # connections that may wait: many clients must not keep out one that sends an e-stop
 
 
 @dataclass(frozen=True, slots=True)
 class Listener:
-    """A listening socket, and the identity of the file that clients find it by.
+    """A listening socket, and the identity of its file.
 
     The kernel keeps the file's inode for as long as the socket is open, so its number is not given out again.
     """
@@ -35,30 +35,30 @@ class Listener:
 
     @classmethod
     def of(cls, bound: socket.socket, *, own: bool) -> "Listener":
-        """The listener of a socket that is bound, with the file that is at its path now."""
+        """Return the listener of a bound socket, with the file that is at its path now."""
         device, inode = _identity(_path(bound))
         return cls(bound, device, inode, own)
 
     @classmethod
     def inherited(cls, fd: int, label: str) -> "Listener":
-        """The listener of an inherited descriptor, and the `label` that its process gave with it."""
+        """Return the listener of an inherited descriptor; `label`: as its process passed it."""
         owner, *file = label.split(":")
         device, inode = map(int, file)
         return cls(socket.socket(fileno=fd), device, inode, owner == "own")
 
     @property
     def label(self) -> str:
-        """All but the descriptor, for the command line of a process that inherits it."""
+        """Ownership and file identity, for the command line of a process that inherits the descriptor."""
         return f"{'own' if self.own else 'manager'}:{self.device}:{self.inode}"
 
     @property
     def path(self) -> Path | None:
-        """The path it is bound to; None: an abstract or unbound socket, which has no file."""
+        """Path that it is bound to; None: an abstract or unbound socket, which has no file."""
         return _path(self.bound)
 
     @property
     def in_place(self) -> bool:
-        """Clients that open its path reach this socket. A socket without a file cannot lose it."""
+        """True if clients that open its path reach this socket. A socket without a file cannot lose it."""
         path = self.path
         return path is None or (self.inode != 0 and _identity(path) == (self.device, self.inode))
 
@@ -79,9 +79,9 @@ class Listener:
 
 
 def listen(directory: Path, name: str) -> socket.socket:
-    """Bind `directory/name.sock`, mode 0660, for its group where there is one and we may give it.
+    """Bind `directory/name.sock`, mode 0660, for its group if that exists and may be set.
 
-    Which it became says `group_of`. Raises OperationFailed naming who or what is in the way.
+    `group_of` returns the group that was set. Raises OperationFailed that names the obstacle.
     """
     path = directory / f"{name}.sock"
     try:
@@ -106,7 +106,7 @@ def listen(directory: Path, name: str) -> socket.socket:
 
 
 def group_of(listener: socket.socket) -> str:
-    """The group that may use this socket, by name; its number where it has none, "" where nobody can say."""
+    """Return the group that may use this socket, by name, else by number; "" if it is unknown."""
     try:
         gid = os.stat(listener.getsockname()).st_gid
     except (OSError, ValueError):  # bound to no path: abstract, or handed over and removed since
@@ -123,7 +123,7 @@ def _path(bound: socket.socket) -> Path | None:
 
 
 def _identity(path: Path | None) -> tuple[int, int]:
-    """Device and inode of what is at `path`, links not followed; (0, 0) where nothing can be found."""
+    """Return device and inode of the file at `path`, links not followed; (0, 0): no file."""
     try:
         found = os.lstat(path) if path is not None else None
     except OSError:
@@ -132,7 +132,7 @@ def _identity(path: Path | None) -> tuple[int, int]:
 
 
 def _make(directory: Path) -> None:
-    """A folder that the groups can enter, whatever our umask; one that is there stays as it is."""
+    """Make a folder that the groups can enter, whatever the umask; an existing one stays as it is."""
     old = os.umask(0o022)
     try:
         directory.mkdir(mode=0o755, parents=True, exist_ok=True)
@@ -141,7 +141,7 @@ def _make(directory: Path) -> None:
 
 
 def check_folder(directory: Path) -> None:
-    """Refuse a folder in which somebody else could put a socket in the place of ours."""
+    """Refuse a folder in which another user could replace the socket."""
     if directory.is_symlink():
         raise OperationFailed(
             f"{directory}: is a symbolic link; give the folder it points to with --socket DIR"
@@ -187,7 +187,7 @@ def _bind(path: Path) -> socket.socket:
 
 
 def _clear_stale(path: Path) -> None:
-    """Remove a socket that nobody listens on; refuse anything else that is there."""
+    """Remove a socket without a listener; refuse any other file there."""
     if path.is_symlink() or (path.exists() and not path.is_socket()):
         raise OperationFailed(
             f"{path}: is not a socket; remove it or choose another folder with --socket DIR"

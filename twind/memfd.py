@@ -1,4 +1,4 @@
-"""Bytes handed to another process that neither side can change any more: sealed memfds (memfd_create(2))."""
+"""Sealed memfds (memfd_create(2)): bytes for another process that neither side can change."""
 
 import fcntl
 import mmap
@@ -8,7 +8,7 @@ SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE | fcntl.F_S
 
 
 def seal(name: str, data: bytes) -> int:
-    """A memfd with `data` that nobody can change any more. The caller closes it."""
+    """Return a memfd with `data` that no process can change. The caller closes it."""
     fd = os.memfd_create(name, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
         view = memoryview(data)
@@ -22,7 +22,7 @@ def seal(name: str, data: bytes) -> int:
 
 
 def sealed(fd: int) -> int:
-    """`fd`, whose contents nobody can change any more. Where somebody can: closed, and ValueError."""
+    """Return `fd`, whose content no process can change. Raises ValueError and closes it if one can."""
     try:
         seals = fcntl.fcntl(fd, fcntl.F_GET_SEALS)
     except OSError:  # no memfd at all

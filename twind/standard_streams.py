@@ -1,4 +1,4 @@
-"""The standard streams of a daemon: closed ones, the journal at the end of one, lines that nobody waits for.
+"""Standard streams of a daemon: replacement of closed ones, journal levels, lines without a wait.
 
 Standard library only; reads JOURNAL_STREAM (systemd.exec(5)).
 """
@@ -11,8 +11,10 @@ PRIORITY = {"debug": 7, "info": 6, "warning": 4, "error": 3}  # the journal's, s
 
 
 def stand_in_for_closed() -> None:
-    """Standard streams that were closed become /dev/null: else a port would get their number, and a motor bus
-    what is meant for people."""
+    """Open /dev/null for standard streams that are closed.
+
+    Otherwise a port would get their number, and messages would go to a motor bus.
+    """
     for fd in (0, 1, 2):
         try:
             os.fstat(fd)
@@ -21,7 +23,7 @@ def stand_in_for_closed() -> None:
 
 
 def at_journal(fd: int) -> bool:
-    """The journal is at the other end of `fd` (JOURNAL_STREAM=device:inode)."""
+    """Check that the journal reads `fd` (JOURNAL_STREAM=device:inode)."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         there = os.fstat(fd)
@@ -31,7 +33,7 @@ def at_journal(fd: int) -> bool:
 
 
 def lines(fd: int, level: str, text: str) -> str:
-    """`text` for whoever reads `fd`: at the journal every line carries its level."""
+    """Return `text` for the reader of `fd`: for the journal every line carries its level."""
     if not at_journal(fd):
         return text
     prefix = f"<{PRIORITY[level]}>"
@@ -39,7 +41,7 @@ def lines(fd: int, level: str, text: str) -> str:
 
 
 def write_line(fd: int, level: str, text: str) -> None:
-    """`text` and a line's end, now or never: a reader that is too slow, or gone, costs the line alone."""
+    """Write `text` as a line without a wait; it is lost if the reader is too slow or gone."""
     data = (lines(fd, level, text) + "\n").encode("utf-8", "backslashreplace")[: select.PIPE_BUF]
     room = select.poll()
     with suppress(OSError):

@@ -245,15 +245,6 @@ def test_a_robot_that_swings_is_not_armed() -> None:
         assert not rig.register("torque_enable").any()
 
 
-def test_an_armed_robot_follows_a_motion() -> None:
-    with connected() as rig:
-        assert rig.call(link.Arm).error is None
-        assert rig.loop.armed
-        rig.submit(rig.path("head_yaw", [0.2], [0.5]))
-        rig.seconds(1.0)
-        assert rig.truth[rig.names.index("head_yaw")] == pytest.approx(0.2, abs=0.02)
-
-
 def test_arming_without_the_lease_is_refused_and_writes_nothing() -> None:
     with connected() as rig:
         assert refusal(rig.call(link.Arm, client=CLIENT + 1))["code"] == "LEASE_MISSING"

@@ -1,6 +1,6 @@
 """A bus and its life: when it is tried again, what ends with it, and one transaction of a script a tick."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import inf
 from typing import Any
@@ -11,7 +11,6 @@ from tests.support.two_bus_rig import PERIOD, TwoBuses
 from twind.loop.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
 from twind_drivers.bus import (
     BusError,
-    DeviceRefused,
     PingRequest,
     PortError,
     ReadRequest,
@@ -45,11 +44,6 @@ def pings(*ids: int) -> Script[list[int]]:
         reply = yield PingRequest(id)
         found += list(reply.data)
     return found
-
-
-def refused(port: BusPort) -> Script[None]:
-    raise DeviceRefused(port.name, 3, "torque", "not today")
-    yield PingRequest(1)
 
 
 # ------------------------------------------------------------------------------------- open and lost
@@ -115,18 +109,6 @@ def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBu
     world.tick(count=40)
     assert port.identification is not None
     assert [device.id for device in port.identification.result or ()] == [1, 2, 3]
-
-
-def test_identification_does_not_starve_the_slow_registers_of_a_holding_bus(
-    world: TwoBuses, port: BusPort
-) -> None:
-    assert port.reader is not None
-    before = port.reader.registers.status_time.copy()
-    for _ in range(20):
-        port.identify()
-        world.tick()
-    assert port.link is PortState.IDENTIFYING
-    assert (port.reader.registers.status_time > before).all()
 
 
 def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoBuses, port: BusPort) -> None:
@@ -198,20 +180,23 @@ def test_a_script_that_ends_at_once_is_done_and_never_queued(port: BusPort) -> N
     assert port.tasks == []
 
 
+@pytest.mark.parametrize("requests", [0, 1])
 @pytest.mark.parametrize(
     "error", [BusError("silent"), KeyError("no such register"), ValueError("out of range")]
 )
 def test_a_failed_script_keeps_its_error_for_its_waiter(
-    world: TwoBuses, port: BusPort, error: Exception
+    world: TwoBuses, port: BusPort, error: Exception, requests: int
 ) -> None:
     def script() -> Script[None]:
-        yield PingRequest(1)
+        for _ in range(requests):
+            yield PingRequest(1)
         raise error
 
     task = port.run(script())
     world.tick(count=2)
     assert task.done
     assert task.error is error
+    assert port.tasks == []
 
 
 def test_an_unexpected_exception_of_a_script_is_not_suppressed(port: BusPort) -> None:
@@ -335,22 +320,27 @@ def test_an_urgent_script_begins_at_once_however_late_the_tick_is(world: TwoBuse
     assert port.begin_rare(now, now - 1.0)
 
 
-def test_repeated_scripts_do_not_starve_the_slow_registers(world: TwoBuses, port: BusPort) -> None:
+def identify(port: BusPort) -> None:
+    port.identify()
+
+
+def run_scripts(port: BusPort) -> None:
+    port.run(pings(1))
+    port.run(pings(2))
+
+
+@pytest.mark.parametrize("load", [lambda _: None, identify, run_scripts], ids=["none", "identity", "scripts"])
+def test_no_load_starves_the_slow_registers(
+    world: TwoBuses, port: BusPort, load: Callable[[BusPort], None]
+) -> None:
     assert port.reader is not None
     before = port.reader.registers.status_time.copy()
     for _ in range(20):
-        port.run(pings(1))
-        port.run(pings(2))
+        load(port)
         world.tick()
     assert (port.reader.registers.status_time > before).all()
-    assert port.full
-
-
-def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, port: BusPort) -> None:
-    assert port.reader is not None
-    before = port.reader.registers.status_time.copy()
-    world.tick(count=20)
-    assert (port.reader.registers.status_time > before).all()
+    assert port.full is (load is run_scripts)
+    assert (port.link is PortState.IDENTIFYING) is (load is identify)
 
 
 def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
@@ -391,10 +381,3 @@ def test_a_read_of_an_id_of_another_bus_gets_an_empty_result(world: TwoBuses, po
     task = port.run(script())
     world.tick(count=2)
     assert task.result == {}
-
-
-def test_a_script_may_fail_before_its_first_request(port: BusPort) -> None:
-    task = port.run(refused(port))
-    assert task.done
-    assert "left: id 3: torque: not today" in str(task.error)
-    assert port.tasks == []

@@ -72,18 +72,6 @@ def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(mo
     assert np.abs(moving.counts[12:] - legs).max() <= 2
 
 
-def test_every_device_is_identified_again_after_a_replug(moving: Rig) -> None:
-    upper = moving.virtual["upper"]
-    upper.faults.unplug()
-    moving.seconds(0.5)
-    (port,) = [port for port in moving.loop.hardware.ports if port.name == "upper"]
-    assert port.devices == ()
-    upper.faults.replug()
-    until_connected(moving)
-    assert [device.id for device in port.devices] == list(range(1, 13))
-    assert all("homing_offset" in device.settings for device in port.devices)
-
-
 def test_on_the_ports_of_another_robot_nothing_is_armed_and_what_differs_is_named(moving: Rig) -> None:
     """Row 4, the wrong adapter: one servo is another model, one is absent."""
     upper = moving.virtual["upper"]
@@ -222,14 +210,6 @@ def test_an_id_with_only_corrupt_replies_is_missing_with_the_likely_cause(make_r
     assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes arrive")
     assert "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows" in finding.message
     assert not rig.loop.hardware.connected
-
-
-def test_an_id_that_is_silent_is_just_missing(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    rig.virtual["main"].faults.silence(5)
-    rig.seconds(1.0)
-    (finding,) = rig.loop.identity.troubles
-    assert finding.message == "nothing answers as id 5 on bus main"
 
 
 def mute_readings(rig: Rig, place: int, count: int) -> None:

@@ -288,7 +288,7 @@ def test_the_fail_safe_report_is_written_without_realtime_and_its_failure_ends_n
     settings = SimpleNamespace(mode="live", state_dir=tmp_path, parameters=dict)
     described: Any = SimpleNamespace(settings=settings, rate_hz=100.0, files={})
     nobody: Any = None
-    cli._write(described, nobody, nobody, "live")
+    cli.save_failsafe_recording(described, nobody, nobody, "live")
     assert done == ["leave", "briefing"]
     assert "could not be written down: UnicodeEncodeError" in capfd.readouterr().err
 

@@ -99,12 +99,6 @@ def test_a_waiting_refused_or_checked_trajectory_has_no_later_latency_figures(re
     assert figures(ready) == {"received": 2, "gated": 2}
 
 
-def test_a_motion_below_the_visible_threshold_has_no_figure(ready: Rig) -> None:
-    ready.submit(bent(ready, 0.001), **called(ready))
-    ready.seconds(2.0)
-    assert figures(ready) == {name: 1 for name in COMMAND if name != "moved"}
-
-
 def test_a_change_of_mode_ends_what_was_looked_for(make_rig: MakeRig) -> None:
     rig = make_rig(mode=Mode.MIRROR)
     rig.ticks(30)

@@ -40,7 +40,8 @@ def given_up(
     if killed:
         rig.arm()
         assert rig.loop.armed
-        rig.loop.hardware.close()  # what the kernel does for a process that was killed
+        # what the kernel does for a process that was killed
+        rig.loop.hardware.access(read=False, write=False)
         rig.front.end(0.0)
         rig.front = rig.new_front()
     else:

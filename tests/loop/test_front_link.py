@@ -2,7 +2,7 @@
 
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -209,26 +209,28 @@ def test_a_front_that_cannot_spell_is_buried(front: Front, end: FrontLink, nonse
     assert end.lost
 
 
-def test_a_memfd_that_could_still_change_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
+def loose_memfd() -> int:
+    """A memfd whose content can still change."""
     loose = os.memfd_create("loose", os.MFD_ALLOW_SEALING)
     os.write(loose, b"numbers")
+    return loose
+
+
+@pytest.mark.parametrize(
+    "make",
+    [loose_memfd, lambda: os.open(os.devnull, os.O_RDONLY), lambda: memfd.seal("path", bytes(LARGEST + 1))],
+    ids=["not sealed", "no memfd", "larger than any trajectory"],
+)
+def test_a_descriptor_that_is_not_acceptable_costs_the_front_its_life(
+    front: Front, end: FrontLink, make: Callable[[], int]
+) -> None:
+    fd = make()
     before = open_descriptors()
-    front.send(cancel(1), loose)
+    front.send(cancel(1), fd)
     assert end.commands(1.0) == []
     assert end.lost
     assert len(open_descriptors()) == len(before) - 1  # only the inner end was closed
-    os.close(loose)
-
-
-def test_a_descriptor_that_is_no_memfd_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
-    ours, theirs = os.pipe()
-    before = open_descriptors()
-    front.send(cancel(1), ours)
-    assert end.commands(1.0) == []
-    assert end.lost
-    assert len(open_descriptors()) == len(before) - 1
-    os.close(ours)
-    os.close(theirs)
+    os.close(fd)
 
 
 def test_a_command_sent_before_the_death_of_a_front_still_counts(front: Front, end: FrontLink) -> None:
@@ -383,14 +385,6 @@ def test_pending_replies_are_delivered_at_the_end(front: Front, end: FrontLink) 
     end.close()
     assert front.said == ["finish"]
     assert [news.ticket for news in front.news()] == [1]
-
-
-def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
-    fd = memfd.seal("path", bytes(LARGEST + 1))
-    front.send(cancel(1), fd)
-    assert end.commands(1.0) == []
-    assert end.lost
-    os.close(fd)
 
 
 def test_a_living_front_is_left_alone(front: Front, end: FrontLink) -> None:

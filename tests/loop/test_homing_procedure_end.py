@@ -101,19 +101,6 @@ def test_an_endstop_away_from_its_place_is_not_accepted(truth: tuple[float, floa
         assert failed(made, made.find(speed=0.5)) == [ReasonCode.STOP_NOT_FOUND]
 
 
-def test_captures_that_differ_are_refused() -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find(more=True, speed=0.5)
-        while (
-            made.replies(ticket)[-1:] == [] or made.replies(ticket)[-1].parameters["phase"] != "backing off"
-        ):
-            made.ticks(1)
-        muscles = made.bus.servos.muscles
-        muscles.set_endstops(muscles.lower - 9.0, muscles.upper + 9.0)
-        assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
-
-
 def test_a_daemon_that_ends_restores_the_servo_first() -> None:
     with homed() as made:
         made.ready()

@@ -64,12 +64,6 @@ def test_no_joint_is_verified_before_every_device_is_identified(arm: Rig) -> Non
     assert verified(arm) == [True] * 3
 
 
-def test_before_its_turn_is_known_no_joint_is_reported_out_of_its_limits(arm: Rig) -> None:
-    arm.connect()
-    assert arm.events(ReasonCode.OUT_OF_LIMIT) == []
-    assert arm.events(ReasonCode.CALIB_MISMATCH) == []
-
-
 def test_joints_are_marked_verified_in_mirror_and_unmarked_in_sim(make_rig: MakeRig, path: str) -> None:
     rig = made(make_rig, path, (0, 1, 0), mode=Mode.MIRROR)
     rig.connect()

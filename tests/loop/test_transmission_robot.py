@@ -121,15 +121,6 @@ def test_an_actuator_without_replies_makes_all_its_joints_stale(
     assert state.age[rig.names.index("knee")] < 0.05
 
 
-def test_an_armed_robot_faults_when_half_a_differential_is_silent(rig: Rig) -> None:
-    rig.arm()
-    rig.virtual["main"].faults.silence(3)
-    rig.seconds(0.7)
-    told = [finding.joint for event in rig.events("STATE_STALE") for finding in event.findings]
-    assert {rig.names[joint] for joint in told if joint is not None} == set(WAIST)
-    assert rig.loop.state == "fault"
-
-
 def test_a_goal_out_of_reach_is_held_at_the_hard_limits_of_the_joints(rig: Rig) -> None:
     hard = rig.one.binding.limits
     near = rig.loop.hardware.reachable(np.full(5, 3.0))

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from tests.support.endstop_parameters import RAD, SEARCH, TICK
 from tests.support.examples import examples
 from twind.motion.endstop_search import (
-    GAP,
-    LOST,
     SPREAD,
     EndstopSearch,
     HomingParameters,
@@ -144,11 +142,6 @@ def test_a_joint_that_runs_ahead_of_its_goals_is_let_go() -> None:
     assert "runs away" in found.message
 
 
-def test_a_current_cap_without_effect_ends_the_search() -> None:
-    found = failing(Joint(2900.0, 3000.0, cap=300.0))
-    assert found.code is ReasonCode.OVERCURRENT
-
-
 def test_held_back_without_effort_ends_it() -> None:
     for effort in (10.0, nan):
 
@@ -187,32 +180,6 @@ def test_a_joint_too_slow_for_its_goals_is_held_back() -> None:
             self.effort = 0.5 * self.cap
 
     assert "held back" in failing(Sticky(1000.0, 3000.0)).message
-
-
-def test_a_goal_does_not_advance_on_an_old_reading_and_ends_on_a_lost_one() -> None:
-    course = EndstopSearch(SEARCH, 2500.0, 0.0)
-    joint = Joint(2500.0, 3000.0)
-    now = 0.0
-    for _ in range(10):
-        now += TICK
-        joint.follow(course.step(joint.look(now), now))
-    last = joint.look(now)
-    goals = [course.goal]
-    while course.failed is None:
-        now += TICK
-        goals.append(course.step(last, now))
-        assert now < 1.0
-    assert course.failed.code is ReasonCode.STATE_STALE and course.failed.bound == LOST
-    assert goals[-1] == goals[4], "goals went on without a reading"
-
-
-@pytest.mark.parametrize("gap", [GAP + 0.001, 10.0, -0.01, nan])
-def test_a_gap_in_time_ends_it(gap: float) -> None:
-    course = EndstopSearch(SEARCH, 2500.0, 0.0)
-    course.step(HomingSample(TICK, 2500, 0.0), TICK)
-    goal = course.goal
-    assert course.step(HomingSample(TICK + gap, 2500, 0.0), TICK + gap) == goal
-    assert course.failed is not None and course.failed.code is ReasonCode.TIME_GAP
 
 
 def test_standing_without_effort_or_effort_in_motion_is_no_stop() -> None:

@@ -8,7 +8,7 @@ from tests.support import gate_rig as w
 from tests.support.examples import examples
 from twind.robot.splines import curve, hold, interpolate, knots, passed
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.curve_rules import smooth
+from twind.safety.bernstein_curve import smooth
 from twind.safety.polynomial_bounds import evaluate
 
 

@@ -13,8 +13,8 @@ from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.curve_rules import CurveSubject, GateThresholds, judge, relaxed, some, start
-from twind.safety.gate import TrajectoryRequest, check
+from twind.safety.curve_rules import CurveSubject, judge, relaxed, some, start
+from twind.safety.gate import GateThresholds, TrajectoryRequest, check
 
 CURVE = {ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE}
 LIMITS = st.sampled_from(

@@ -15,7 +15,8 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import TrajectoryRequest, admit, arming, check, checking
+from twind.safety.admission import admit, arming
+from twind.safety.gate import TrajectoryRequest, check, checking
 
 LATCHING = {
     RobotState.FAULT: ReasonCode.FAULT_LATCHED,

@@ -10,7 +10,8 @@ from tests.support import gate_rig as w
 from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.modes import RobotState
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import TrajectoryRequest, admit, check, checking
+from twind.safety.admission import admit
+from twind.safety.gate import TrajectoryRequest, check, checking
 
 BOTH = np.ones(2, np.bool_)
 MOVE = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])
@@ -25,10 +26,6 @@ def test_at_most_64_findings_per_code_are_reported() -> None:
     far = w.path([1.0], [[3.0] * n])
     judged = check(far, w.snapshot(n), w.limits(n), TrajectoryRequest(), w.TH)
     assert sum(finding.code is ReasonCode.POS_LIMIT for finding in judged.verdict.refusals) == 64
-
-
-def test_the_default_request_is_strict() -> None:
-    assert TrajectoryRequest() == TrajectoryRequest(policy="reject", append_stop=False, start_in=0.0)
 
 
 def test_a_start_in_the_past_is_reported_against_now() -> None:

@@ -10,7 +10,8 @@ from tests.support import gate_rig as w
 from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.gate import TrajectoryRequest, admit, arming, check
+from twind.safety.admission import admit, arming
+from twind.safety.gate import TrajectoryRequest, check
 from twind.safety.headroom import JointCondition, headroom
 
 BOTH = np.ones(2, np.bool_)

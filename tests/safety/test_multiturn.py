@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
 from twind.robot.measured_travel import TurnRange
-from twind.safety.multiturn import chosen, expected, inside, strayed, unfit
+from twind.safety.multiturn import chosen, expected, inside, outside_travel, unfit
 
 WHOLE = 4096
 FIRST = 1500
@@ -144,9 +144,9 @@ def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
 def test_a_joint_that_leaves_its_travel_is_reported_and_keeps_its_turn() -> None:
     shift = np.array([4096])
     told = np.array([True])
-    assert not strayed(np.array([2000 - 4096]), shift, turns(), told)
-    assert not strayed(np.array([0]), shift, turns(), ~told)
-    [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)
+    assert not outside_travel(np.array([2000 - 4096]), shift, turns(), told)
+    assert not outside_travel(np.array([0]), shift, turns(), ~told)
+    [finding] = outside_travel(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)
     assert (finding.value, finding.bound) == (FIRST - SLACK - 1, FIRST - SLACK)
     assert "out of its travel 1402..2698, in which it was identified" in finding.message
 

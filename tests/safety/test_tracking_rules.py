@@ -10,9 +10,8 @@ from tests.support.guard_rig import FINE, LIMITS, PERIOD, TINY, N, codes, facts,
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.trajectory import Reference
-from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
+from twind.safety.guard import Guard, GuardDecision, Reaction
 
-BOUNDS = GuardThresholds()
 HOLD = Reaction.HOLD
 DAMP = Reaction.DAMP
 NONE = Reaction.NONE

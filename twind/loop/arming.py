@@ -137,9 +137,7 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
-        raise ProcedureFailed(
-            Finding(ReasonCode.ARM_FAILED, joint, value=float(jump[joint]), bound=JUMP, message=message)
-        )
+        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, jump[joint], JUMP, message, joint)
     return held
 
 
@@ -162,15 +160,7 @@ def _require_one_turn(loop: Loop) -> None:
             f"would read {then[joint]} at torque-on, not {count[joint]}: position mode covers one turn, and "
             "it is beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
         )
-        raise ProcedureFailed(
-            Finding(
-                ReasonCode.CALIB_MISMATCH,
-                joint,
-                value=float(then[joint]),
-                bound=float(count[joint]),
-                message=message,
-            )
-        )
+        raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, then[joint], count[joint], message, joint)
 
 
 def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
@@ -185,21 +175,13 @@ def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
     message = "still moving (ticks): let it hang quiet, then arm again"
-    raise ProcedureFailed(
-        Finding(ReasonCode.ARM_FAILED, joint, value=float(moved[joint]), bound=STILL, message=message)
-    )
+    raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, moved[joint], STILL, message, joint)
 
 
 def _require_undisturbed(loop: Loop) -> None:
     if loop.state is not RobotState.ARMING or loop.latches:
-        raise ProcedureFailed(
-            Finding(
-                ReasonCode.ARM_FAILED,
-                value=0.0,
-                bound=0.0,
-                message=f"the robot went to {loop.state.value} meanwhile",
-            )
-        )
+        message = f"the robot went to {loop.state.value} meanwhile"
+        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, 0.0, 0.0, message)
 
 
 def _require_all_or_none(loop: Loop) -> None:
@@ -207,9 +189,7 @@ def _require_all_or_none(loop: Loop) -> None:
     if on.any() and not on.all():
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
-        raise ProcedureFailed(
-            Finding(ReasonCode.ARM_FAILED, joint, value=float(on.sum()), bound=0.0, message=message)
-        )
+        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, on.sum(), 0.0, message, joint)
 
 
 def present(loop: Loop) -> Floats:
@@ -223,24 +203,15 @@ def present(loop: Loop) -> Floats:
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
-        raise ProcedureFailed(
-            Finding(ReasonCode.HW_DISCONNECTED, joint, value=float(age[joint]), bound=FRESH, message=message)
-        )
+        raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
     inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
     if not inside.all():
         joint = int(np.argmin(inside))
         value = float(state.position[joint])
         low = value < limits.hard_lower[joint]
         bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
-        raise ProcedureFailed(
-            Finding(
-                ReasonCode.OUT_OF_LIMIT,
-                joint,
-                value=value,
-                bound=bound,
-                message="move it inside by hand, then arm",
-            )
-        )
+        message = "move it inside by hand, then arm"
+        raise ProcedureFailed.measured(ReasonCode.OUT_OF_LIMIT, value, bound, message, joint)
     return state.position
 
 

@@ -90,6 +90,14 @@ class ScriptRun(Generic[T]):
             self.request = None
 
 
+@dataclass(frozen=True, slots=True)
+class PortLost:
+    """Report that the port of a bus was lost in this tick."""
+
+    bus: str
+    error: PortError
+
+
 @dataclass
 class BusCounters:
     """Counters of a bus since the start."""

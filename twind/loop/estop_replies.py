@@ -18,7 +18,7 @@ class PendingEStop:
     """One e-stop call: answered once the stop has begun, and with `more` again at its end."""
 
     command: link.EStop
-    told: bool = False
+    begin_reported: bool = False
 
 
 class EStopReplies:
@@ -49,8 +49,8 @@ class EStopReplies:
                 confirmed = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
                 self._send_reply(waiting, done=confirmed)
                 self._waiting.remove(waiting)
-            elif self.begun and not waiting.told:
-                waiting.told = True
+            elif self.begun and not waiting.begin_reported:
+                waiting.begin_reported = True
                 self._send_reply(waiting, done=False)
                 if not waiting.command.more:
                     self._waiting.remove(waiting)

@@ -63,7 +63,7 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
 
 
 def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
-    """Return `target` with joints that get no goals marked as not heard.
+    """Return `target` with joints that get no goals marked as without a fresh reading.
 
     A bus that came back after a loss does not follow, nor does a joint that was left out. The others must not
     be damped for it (FOLLOW_ERR).

@@ -4,15 +4,14 @@
 bus at most one further transaction in the rest of the tick. A silent servo is `heard = False`.
 """
 
-from collections.abc import Callable, Collection, Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Sequence
 from math import inf, nan
 from typing import TypeVar
 
 import numpy as np
 
-from twind.loop.bus_port import BusPort, PortState, ScriptRun
-from twind.loop.bus_wait import ripe
+from twind.loop.bus_port import BusPort, PortLost, PortState, ScriptRun
+from twind.loop.bus_wait import Pair, collect
 from twind.loop.imu_poller import ImuPoller
 from twind.loop.joint_readings import JointReadings, radians, reach, resolution, ticks
 from twind.loop.procedures import all_of
@@ -28,14 +27,6 @@ T = TypeVar("T")
 # s kept free at the end of a tick: a rare transaction that ran into the next tick would delay its goals ...
 SPARE = 0.0015
 SPARE_SHARE = 0.25  # ... at most this share of the period
-
-
-@dataclass(frozen=True, slots=True)
-class PortLost:
-    """Report that a port was lost in this tick."""
-
-    bus: str
-    error: PortError
 
 
 class Hardware:
@@ -55,7 +46,7 @@ class Hardware:
         self.inertial = inertial
         self.ports = tuple(ports)
         # each port with its map in the counts of the wire
-        self.pairs: tuple[tuple[BusPort, JointBusMap], ...]
+        self.pairs: tuple[Pair, ...]
         self.readings = JointReadings(joints, period)
         self.slow = self.readings.slow
         self.lost: list[PortLost] = []  # ports lost since the last check
@@ -78,10 +69,8 @@ class Hardware:
         # joints that get no goals until they are prepared
         self.left_out: Bools = np.zeros(len(joints), np.bool_)
         self.resolution = np.full(len(joints), nan)  # rad per tick
-        self.reach = (
-            np.full(len(joints), nan),
-            np.full(len(joints), nan),
-        )  # rad: goals that may leave (WIRE_CLAMP)
+        # rad: goals that may leave (WIRE_CLAMP)
+        self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))
         self.rejoin(joints)
 
     def rejoin(self, joints: JointMap) -> None:
@@ -122,10 +111,6 @@ class Hardware:
             else:
                 port.close()
 
-    def close(self) -> None:
-        """Close every port."""
-        self.access(read=False, write=False)
-
     @property
     def writers(self) -> list[BusWriter]:
         """The writers that exist now."""
@@ -148,10 +133,9 @@ class Hardware:
         back = [pair for pair in self.pairs if pair[0].link is PortState.CONNECTED and not pair[0].holding]
         return [self._prepare(pair, position, among) for pair in back if pair[0].writer is not None]
 
-    def _prepare(
-        self, pair: tuple[BusPort, JointBusMap], position: Floats, among: Bools | None
-    ) -> ScriptRun[None]:
-        (port, bus), mine = pair, None if among is None else among[pair[1].joints]
+    def _prepare(self, pair: Pair, position: Floats, among: Bools | None) -> ScriptRun[None]:
+        port, bus = pair
+        mine = None if among is None else among[bus.joints]
         assert port.writer is not None  # the caller has checked it
         self.left_out[bus.joints] = False if mine is None else ~mine
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
@@ -182,10 +166,6 @@ class Hardware:
             if task.result is not None:
                 held[bus.joints] = radians(bus, task.result)
         return held
-
-    def silence(self, bus: JointBusMap, now: float) -> float:
-        """Return the seconds since any device on that bus answered; inf: never."""
-        return now - float(self.readings.heard_at[bus.joints].max())
 
     def _order(self, script: Callable[[BusWriter, JointBusMap], Script[T]]) -> list[ScriptRun[T]]:
         """Run the same script on the writer of every open bus, before anything else there."""
@@ -293,7 +273,7 @@ class Hardware:
         awake = [] if quiet else [pair for pair in self.pairs if not pair[0].resting]
         requested = [pair for pair in awake if self._try(pair, "request")]
         sent = self.sent = self.clock.now()
-        first = self._collect(requested)
+        first = collect(requested, self.clock, self._lose)
         received = sent
         fresh = np.zeros(len(self.joints), np.bool_)
         # s, when the first and the last bus had replied
@@ -367,14 +347,15 @@ class Hardware:
         """Read the IMU after the servos, which never wait for it."""
         pair = self.pairs[inertial.bus]
         if self._try(pair, "sense", end):
-            self._collect([pair])
+            collect([pair], self.clock, self._lose)
             inertial.end(pair[0], self.clock.now())
 
     def _rare(self, end: float, last: float) -> None:
         """Run one further transaction per bus in the rest of the tick, which ends at `last` (s)."""
         self._turn += 1  # the buses take turns where not every tick is needed
         requested = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
-        self._collect(requested, poll_first=not all(port.querying for port, _ in requested))
+        polls = not all(port.querying for port, _ in requested)
+        collect(requested, self.clock, self._lose, poll_first=polls)
         for port, _ in requested:
             port.end_rare(self.clock.now())
         ended = [port for port, _ in requested]
@@ -387,7 +368,7 @@ class Hardware:
         """Check whether that bus has its upkeep in this tick."""
         return (self._turn + number) % self._stride == 0
 
-    def _try(self, pair: tuple[BusPort, JointBusMap], what: str, end: float = inf, last: float = inf) -> bool:
+    def _try(self, pair: Pair, what: str, end: float = inf, last: float = inf) -> bool:
         """Begin a transaction on an open port; False without one, or when the port was lost."""
         port, _ = pair
         if port.reader is None:
@@ -409,39 +390,7 @@ class Hardware:
             return False
         return True
 
-    def _collect(self, requested: list[tuple[BusPort, JointBusMap]], *, poll_first: bool = False) -> float:
-        """Feed every requested bus until it is done or its deadline passes.
-
-        Return the time of the first bytes (s).
-
-        `poll_first`: read before the first wait. A reply cannot be there while the request still leaves (half
-        duplex), and a read costs a system call. A request without a reply is done at once and must not be
-        waited for.
-        """
-        waiting = [(pair[0].reader, pair) for pair in requested if pair[0].reader is not None]
-        first = inf
-        while waiting:
-            if poll_first:
-                ready: Collection[int] = range(len(waiting))
-            else:
-                ready = ripe([reader for reader, _ in waiting], self.clock)
-            poll_first = False
-            now = self.clock.now()
-            first = min(first, now)
-            still = []
-            for place, (reader, pair) in enumerate(waiting):
-                try:
-                    done = (place in ready or now >= reader.deadline) and reader.feed(now)
-                except PortError as error:
-                    self._lose(pair, error)
-                    requested.remove(pair)
-                    continue
-                if not done and now < reader.deadline:
-                    still.append((reader, pair))
-            waiting = still
-        return min(first, self.clock.now())
-
-    def _lose(self, pair: tuple[BusPort, JointBusMap], error: PortError) -> None:
+    def _lose(self, pair: Pair, error: PortError) -> None:
         port, _ = pair
         self.traffic[self._place[port.name]].line = 0
         port.lose(error, self.clock.now())

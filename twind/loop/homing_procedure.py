@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from twind import link
-from twind.loop.homing_request import sought
+from twind.loop.homing_request import resolve_request
 from twind.loop.pending_restore import (
     PendingRestore,
     answer,
@@ -69,7 +69,7 @@ class HomingProcedure:
             what = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
             loop.say.error(command, "Busy", what=what)
             return
-        found = sought(loop, command, now)
+        found = resolve_request(loop, command, now)
         if isinstance(found, list):
             loop.say.refuse(command, found)
             return
@@ -82,7 +82,7 @@ class HomingProcedure:
         if owed is None:
             return []
         message = f"not restored after an end-stop search yet: it has {owed.left}"
-        return [Finding(ReasonCode.CALIB_MISMATCH, owed.sought.joint, message=message)]
+        return [Finding(ReasonCode.CALIB_MISMATCH, owed.request.joint, message=message)]
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
         """Return the text on what must end before that device may be changed; empty: nothing.
@@ -90,9 +90,9 @@ class HomingProcedure:
         Without arguments it covers all devices.
         """
         owed = self.owed
-        if owed is None or (bus, id) not in ((None, None), (owed.sought.port.name, owed.sought.id)):
+        if owed is None or (bus, id) not in ((None, None), (owed.request.port.name, owed.request.id)):
             return ""
-        return f"{self._loop.joints.names[owed.sought.joint]} gets its mode and settings back"
+        return f"{self._loop.joints.names[owed.request.joint]} gets its mode and settings back"
 
     def report_pending_restore(self) -> None:
         """Report what is not restored yet when the daemon ends."""
@@ -101,34 +101,34 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- the search
 
-    def _search(self, debt: PendingRestore) -> Procedure:
+    def _search(self, pending: PendingRestore) -> Procedure:
         loop = self._loop
-        loop.lease.pin(debt.command.client, PIN)
+        loop.lease.pin(pending.command.client, PIN)
         try:
-            debt.findings = yield from self._outcome(debt)
+            pending.findings = yield from self._outcome(pending)
             loop.hardware.clear()
             if loop.energising:
-                debt.findings += yield from self._switch_torque_off(debt)
+                pending.findings += yield from self._switch_torque_off(pending)
         except GeneratorExit:  # the procedure that takes over switches torque off: `energising` is set
-            debt.findings = debt.findings or (_cause(loop),)
+            pending.findings = pending.findings or (_cause(loop),)
             loop.unconfirmed = loop.unconfirmed or loop.energising
             loop.hardware.clear()
             raise
         finally:
-            self._end(debt)
+            self._end(pending)
 
-    def _outcome(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _outcome(self, pending: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Run the search and return the findings of its failure; empty: the stop was found."""
         loop = self._loop
-        joint = debt.sought.joint
+        joint = pending.request.joint
         try:
-            yield from self._run_search(debt)
+            yield from self._run_search(pending)
         except ProcedureFailed as ended:
-            return (self._attach_joint(debt, ended.finding),)
+            return (self._attach_joint(pending, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so small a current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
         except WireClamp as error:
-            return (clamped(loop, debt, error),)
+            return (clamped(loop, pending, error),)
         except BusError as error:
             return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)
         except Exception as error:  # noqa: BLE001 - any failure switches torque off
@@ -137,7 +137,7 @@ class HomingProcedure:
             return (broken,)
         return ()
 
-    def _switch_torque_off(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _switch_torque_off(self, pending: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Switch torque off and read it back; return the findings of a failure."""
         loop = self._loop
         try:
@@ -145,11 +145,11 @@ class HomingProcedure:
         except BusError as error:
             message = f"torque could not be read back off: {error}"
             loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
-            return (Finding(ReasonCode.TORQUE_MISMATCH, debt.sought.joint, message=message),)
+            return (Finding(ReasonCode.TORQUE_MISMATCH, pending.request.joint, message=message),)
         return ()
 
     @staticmethod
-    def _attach_joint(debt: PendingRestore, finding: Finding) -> Finding:
+    def _attach_joint(pending: PendingRestore, finding: Finding) -> Finding:
         """Return `finding` with the joint, where the search itself reported it."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
@@ -157,139 +157,135 @@ class HomingProcedure:
             ReasonCode.STATE_STALE,
             ReasonCode.CALIB_MISMATCH,
         )
-        return replace(finding, joint=debt.sought.joint) if finding.code in own else finding
+        return replace(finding, joint=pending.request.joint) if finding.code in own else finding
 
-    def _end(self, debt: PendingRestore) -> None:
-        self._loop.lease.unpin(debt.command.client, PIN)
-        debt.over = True
-        if debt.kept is None:  # no restoring procedure runs
-            release(self._loop, debt)
-            answer(self._loop, debt)
+    def _end(self, pending: PendingRestore) -> None:
+        self._loop.lease.unpin(pending.command.client, PIN)
+        pending.over = True
+        if pending.kept is None:  # no restoring procedure runs
+            release(self._loop, pending)
+            answer(self._loop, pending)
 
-    def _run_search(self, debt: PendingRestore) -> Generator[None, float, None]:
+    def _run_search(self, pending: PendingRestore) -> Generator[None, float, None]:
         """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
         loop = self._loop
-        aim = debt.sought
+        aim = pending.request
         writer = aim.port.writer
-        command = debt.command
+        command = pending.command
         assert writer is not None
         name = loop.joints.names[aim.joint]
         loop.say.event("info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop")
-        debt.shift = int(loop.hardware.readings.shift[aim.joint])
-        yield from self._quiet(debt)
+        pending.shift = int(loop.hardware.readings.shift[aim.joint])
+        yield from self._quiet(pending)
         loop.hardware.clear()  # no queued request may reach the servo between its checks and torque
         alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
-        kept = yield from self._done(debt, alone.look())
+        kept = yield from self._done(pending, alone.look())
         # What is kept is recorded before the first write: a search that ends now is still restored.
-        debt.left = alone.describe_leftovers(kept)
-        debt.watchdog = alone.watchdog
-        self.owed = debt
-        debt.kept = kept
-        loop.procedures.beside(give_back(loop, debt))
-        held = yield from self._pinned(debt, alone, kept)
-        now = yield from self._energised(debt, alone, held)
-        yield from self._course(debt, alone, EndstopSearch(aim.search, float(held), now), now)
+        pending.left = alone.describe_leftovers(kept)
+        pending.watchdog = alone.watchdog
+        self.owed = pending
+        pending.kept = kept
+        loop.procedures.beside(give_back(loop, pending))
+        held = yield from self._pinned(pending, alone, kept)
+        now = yield from self._energised(pending, alone, held)
+        yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
 
-    def _quiet(self, debt: PendingRestore) -> Generator[None, float, None]:
+    def _quiet(self, pending: PendingRestore) -> Generator[None, float, None]:
         now = self._loop.clock.now()
-        self._report(debt, "waiting", 0.0, now)
+        self._report(pending, "waiting", 0.0, now)
         now = yield
         quiet = StandstillCheck(now)
-        while (answer := quiet.step(self._sample(debt), now)) is not True:
+        while (answer := quiet.step(self._sample(pending), now)) is not True:
             if isinstance(answer, Finding):
                 raise ProcedureFailed(answer)
             now = yield
-            self._require(debt, now)
-        debt.looked_after = True
+            self._require(pending, now)
+        pending.looked_after = True
 
-    def _newer(self, debt: PendingRestore) -> Generator[None, float, float]:
+    def _newer(self, pending: PendingRestore) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
         since = self._loop.clock.now()
         passed = 0
         now = 0.0
-        while passed < READ or not self._sample(debt).at > since:
+        while passed < READ or not self._sample(pending).at > since:
             now = yield
-            self._require(debt, now)
+            self._require(pending, now)
             passed += 1
         return now
 
     def _pinned(
-        self, debt: PendingRestore, alone: SingleDeviceControl, kept: Any
+        self, pending: PendingRestore, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
         """Enter the other mode, set goal := present and read it back.
 
         Return the count (calibrated) to hold.
         """
-        aim = debt.sought
-        before = self._count(debt)
-        yield from self._done(debt, alone.enter_current_mode(kept))
-        yield from self._newer(debt)
-        debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
+        aim = pending.request
+        before = self._count(pending)
+        yield from self._done(pending, alone.enter_current_mode(kept))
+        yield from self._newer(pending)
+        pending.shift = _frame(before, before_raw := self._raw(pending), aim.turn)
         # Another mode may count from another turn: the clamp (WIRE_CLAMP) must be in its counts before any
         # goal.
-        alone.set_goal_limits(aim.lower - debt.shift, aim.upper - debt.shift)
+        alone.set_goal_limits(aim.lower - pending.shift, aim.upper - pending.shift)
         for _ in range(SWINGS):
-            held = self._count(debt)
+            held = self._count(pending)
             if not aim.lower <= held <= aim.upper:
                 break
-            yield from self._done(debt, alone.prepare(kept, held - debt.shift))
-            yield from self._newer(debt)
-            if abs(self._count(debt) - held) <= AGREE:
+            yield from self._done(pending, alone.prepare(kept, held - pending.shift))
+            yield from self._newer(pending)
+            if abs(self._count(pending) - held) <= AGREE:
                 return held
-        moved = float(abs(self._count(debt) - before_raw - debt.shift))
+        moved = abs(self._count(pending) - before_raw - pending.shift)
         message = "still moving (counts): let it hang still, then try again"
-        raise ProcedureFailed(
-            Finding(ReasonCode.STOP_NOT_FOUND, value=moved, bound=float(AGREE), message=message)
-        )
+        raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, moved, AGREE, message)
 
     def _energised(
-        self, debt: PendingRestore, alone: SingleDeviceControl, held: int
+        self, pending: PendingRestore, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
         """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
         loop = self._loop
-        aim = debt.sought
+        aim = pending.request
         # Set before the write: whatever ends the search from here on must switch torque off.
         loop.energising = True
-        yield from self._done(debt, alone.energise())
-        debt.powered = loop.clock.now()
-        now = yield from self._newer(debt)
-        jump = float(abs(self._count(debt) - held))
+        yield from self._done(pending, alone.energise())
+        pending.powered = loop.clock.now()
+        now = yield from self._newer(pending)
+        jump = abs(self._count(pending) - held)
         if not jump <= aim.jump:
             message = "counts: it jumped when torque came on"
-            raise ProcedureFailed(
-                Finding(ReasonCode.STOP_NOT_FOUND, value=jump, bound=aim.jump, message=message)
-            )
+            raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, jump, aim.jump, message)
         return now
 
     def _course(
-        self, debt: PendingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
+        self, pending: PendingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
     ) -> Generator[None, float, None]:
-        debt.looked_after = False  # the search checks the age of readings itself
+        pending.looked_after = False  # the search checks the age of readings itself
         while True:
-            self._require(debt, now)
-            goal = course.step(self._sample(debt), now)
+            self._require(pending, now)
+            goal = course.step(self._sample(pending), now)
             if course.failed is not None:
                 raise ProcedureFailed(course.failed)
             if course.done:
-                debt.captures = course.captures
+                pending.captures = course.captures
                 return
-            alone.goal(round(goal) - debt.shift)
-            self._report(debt, course.phase.value, course.progress, now)
+            alone.goal(round(goal) - pending.shift)
+            self._report(pending, course.phase.value, course.progress, now)
             now = yield
 
     # ------------------------------------------------------------------------------- what ends it
 
-    def _require(self, debt: PendingRestore, now: float) -> None:
+    def _require(self, pending: PendingRestore, now: float) -> None:
         """Raises ProcedureFailed where a condition forbids to continue."""
-        for finding in self._against(debt, now):
+        for finding in self._against(pending, now):
             raise ProcedureFailed(finding)
 
-    def _against(self, debt: PendingRestore, now: float) -> Generator[Finding, None, None]:
+    def _against(self, pending: PendingRestore, now: float) -> Generator[Finding, None, None]:
         loop = self._loop
-        joint = debt.sought.joint
+        joint = pending.request.joint
         if loop.state is not RobotState.CALIBRATING or loop.latches:
             yield _cause(loop)
-        if not loop.lease.held_by(debt.command.client, now):
+        if not loop.lease.held_by(pending.command.client, now):
             yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
         yield from loop.parts.guard.bars
         if loop.unreachable is not None:
@@ -298,7 +294,7 @@ class HomingProcedure:
             yield Finding(
                 ReasonCode.HW_DISCONNECTED, message="a bus was lost, or its devices are identified anew"
             )
-        if debt.looked_after and not (age := now - self._sample(debt).at) <= LOST:
+        if pending.looked_after and not (age := now - self._sample(pending).at) <= LOST:
             message = "s since its last reading: check cable and power"
             yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
         slow = loop.hardware.slow
@@ -307,7 +303,7 @@ class HomingProcedure:
         if some(on):
             other = int(np.argmax(on))
             yield Finding(ReasonCode.TORQUE_MISMATCH, other, value=1.0, bound=0.0, message="its torque is on")
-        if debt.powered is None or not slow.status_time[joint] > debt.powered:
+        if pending.powered is None or not slow.status_time[joint] > pending.powered:
             return
         if slow.torque[joint] != 1:
             value = float(slow.torque[joint])
@@ -317,45 +313,45 @@ class HomingProcedure:
         if slow.watchdog[joint] == TRIPPED:
             message = "its watchdog tripped: no request on its bus for too long"
             yield Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
-        elif (watchdog := float(slow.watchdog[joint])) != debt.watchdog:
+        elif (watchdog := float(slow.watchdog[joint])) != pending.watchdog:
             message = "its watchdog differs from the one set: nothing would stop it if the daemon died"
             yield Finding(
-                ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=debt.watchdog, message=message
+                ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=pending.watchdog, message=message
             )
         if slow.fault[joint] > 0:
             value = float(slow.fault[joint])
             yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
 
-    def _done(self, debt: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
+    def _done(self, pending: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
         """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
-        task = debt.sought.port.run(script, urgent=True)
+        task = pending.request.port.run(script, urgent=True)
         while not task.done:
             now = yield
-            self._require(debt, now)
+            self._require(pending, now)
         if task.error is not None:
             raise task.error
         return task.result  # type: ignore[return-value]
 
     # ------------------------------------------------------------------------------- reports
 
-    def _report(self, debt: PendingRestore, phase: str, progress: float, now: float) -> None:
+    def _report(self, pending: PendingRestore, phase: str, progress: float, now: float) -> None:
         at, last = self._last_report
-        if debt.command.more and (phase != last or not now - at < REPORT):
+        if pending.command.more and (phase != last or not now - at < REPORT):
             self._last_report = (now, phase)
-            self._loop.say.reply(debt.command, continues=True, phase=phase, progress=progress)
+            self._loop.say.reply(pending.command, continues=True, phase=phase, progress=progress)
 
     # ------------------------------------------------------------------------------- readings
 
-    def _raw(self, debt: PendingRestore) -> int:
-        return int(self._loop.hardware.readings.raw.ticks[debt.sought.joint])
+    def _raw(self, pending: PendingRestore) -> int:
+        return int(self._loop.hardware.readings.raw.ticks[pending.request.joint])
 
-    def _count(self, debt: PendingRestore) -> int:
-        return self._raw(debt) + debt.shift
+    def _count(self, pending: PendingRestore) -> int:
+        return self._raw(pending) + pending.shift
 
-    def _sample(self, debt: PendingRestore) -> HomingSample:
+    def _sample(self, pending: PendingRestore) -> HomingSample:
         raw = self._loop.hardware.readings.raw
-        joint = debt.sought.joint
-        return HomingSample(float(raw.heard_at[joint]), self._count(debt), float(raw.effort[joint]))
+        joint = pending.request.joint
+        return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))
 
 
 def _frame(before: int, raw: int, turn: int) -> int:
@@ -367,9 +363,7 @@ def _frame(before: int, raw: int, turn: int) -> int:
     off = abs(before - raw - shift)
     if off > turn / OFF_TURN:
         message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
-        raise ProcedureFailed(
-            Finding(ReasonCode.CALIB_MISMATCH, value=float(off), bound=turn / OFF_TURN, message=message)
-        )
+        raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, off, turn / OFF_TURN, message)
     return shift
 
 

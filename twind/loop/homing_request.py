@@ -16,7 +16,7 @@ from twind.config.actuator_types import SERIAL
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, HomingParameters
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joints import JointBusMap
-from twind.safety import gate
+from twind.safety import admission
 
 if TYPE_CHECKING:
     from twind.config.robot_spec import JointSpec
@@ -54,7 +54,7 @@ class HomingRequest:
     cap: int  # raw current
 
 
-def sought(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
+def resolve_request(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
     """Return the request in counts, or all findings against it."""
     against = [*_check_request(command), *_allowed(loop, command, now)]
     return against if against else _counted(loop, command)
@@ -79,7 +79,7 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
     """Return what would refuse arming of this joint, and the further requirements of a stop search."""
     joint = command.joint
     mine = np.arange(len(loop.joints)) == joint
-    verdict = gate.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
+    verdict = admission.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
     found = [each for each in verdict.refusals if each.code is not ReasonCode.ARM_FAILED]
     found = [each for each in found if each.joint in (None, joint)]
     spec = loop.parts.one.file.joints[joint]

@@ -133,7 +133,7 @@ class IdentificationState:
             if warning:
                 loop.say.event("warning", EventCode.PORT_WARNING, f"{port.name}: {warning}")
         if port.link is PortState.CONNECTED:
-            self._listen(port, loop.hardware.silence(bus, now))
+            self._listen(port, loop.hardware.readings.silence(bus, now))
         if port.link is PortState.IDENTIFYING:
             self._identify(port, bus, now)
 
@@ -160,7 +160,7 @@ class IdentificationState:
     def _identify(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         task = port.identification
         if task is None:
-            spoke = port.name in self._mute and self._loop.hardware.silence(bus, now) < SPOKE
+            spoke = port.name in self._mute and self._loop.hardware.readings.silence(bus, now) < SPOKE
             if spoke or now >= self._again.get(port.name, 0.0):
                 port.identify()
             return

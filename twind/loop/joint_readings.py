@@ -95,7 +95,7 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
     return least, most
 
 
-def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
+def mask_incomplete_groups(bus: JointBusMap, heard: Bools) -> Bools:
     """Return the joints (m,) whose actuators are all `heard` (m,)."""
     complete = heard.copy()
     for each in bus.linked:
@@ -191,7 +191,7 @@ class JointReadings:
         usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
         if not usual:
             heard = self._believe(number, sample)
-            heard = heard_whole(bus, heard) if bus.linked else heard
+            heard = mask_incomplete_groups(bus, heard) if bus.linked else heard
         position = radians(bus, sample.position)
         if usual:
             self.position[places] = position
@@ -250,6 +250,10 @@ class JointReadings:
         self.slow.forget(self._where[number])
         self.alerts[self._where[number]] = 0
         self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
+
+    def silence(self, bus: JointBusMap, now: float) -> float:
+        """Return the seconds since any device on that bus answered; inf: never."""
+        return now - float(self.heard_at[bus.joints].max())
 
     def loads(self, now: float) -> Floats:
         """Return the share of the current limit (n,) at `now` (s).

@@ -20,7 +20,7 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joints import JointBusMap
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
-from twind.safety.multiturn import chosen, inside, strayed, unfit
+from twind.safety.multiturn import chosen, inside, outside_travel, unfit
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -100,7 +100,7 @@ class JointVerificationState:
         turns = loop.joints.turns
         readings = loop.hardware.readings
         if turns is not None:
-            found += strayed(readings.raw.ticks, readings.shift, turns, self._turn_known)
+            found += outside_travel(readings.raw.ticks, readings.shift, turns, self._turn_known)
         return found
 
     def mar(self, findings: Sequence[Finding]) -> None:

@@ -32,7 +32,7 @@ class PendingRestore:
     """One end-stop search: its request, the servo's settings before it, and its result."""
 
     command: link.FindStop
-    sought: HomingRequest
+    request: HomingRequest
     device: IdentifiedDevice  # as it was identified before
     kept: Any = None  # state of the driver for the restoring; None: nothing was written
     left: str = ""  # settings that stay changed without restoring
@@ -46,65 +46,68 @@ class PendingRestore:
     findings: tuple[Finding, ...] = ()
 
 
-def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
+def give_back(loop: Loop, pending: PendingRestore) -> Procedure:
     """Restore the servo once the search is over and torque is off, identify its bus anew, then reply."""
-    port = debt.sought.port
-    while not debt.over:
+    port = pending.request.port
+    while not pending.over:
         yield
     until = loop.clock.now() + ANSWER
-    why = yield from _returned(loop, debt, until)
-    debt.findings += why
-    _report_restore(loop, debt, why)
-    release(loop, debt)
+    why = yield from _returned(loop, pending, until)
+    pending.findings += why
+    _report_restore(loop, pending, why)
+    release(loop, pending)
     port.identify()
-    while not debt.answered and not loop.hardware.connected and loop.clock.now() < until:
+    while not pending.answered and not loop.hardware.connected and loop.clock.now() < until:
         yield  # the client may go on at once after the reply
-    answer(loop, debt)
+    answer(loop, pending)
 
 
-def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None, float, tuple[Finding, ...]]:
+def _returned(
+    loop: Loop, pending: PendingRestore, until: float
+) -> Generator[None, float, tuple[Finding, ...]]:
     """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
     while True:
         # Another device may have the id by now; settings of the old one must not be written to it.
-        if (strange := _stranger(debt)) is not None:
-            return (unrestored(debt, strange),)
-        if _free(loop, debt):
-            error = yield from _restored(debt)
+        if (strange := _stranger(pending)) is not None:
+            return (unrestored(pending, strange),)
+        if _free(loop, pending):
+            error = yield from _restored(pending)
             if isinstance(error, WireClamp):
-                return (clamped(loop, debt, error), unrestored(debt, str(error)))
+                return (clamped(loop, pending, error), unrestored(pending, str(error)))
             if error is None:
                 return ()
             refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
             if refusals >= REFUSALS:
-                return (unrestored(debt, str(error)),)
-        if loop.clock.now() > until and not debt.answered:
+                return (unrestored(pending, str(error)),)
+        if loop.clock.now() > until and not pending.answered:
             waits = "torque or bus do not allow it yet; it is tried again until they do"
-            answer(loop, debt, unrestored(debt, waits))
+            answer(loop, pending, unrestored(pending, waits))
         yield from ticks(PAUSE)
 
 
-def _free(loop: Loop, debt: PendingRestore) -> bool:
+def _free(loop: Loop, pending: PendingRestore) -> bool:
     """Check that no other procedure runs, no torque is on, and the device is identified."""
-    port = debt.sought.port
+    port = pending.request.port
     calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
-    identified = port.identification is None and _now(debt) is not None
+    identified = port.identification is None and _now(pending) is not None
     return calm and identified and port.writer is not None and port.reader is not None and not port.full
 
 
-def _now(debt: PendingRestore) -> IdentifiedDevice | None:
-    """Return the device with the id of `debt` as last identified; None: no reply since the bus was opened."""
-    found = (each for each in debt.sought.port.devices if each.id == debt.sought.id and each.settings)
+def _now(pending: PendingRestore) -> IdentifiedDevice | None:
+    """Return the device with that id as last identified; None: no reply since the bus was opened."""
+    aim = pending.request
+    found = (each for each in aim.port.devices if each.id == aim.id and each.settings)
     return next(found, None)
 
 
-def _stranger(debt: PendingRestore) -> str | None:
+def _stranger(pending: PendingRestore) -> str | None:
     """Return the reason why the device with the id is not the one that was driven.
 
     None: no difference is known.
     """
-    was = debt.device
-    found = _now(debt)
+    was = pending.device
+    found = _now(pending)
     if found is None:
         return None
     for name, before, after in (
@@ -118,10 +121,10 @@ def _stranger(debt: PendingRestore) -> str | None:
     return None
 
 
-def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
+def _restored(pending: PendingRestore) -> Generator[None, float, Exception | None]:
     """Try once to write the old mode and settings back; return the error of the attempt, or None."""
-    port = debt.sought.port
-    aim = debt.sought
+    port = pending.request.port
+    aim = pending.request
     assert port.writer is not None
     try:
         alone = port.writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
@@ -129,63 +132,65 @@ def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
         return error
     finally:
         port.writer.end_single_device()  # the restoring writes are checked as any others
-    task = port.run(alone.give_back(debt.kept))
+    task = port.run(alone.give_back(pending.kept))
     while not task.done:
         yield
     return task.error
 
 
-def report_pending_restore(loop: Loop, debt: PendingRestore) -> None:
+def report_pending_restore(loop: Loop, pending: PendingRestore) -> None:
     """Report that the daemon ends before mode and settings were written back."""
-    why = unrestored(debt, "the daemon ends")
-    _report_restore(loop, debt, (why,))
-    answer(loop, debt, why)
+    why = unrestored(pending, "the daemon ends")
+    _report_restore(loop, pending, (why,))
+    answer(loop, pending, why)
 
 
-def release(loop: Loop, debt: PendingRestore) -> None:
-    """End the debt; all devices on its bus are written to again."""
-    if debt.sought.port.writer is not None:
-        debt.sought.port.writer.end_single_device()
+def release(loop: Loop, pending: PendingRestore) -> None:
+    """End the pending; all devices on its bus are written to again."""
+    if pending.request.port.writer is not None:
+        pending.request.port.writer.end_single_device()
     loop.homing.owed = None
 
 
 # ------------------------------------------------------------------------------------------- reports
 
 
-def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
+def answer(loop: Loop, pending: PendingRestore, *more: Finding) -> None:
     """Send the last reply: captures, or findings; with any finding no capture is reported."""
-    if debt.answered:
+    if pending.answered:
         return
-    debt.answered = True
-    findings = [*debt.findings, *more]
-    name = loop.joints.names[debt.sought.joint]
+    pending.answered = True
+    findings = [*pending.findings, *more]
+    name = loop.joints.names[pending.request.joint]
     if findings:
         message = f"{name}: its stop was not found: {findings[0].message}"
         loop.say.event("warning", findings[0].code, message, findings)
-        loop.say.reply(debt.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
+        loop.say.reply(pending.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
         return
-    counts = [round(count) for count in debt.captures]
+    counts = [round(count) for count in pending.captures]
     loop.say.event("info", EventCode.HOMING, f"{name}: its stop is at {counts}; torque is off")
-    loop.say.reply(debt.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
+    loop.say.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _report_restore(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
+def _report_restore(loop: Loop, pending: PendingRestore, why: tuple[Finding, ...]) -> None:
     """Report the result of the restoring as events, for a client answered before and for all others."""
-    name = loop.joints.names[debt.sought.joint]
+    name = loop.joints.names[pending.request.joint]
     for finding in why:
         loop.say.event("error", finding.code, f"{name}: {finding.message}", (finding,))
-    if debt.answered and not why:
+    if pending.answered and not why:
         loop.say.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
 
 
-def unrestored(debt: PendingRestore, why: str) -> Finding:
+def unrestored(pending: PendingRestore, why: str) -> Finding:
     """Build the finding of a servo that was not restored: what it is left with, and why."""
-    message = f"its mode and settings are not as they were: {why}; it is left with {debt.left}"
-    return Finding(ReasonCode.DEVICE_MISMATCH, debt.sought.joint, message=message)
+    message = f"its mode and settings are not as they were: {why}; it is left with {pending.left}"
+    return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
 
 
-def clamped(loop: Loop, debt: PendingRestore, error: WireClamp) -> Finding:
+def clamped(loop: Loop, pending: PendingRestore, error: WireClamp) -> Finding:
     """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
-    finding = Finding(ReasonCode.WIRE_CLAMP, debt.sought.joint, value=float(error.value), message=str(error))
+    finding = Finding(
+        ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)
+    )
     loop.fail(finding, loop.clock.now())
     return finding

@@ -10,7 +10,7 @@ from typing import Any
 
 from twind.exceptions import TwindError
 from twind.loop.bus_port import ScriptRun
-from twind.robot.finding import Finding
+from twind.robot.finding import Finding, ReasonCode
 
 Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
 
@@ -21,6 +21,13 @@ class ProcedureFailed(TwindError):
     def __init__(self, finding: Finding) -> None:
         super().__init__(finding.message)
         self.finding = finding
+
+    @classmethod
+    def measured(
+        cls, code: ReasonCode, value: float, bound: float, message: str, joint: int | None = None
+    ) -> "ProcedureFailed":
+        """Return the failure for a measured value and its bound."""
+        return cls(Finding(code, joint, value=float(value), bound=float(bound), message=message))
 
 
 class Priority(IntEnum):

@@ -41,7 +41,7 @@ class ReloadCoordinator:
         self.wanted = False
         self.generation = 0  # changes made since the start
         self.judged_since = 0  # generation of the last change of the robot: older verdicts do not count
-        self.told = ""  # result of the last reload for the status line; empty: nothing to report
+        self.result = ""  # result of the last reload for the status line; empty: nothing to report
         self._until = inf  # s, when the front's reply is due; inf: none is
 
     # ------------------------------------------------------------------------------- requests and replies
@@ -85,7 +85,7 @@ class ReloadCoordinator:
 
     def _end(self, result: str) -> None:
         """End a reload with READY=1, also a refused one: the daemon serves on."""
-        self.told = result
+        self.result = result
         self._loop.publisher.urgent = True
         if self._until < inf:
             self._until = inf

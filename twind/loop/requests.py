@@ -54,26 +54,18 @@ def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
     command = incoming.command
     if isinstance(command, link.Submit):
         loop.submissions.begin(command, incoming.data, now)
-    elif isinstance(command, link.ConnectionClosed):
-        _gone(loop, command.client)
     elif isinstance(command, link.ApplyChanges):
         loop.reloads.adopt(command, incoming.fd, now)
-    elif isinstance(command, link.ReloadStarted):
-        loop.reloads.begin(now)
-    elif isinstance(command, link.Reachable):
-        _reachable(loop, command)
-    elif isinstance(command, link.ReloadFailed):
-        loop.reloads.failed(command.message)
     else:
-        _ANSWERS[type(command)](loop, command, now)
+        _HANDLERS[type(command)](loop, command, now)
 
 
-def _gone(loop: Loop, client: int) -> None:
+def _gone(loop: Loop, command: link.ConnectionClosed, now: float) -> None:
     """Process a closed connection: its lease lapses, and an arming that it began ends with torque off."""
-    loop.lease.release_client(client)
-    loop.submissions.drop_client(client)
-    loop.stops.drop_client(client)
-    if loop.procedures.rank is Priority.ARM and loop.arming_client == client:
+    loop.lease.release_client(command.client)
+    loop.submissions.drop_client(command.client)
+    loop.stops.drop_client(command.client)
+    if loop.procedures.rank is Priority.ARM and loop.arming_client == command.client:
         loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
 
 
@@ -96,7 +88,7 @@ def _hold(loop: Loop, reason: Finding) -> None:
         loop.executor.stop("aborted", (reason,))
 
 
-def _reachable(loop: Loop, news: link.Reachable) -> None:
+def _reachable(loop: Loop, news: link.Reachable, now: float) -> None:
     """Hold motion while no new client can connect; nothing moves by itself afterwards."""
     before = loop.unreachable
     loop.unreachable = Finding(ReasonCode.SOCKETS_GONE, message=news.missing) if news.missing else None
@@ -140,21 +132,16 @@ def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
     loop.say.reply(command, mode=loop.mode.value)
 
 
-def _lease(loop: Loop, client: int, now: float) -> dict[str, Any]:
-    del client
-    info = loop.publisher.lease(now)
-    return {"holder": "", "uid": -1, "expires_in": 0.0} if info is None else link_dict(info)
-
-
-def link_dict(info: link.LeaseInfo) -> dict[str, Any]:
+def _lease(loop: Loop, now: float) -> dict[str, Any]:
     """Return the lease as the interface encodes it."""
+    info = loop.publisher.lease(now) or link.LeaseInfo(holder="", uid=-1, expires_in=0.0)
     return {"holder": info.holder, "uid": info.uid, "expires_in": info.expires_in}
 
 
 def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
     held_by_other = loop.lease.holder_client(now) not in (0, command.client)
     if not loop.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
-        loop.say.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
+        loop.say.error(command, "LeaseHeld", lease=_lease(loop, now))
         return
     moving = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
     if held_by_other and moving and loop.procedures.rank is None:  # never the motion to the rest pose
@@ -163,12 +150,12 @@ def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
     if held_by_other:
         loop.say.event("warning", ReasonCode.LEASE_LOST, f"lease taken by {command.holder}")
     loop.publisher.urgent = True
-    loop.say.reply(command, lease=_lease(loop, command.client, now))
+    loop.say.reply(command, lease=_lease(loop, now))
 
 
 def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
     if loop.lease.renew(command.client, now):
-        loop.say.reply(command, lease=_lease(loop, command.client, now))
+        loop.say.reply(command, lease=_lease(loop, now))
     else:
         loop.say.refuse(
             command, (Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease"),)
@@ -260,14 +247,6 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     loop.say.reply(command, state=loop.state.value)
 
 
-def _find_stop(loop: Loop, command: link.FindStop, now: float) -> None:
-    loop.homing.ask(command, now)
-
-
-def _calibrate(loop: Loop, command: link.Calibrate, now: float) -> None:
-    loop.calibrating.ask(command, now)
-
-
 # ------------------------------------------------------------------------------------------- marks
 
 MARKS = {"begin": EventCode.EPISODE_BEGIN, "end": EventCode.EPISODE_END, "note": EventCode.NOTE}
@@ -290,11 +269,11 @@ def _cancel(loop: Loop, command: link.Cancel, now: float) -> None:
     loop.say.reply(command, state=loop.state.value)
 
 
-def _setpoint(loop: Loop, command: link.Setpoint, now: float) -> None:
-    loop.submissions.setpoint(command, now)
-
-
-_ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
+_HANDLERS: dict[type, Callable[[Any, Any, float], None]] = {
+    link.ConnectionClosed: _gone,
+    link.Reachable: _reachable,
+    link.ReloadStarted: lambda loop, command, now: loop.reloads.begin(now),
+    link.ReloadFailed: lambda loop, command, now: loop.reloads.failed(command.message),
     link.SetMode: _set_mode,
     link.AcquireLease: _acquire,
     link.RenewLease: _renew,
@@ -303,11 +282,11 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Disarm: _disarm,
     link.EStop: _estop,
     link.Reset: _reset,
-    link.Calibrate: _calibrate,
-    link.FindStop: _find_stop,
+    link.Calibrate: lambda loop, command, now: loop.calibrating.ask(command, now),
+    link.FindStop: lambda loop, command, now: loop.homing.ask(command, now),
     link.Mark: _mark,
     link.Cancel: _cancel,
-    link.Setpoint: _setpoint,
+    link.Setpoint: lambda loop, command, now: loop.submissions.setpoint(command, now),
     link.ReadRegister: device_procedures.read,
     link.WriteRegister: device_procedures.write,
     link.Reboot: device_procedures.reboot,

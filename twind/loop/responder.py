@@ -43,12 +43,18 @@ class Responder:
         before: str = "",
         cause: str = "",
         stop: str = "",
-    ) -> None:
-        """Report an event. `message` is for people alone; programs read the other fields (`link.Event`)."""
+        annotation: link.Annotation | None = None,
+        holder: str = "",
+    ) -> int:
+        """Report an event; return its sequence number.
+
+        `message` is for people alone; programs read the other fields (`link.Event`).
+        """
+        sequence = self._link.sequence()
         self._link.event(
             link.Event(
                 time=self._clock.now(),
-                sequence=self._link.sequence(),
+                sequence=sequence,
                 level=level,
                 code=str(code),
                 message=message,
@@ -58,8 +64,11 @@ class Responder:
                 before=before,
                 cause=cause,
                 stop=stop,
+                annotation=annotation,
+                holder=holder,
             )
         )
+        return sequence
 
     def slow(self, alert: LatencyAlert) -> None:
         """Report that a hop became too slow, or has recovered."""
@@ -76,18 +85,7 @@ class Responder:
         )
         self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
-    def mark(self, command: link.Mark, code: str, message: str) -> None:
+    def mark(self, command: link.Mark, code: AnyEventCode, message: str) -> None:
         """Send a client's annotation as an event; the reply gives its sequence number."""
-        sequence = self._link.sequence()
-        self._link.event(
-            link.Event(
-                time=self._clock.now(),
-                sequence=sequence,
-                level="info",
-                code=str(code),
-                message=message,
-                annotation=command.annotation,
-                holder=command.holder,
-            )
-        )
+        sequence = self.event("info", code, message, annotation=command.annotation, holder=command.holder)
         self.reply(command, sequence=sequence)

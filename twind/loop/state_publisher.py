@@ -87,7 +87,7 @@ class StatePublisher:
         summary = (
             f"{loop.mode.value}, {loop.state.value}, {fresh} of {len(loop.joints)} joints fresh, {rate:g} Hz"
         )
-        return "; ".join(part for part in (summary, self._wrong(), loop.reloads.told) if part)
+        return "; ".join(part for part in (summary, self._wrong(), loop.reloads.result) if part)
 
     def _wrong(self) -> str:
         """Return the first problem as text; "": none.

@@ -19,6 +19,7 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, setpoint_gate
+from twind.safety.admission import admit
 from twind.telemetry.command_latency import STREAM, StartedCommand
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ class SubmissionTracker:
         """Return refusals that arose during a check of several ticks: admission and start must still hold."""
         loop = self._loop
         again = loop.snapshot(command.client, now)
-        refusals = gate.admit(again, commanded, loop.parts.thresholds).refusals
+        refusals = admit(again, commanded, loop.parts.thresholds).refusals
         here = loop.executor.reference
         if here is None or not np.array_equal(here.position, before.reference.position):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
@@ -260,7 +261,7 @@ class SubmissionTracker:
         loop = self._loop
         snapshot = loop.snapshot(command.client, now)
         joints = np.array(command.joints, np.int64)
-        verdict = gate.admit(snapshot, self._places(joints), loop.parts.thresholds, setpoint=True)
+        verdict = admit(snapshot, self._places(joints), loop.parts.thresholds, setpoint=True)
         judged = setpoint_gate.judge(
             joints,
             np.array(command.positions, np.float64),

@@ -32,7 +32,7 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety import gate
+from twind.safety import admission, gate
 from twind.safety.guard import Guard
 from twind.safety.headroom import JointCondition
 from twind.safety.state_machine import LATCHED, TABLE, RobotEvent, StateLatch
@@ -306,7 +306,7 @@ class Loop:
         """Close the ports, and end the front."""
         self.say.event("info", EventCode.END, f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
-        self.hardware.close()
+        self.hardware.access(read=False, write=False)
         self.link.close()
 
     # ------------------------------------------------------------------------------- judging
@@ -345,7 +345,7 @@ class Loop:
 
     def may_arm(self, client: int, now: float) -> Verdict:
         """Judge the request Arm: LEASE_MISSING to LATENCY_BLOCK."""
-        verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
+        verdict = admission.arming(self.snapshot(client, now), self.parts.thresholds)
         if self.mode is Mode.LIVE and not self.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))

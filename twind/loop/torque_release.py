@@ -51,7 +51,7 @@ SLOW = 0.05
 SLOW_FOR = 0.5
 # s to wait for the turn of a joint; s, the age of a reading that makes the wait worthwhile
 KNOWN = 0.5
-HEARD = 0.1
+RECENT = 0.1
 RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
 
 
@@ -261,12 +261,12 @@ def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
 
 
 def _wait_for_turns(loop: Loop) -> Procedure:
-    """Wait at most `KNOWN` s for the turn check of joints that answered within the last `HEARD` s.
+    """Wait at most `KNOWN` s for the turn check of joints that answered within the last `RECENT` s.
 
     Such joints are still unchecked when the daemon has just begun.
     """
     until = loop.clock.now() + KNOWN
-    while some(loop.identity.verified.unjudged & (loop.measured.age <= HEARD)) and loop.clock.now() < until:
+    while some(loop.identity.verified.unjudged & (loop.measured.age <= RECENT)) and loop.clock.now() < until:
         yield
 
 

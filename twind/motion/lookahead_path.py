@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from twind.motion.motion_layers import MotionLayer, choose
-from twind.motion.stop_profiles import LimitedFollower
-from twind.robot.arrays import Bools, Floats, Ints
+from twind.motion.setpoint_stream import SetpointStream, widened
+from twind.robot.arrays import Floats, Ints
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference
@@ -50,8 +50,7 @@ class LookaheadPlan:
     layers: tuple[MotionLayer, ...]
     tick: int
     changing: bool  # changes with every tick, even without a command
-    stream: LimitedFollower | None
-    streamed: Bools  # (n,)
+    stream: SetpointStream | None
     pace: float  # of the stream
 
     @property
@@ -65,7 +64,7 @@ class LookaheadPlan:
         A stream makes one step, and then comes to rest.
         """
         if self.stream is not None:
-            onwards = choose(self.streamed, self.stream.onwards(self.pace), self.reference)
+            onwards = choose(self.stream.joints, self.stream.follower.onwards(self.pace), self.reference)
             return braking(onwards, limits, times)
         way = braking(self.reference, limits, times)
         for layer in self.layers:
@@ -86,16 +85,8 @@ class LookaheadPlan:
 
         The motion makes one step towards the setpoint, and then comes to rest.
         """
-        follower = LimitedFollower(self.reference, limits, period)
-        target = follower.target.copy()
-        drift = np.zeros(len(follower.target))
-        moved = np.zeros(len(target), np.bool_)
+        moved = np.zeros(len(self.reference.position), np.bool_)
         moved[joints] = True
-        if self.stream is not None:
-            target = np.where(self.streamed, self.stream.target, target)
-            drift = np.where(self.streamed, self.stream.drift, drift)
-            moved |= self.streamed
-        target[joints] = position
-        drift[joints] = 0.0 if velocity is None else velocity
-        follower.set_target(target, drift)
-        return braking(choose(moved, follower.step(self.pace), self.reference), limits, times)
+        stream = widened(self.stream, moved, self.reference, limits, period)
+        stream.set_target(joints, position, velocity)
+        return braking(choose(stream.joints, stream.follower.step(self.pace), self.reference), limits, times)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, frozen
+from twind.robot.arrays import Bools, Floats, Ints, frozen
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
 
@@ -103,6 +103,11 @@ class LimitedFollower:
         """Set a new target (n,) in rad, which moves by itself with `drift` (n,) in rad/s."""
         self._target = target.copy()
         self._drift = drift.copy()
+
+    def set_joint_targets(self, joints: Ints, target: Floats, drift: Floats | float) -> None:
+        """Set the targets (m,) of some `joints` (indices) alone."""
+        self._target[joints] = target
+        self._drift[joints] = drift
 
     @property
     def target(self) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
 from twind.motion.lookahead_path import LookaheadPlan
 from twind.motion.motion_layers import MotionGoal, MotionLayer, begun, choose, displaced, laid_over, without
+from twind.motion.setpoint_stream import SetpointStream, widened
 from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still
 from twind.motion.time_scaling import next_pace
 from twind.robot.arrays import Bools, Floats, Ints, some
@@ -43,10 +44,7 @@ class TrajectoryExecutor:
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
         self._pending: list[MotionGoal] = []  # by start
-        self._stream: LimitedFollower | None = None
-        self._streamed: Bools = np.zeros(0, np.bool_)
-        self._valid_for = 0.0
-        self._used_at = inf
+        self._stream: SetpointStream | None = None
         self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
@@ -91,9 +89,7 @@ class TrajectoryExecutor:
 
     def setpoint_age(self, now: float) -> float | None:
         """Age of the newest setpoint (s), counted from the first tick that could use it; None: no stream."""
-        if self._stream is None:
-            return None
-        return 0.0 if self._used_at == inf else now - self._used_at
+        return None if self._stream is None else self._stream.age(now)
 
     def progress(self) -> tuple[str, float] | None:
         """Return the id and the share done, 0..1, of the goal that runs or waits."""
@@ -143,9 +139,7 @@ class TrajectoryExecutor:
         layers = tuple(self.layers)
         stream = self._stream
         changing = self.slowed or stream is not None
-        return LookaheadPlan(
-            now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace
-        )
+        return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
 
@@ -204,39 +198,23 @@ class TrajectoryExecutor:
     def setpoint(
         self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float
     ) -> Finding | None:
-        """Follow `position` (m,), rad, of `joints` until `valid_for` s have passed without another.
-
-        Then hold.
+        """Follow `position` (m,), rad, of `joints`; hold when `valid_for` s have passed without another.
 
         Goals under way are replaced; joints that the stream does not name keep their path. Returns None, or
         the reason against it.
         """
         if self._reference is None:
             return Finding(ReasonCode.NOT_ARMED, message="the robot does not hold: arm first")
-        drift = np.zeros(len(joints)) if velocity is None else velocity
-        if not np.isfinite([*position, *drift, valid_for]).all():
+        if not np.isfinite([*position, *(() if velocity is None else velocity), valid_for]).all():
             return Finding(ReasonCode.NONFINITE, message="a setpoint must be finite")
         self._end_goals("replaced", ())
         new = np.zeros(len(self._reference.position), np.bool_)
         new[joints] = True
-        old = self._stream
-        if old is None or (new & ~self._streamed).any():
-            self._stream = LimitedFollower(self._reference, self.limits, self._period)
-            if old is not None:
-                self._stream.set_target(
-                    np.where(self._streamed, old.target, self._stream.target),
-                    np.where(self._streamed, old.drift, 0.0),
-                )
-            self._streamed = new if old is None else new | self._streamed
-            self.layers = without(self.layers, self._streamed)
-        assert self._stream is not None  # made above when there was none
-        target = self._stream.target.copy()
-        drifts = self._stream.drift.copy()
-        target[joints] = position
-        drifts[joints] = drift
-        self._stream.set_target(target, drifts)
-        self._valid_for = valid_for
-        self._used_at = inf
+        stream = self._stream
+        if stream is None or (new & ~stream.joints).any():
+            self._stream = stream = widened(stream, new, self._reference, self.limits, self._period)
+            self.layers = without(self.layers, stream.joints)
+        stream.set_target(joints, position, velocity, valid_for)
         return None
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
@@ -280,8 +258,10 @@ class TrajectoryExecutor:
         """Return the reference of the next tick; None while idle. `now` (s) only ages the setpoints."""
         if self._reference is None or self._floor is None:
             return None
-        if self._stream is not None:
-            self._age(now)
+        stale = None if self._stream is None else self._stream.use(now)
+        if stale is not None:
+            self.stop()
+            self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
         while self._pending and self._pending[0].start <= self._tick:
             self._begin(self._pending.pop(0), self._reference)
         self._keep_pace()
@@ -331,12 +311,13 @@ class TrajectoryExecutor:
 
         A goal that was judged from another place, because the motion before it was slowed since, ends here.
         """
-        strayed = displaced(goal, reference)
-        if strayed is not None:
-            self._end(goal, "aborted", (strayed,))
+        finding = displaced(goal, reference)
+        if finding is not None:
+            self._end(goal, "aborted", (finding,))
             return
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
-            self._stream, self._floor = None, StopRamp(reference, self.limits, self._period)
+            self._stream = None
+            self._floor = StopRamp(reference, self.limits, self._period)
         layer = begun(goal, reference, self.limits, self._period)
         self.layers = [*without(self.layers, layer.joints), layer]
         if self._running is not None:
@@ -362,20 +343,17 @@ class TrajectoryExecutor:
         if self.layers:
             reference = laid_over(reference, self.layers, self._tick)
         if self._stream is not None:
-            reference = choose(self._streamed, self._stream.step(self._pace), reference)
+            reference = choose(self._stream.joints, self._stream.follower.step(self._pace), reference)
         return reference
 
     def _settle_down(self, reference: Reference) -> None:
         """End what has arrived: the goal without tolerances, then the layers, then the follower."""
         layer = self._running
-        if layer is not None and layer.is_finished(self._tick) and not layer.goal.judged_at_end:
+        tick = self._tick
+        if layer is not None and layer.is_finished(tick) and not layer.goal.judged_at_end:
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
-        if (
-            self.layers
-            and self._running is None
-            and all(layer.is_finished(self._tick) for layer in self.layers)
-        ):
+        if self.layers and self._running is None and all(layer.is_finished(tick) for layer in self.layers):
             self.layers = []
             self._floor = StopRamp(reference, self.limits, self._period)
         if isinstance(self._floor, LimitedFollower) and self._floor.resting:
@@ -384,21 +362,6 @@ class TrajectoryExecutor:
     def _rest(self, reference: Reference) -> None:
         self._reference = reference
         self._floor = StopRamp(reference, self.limits, self._period)
-
-    def _age(self, now: float) -> None:
-        """Hold when the setpoint is stale (STREAM_STALE). Its age begins with the first tick that uses it."""
-        if self._used_at == inf:
-            self._used_at = now
-        age = now - self._used_at
-        if not age <= self._valid_for:
-            self.stop()
-            stale = Finding(
-                ReasonCode.STREAM_STALE,
-                value=age,
-                bound=self._valid_for,
-                message="no newer setpoint: holding",
-            )
-            self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
 
     def _give_up(
         self,

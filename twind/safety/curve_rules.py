@@ -6,9 +6,8 @@ is reported at its worst place.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
-from itertools import pairwise
 
 import numpy as np
 
@@ -16,25 +15,9 @@ from twind.robot.arrays import Bools, Floats, Ints
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Knots
+from twind.safety.bernstein_curve import BernsteinCurve, BoundedPolynomials, Rows, pick, smooth
+from twind.safety.gate_types import GateThresholds
 from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, square, summit
-
-
-@dataclass(frozen=True, slots=True)
-class GateThresholds:
-    """Thresholds of the gate that do not depend on the joint. Settings may only tighten them."""
-
-    latency_warn: float = 0.05  # s
-    latency_block: float = 0.1  # s
-    stale: float = 0.1  # s
-    health: float = 1.0  # s, oldest reading of temperature and supply that counts (THERMAL_HEADROOM)
-    start_jump: float = 0.05  # rad, at t = 0
-    jerk_warn: float = 5000.0  # rad/s³
-    max_points: int = 2000
-    max_duration: float = 60.0  # s
-    min_dt: float = 0.001  # s
-    brake_floor: float = 0.05  # rad/s, always allowed towards the limit
-    brake_margin: float = 0.2  # rad/s, kept back from the fastest speed that can still stop
-    end_velocity: float = 0.05  # rad/s, still counts as rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,83 +40,6 @@ class CurveSubject:
 
 
 FEW = 8  # segments of a joint that are judged first
-
-Rows = tuple[Floats, ...]  # Bernstein coefficients of a stretch of segments, (s, m) each
-
-
-@dataclass(frozen=True, slots=True)
-class BernsteinCurve:
-    """A stretch of segments in Bernstein form. Lines have no acceleration and no jerk."""
-
-    position: Rows
-    velocity: Rows
-    acceleration: Rows
-    jerk: Rows
-
-
-@dataclass(frozen=True, slots=True)
-class BoundedPolynomials:
-    """Polynomials towards the upper limit, (degree + 1, q), with their bounds (q,)."""
-
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
-    jerk: Floats
-    upper: Floats
-    hard: Floats
-    fastest: Floats
-    strongest: Floats
-
-
-def pick(
-    curve: BernsteinCurve, sign: float, segment: Ints, joint: Ints, limits: JointLimits
-) -> BoundedPolynomials:
-    """Return some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
-
-    def of(rows: Rows) -> Floats:
-        chosen = [sign * row[segment, joint] for row in rows]
-        return np.stack(chosen) if chosen else np.empty((0, len(segment)))
-
-    up = sign > 0.0
-    return BoundedPolynomials(
-        of(curve.position),
-        of(curve.velocity),
-        of(curve.acceleration),
-        of(curve.jerk),
-        (limits.upper if up else -limits.lower)[joint],
-        (limits.hard_upper if up else -limits.hard_lower)[joint],
-        limits.velocity[joint],
-        limits.acceleration[joint],
-    )
-
-
-def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
-    """Return segments i..j-1 of cubics or quintics. Values given at the knots are kept exactly."""
-    T = np.diff(knots.time[i : j + 1])[:, None]
-    p0 = knots.position[i:j]
-    p1 = knots.position[i + 1 : j + 1]
-    v0 = v[i:j]
-    v1 = v[i + 1 : j + 1]
-    h = p1 - p0
-    if knots.acceleration is None:
-        middle = 3.0 * (h / T) - v0 - v1
-        position = (p0, p0 + v0 * T / 3.0, p1 - v1 * T / 3.0, p1)
-        velocity: Rows = (v0, middle, v1)
-        acceleration: Rows = (2.0 * (middle - v0) / T, 2.0 * (v1 - middle) / T)
-        return BernsteinCurve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
-    a0 = knots.acceleration[i:j]
-    a1 = knots.acceleration[i + 1 : j + 1]
-    early = v0 + a0 * T / 4.0
-    late = v1 - a1 * T / 4.0
-    middle = 5.0 * (h / T) - (v0 + early + late + v1)
-    second = p0 + (2.0 * v0 + a0 * T / 4.0) * T / 5.0
-    third = p1 - (2.0 * v1 - a1 * T / 4.0) * T / 5.0
-    velocity = (v0, early, middle, late, v1)
-    acceleration = (a0, 4.0 * (middle - early) / T, 4.0 * (late - middle) / T, a1)
-    jerk = tuple(3.0 * (b - a) / T for a, b in pairwise(acceleration))
-    return BernsteinCurve(
-        (p0, p0 + v0 * T / 5.0, second, third, p1 - v1 * T / 5.0, p1), velocity, acceleration, jerk
-    )
 
 
 def judge(
@@ -412,12 +318,4 @@ def resting(subject: CurveSubject) -> CurveSubject:
 
 def some(limits: JointLimits, joints: Ints) -> JointLimits:
     """Return the limits of `joints` (indices) alone."""
-    return JointLimits(
-        limits.lower[joints],
-        limits.upper[joints],
-        limits.hard_lower[joints],
-        limits.hard_upper[joints],
-        limits.velocity[joints],
-        limits.acceleration[joints],
-        limits.effort[joints],
-    )
+    return JointLimits(*(getattr(limits, field.name)[joints] for field in fields(limits)))

@@ -60,10 +60,10 @@ def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequenc
     return found
 
 
-def strayed(raw: Ints, shift: Ints, turns: TurnRange, located: Bools) -> Sequence[Finding]:
-    """Return a finding for each joint of `told` (n,) that has left its travel since its turn was chosen."""
+def outside_travel(raw: Ints, shift: Ints, turns: TurnRange, located: Bools) -> Sequence[Finding]:
+    """Return a finding for each `located` (n,) joint that has left its travel since its turn was chosen."""
     outside = np.flatnonzero(located & ~inside(raw + shift, turns)).tolist()
-    return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
+    return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).outside() for joint in outside]
 
 
 def expected(raw: Ints, turns: TurnRange) -> Ints:
@@ -97,7 +97,7 @@ class _TurnRow:
         )
         return self._finding(self.count, bound, text)
 
-    def strayed(self) -> Finding:
+    def outside(self) -> Finding:
         bound = self.low if self.count < self.low else self.high
         text = (
             f"stands at {self.count}: out of its travel {self.low}..{self.high}, in which it was identified; "

@@ -9,7 +9,7 @@ import numpy as np
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Trajectory
-from twind.safety.curve_rules import GateThresholds
+from twind.safety.gate_types import GateThresholds
 
 HEALED = (
     ReasonCode.VEL_LIMIT,

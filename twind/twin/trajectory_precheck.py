@@ -18,7 +18,7 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline, interpolate, passed
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.curve_rules import GateThresholds
+from twind.safety.gate_types import GateThresholds
 from twind.safety.retime import with_stop
 from twind.twin.binding import Binding
 from twind.twin.collision_model import CollisionModel

@@ -55,7 +55,10 @@ ROOMS = (
         "gate",
         (
             "twind/safety/gate.py",
+            "twind/safety/gate_types.py",
+            "twind/safety/admission.py",
             "twind/safety/curve_rules.py",
+            "twind/safety/bernstein_curve.py",
             "twind/safety/polynomial_bounds.py",
             "twind/safety/trajectory_validation.py",
             "twind/safety/retime.py",
