@@ -136,7 +136,8 @@ def test_an_earlier_travel_is_none_of_this_sweep(tmp_path: Path, capsys: Capture
     hands.to(2000).to(1000).to(2550)
     hands.session.cut()
     assert "1 of 2 are kept" in (said := capsys.readouterr().out)
-    assert "`twindctl calibrate sweep l_elbow` goes on with the others" in said
+    assert "not done: l_elbow: it was not moved" in said
+    assert "`twindctl calibrate sweep l_elbow` continues with the others" in said
     assert set(hands.kept) == {"head_yaw", "l_knee"} and hands.kept["l_knee"][0] == 1000
 
 

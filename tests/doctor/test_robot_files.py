@@ -37,9 +37,14 @@ def test_a_misspelt_key_of_the_settings_is_found_with_its_place_and_the_nearest(
     assert finding.thing == f"{file}:4:1" and "rate_hz" in finding.measured
 
 
-def test_settings_that_are_not_there_are_found(tmp_path: Path) -> None:
-    (finding,) = found("--config", str(tmp_path / "no.yaml"), code="FILE_REFUSED")
-    assert finding.thing == str(tmp_path / "no.yaml")
+@pytest.mark.parametrize("option", ["--config", "--robot"])
+def test_a_missing_file_is_found_with_the_folder_of_relative_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (finding,) = found(option, "missing/no.yaml", code="FILE_REFUSED")
+    assert finding.thing == "missing/no.yaml"
+    assert str(tmp_path) in finding.advice
 
 
 def test_a_wrong_value_in_the_robot_file_is_found_with_line_and_column(tmp_path: Path, robot: Path) -> None:
