@@ -229,5 +229,5 @@ def test_a_file_without_the_joint_is_left_alone(robot: RobotFile, tmp_path: Path
 def test_a_calibration_file_that_cannot_be_read_is_named(robot: RobotFile, tmp_path: Path) -> None:
     path = tmp_path / "bench.yaml"
     path.write_text("format: nonsense\n")
-    with pytest.raises(Rejected, match="Until it can be read nobody knows what it says of wrist"):
+    with pytest.raises(Rejected, match="entry of wrist must be readable first"):
         entry_of(robot, path, "wrist", path)

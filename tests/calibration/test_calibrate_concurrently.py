@@ -107,7 +107,7 @@ def test_a_rollback_does_not_discard_entries_saved_during_its_prompt(
     with monkeypatch.context() as patch:
         patch.setattr(history_command, "agreed", asked)
         assert main(rollback) == 1
-    assert "somebody else wrote" in capsys.readouterr().err
+    assert "another program wrote" in capsys.readouterr().err
     assert known(place).by_name[KNEE] == moved(made(2050), KNEE, 50)
     assert main(rollback) == 0
     assert known(place).by_name == made().by_name
@@ -138,7 +138,7 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
         "agreed": asked,
     }.items():
         monkeypatch.setattr(limits_command, name, stands)
-    with pytest.raises(Rejected, match="somebody else calibrated l_knee meanwhile"):
+    with pytest.raises(Rejected, match="another program calibrated l_knee meanwhile"):
         limits_command.limits(options(limits, KNEE, "--yes"))
     assert "WriteRegister" not in calls
     assert known(place).by_name[KNEE] == moved(mine, KNEE, 50)
@@ -244,18 +244,18 @@ def test_an_unreadable_file_asks_for_sudo_and_is_not_reported_as_broken(
 def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> Iterator[list[object]]:
     """The first save is held before its file has its name, and `act` begun meanwhile, elsewhere."""
     done = list[object]()
-    real = atomic_save._keep
+    real = os.replace
     others = list[threading.Thread]()
 
-    def keep(*arguments: Any) -> None:
+    def replace_file(*arguments: Any, **folders: Any) -> None:
         if not others:
             others.append(threading.Thread(target=lambda: done.append(act())))
             others[0].start()
             others[0].join(0.2)
             assert not done, "it did not wait"
-        real(*arguments)
+        real(*arguments, **folders)
 
-    monkeypatch.setattr(atomic_save, "_keep", keep)
+    monkeypatch.setattr(os, "replace", replace_file)
     yield done
     others[0].join(10.0)
 

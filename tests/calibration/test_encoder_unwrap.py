@@ -193,7 +193,7 @@ def test_a_held_joint_is_read_over_the_seam_as_anywhere(at: int, noise: list[int
 @pytest.mark.parametrize(
     ("readings", "why"),
     [
-        ([], "it was not heard"),
+        ([], "no reading arrived"),
         ([7] * 49, "49 readings came, 50 are needed"),
         ([-4, 4] * 25, "standard deviation"),
         ([number // 5 for number in range(50)], "it moved: +6.8 ticks"),

@@ -14,8 +14,7 @@ from tests.support.examples import examples
 from tests.support.proof_rig import ANY, BASES, FRICTION, H24, PLACES, body, measured_by, place
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.proving.expected_loads import strained
-from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.expected_loads import at_places, strained
 from twind_calibration.proving.load_comparison import LoadComparison, weigh
 from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
 from twind_calibration.wiggling.posed_model import PosedModel

@@ -10,7 +10,7 @@ from tests.support.mujoco_servo_rig import H24, BodyRig
 from twind.virtual.truth import JointTruth, Truth
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.proof_sweep import sweeps, swept
+from twind_calibration.proving.proof_sweep import mean_loads, sweeps
 from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import answer
@@ -41,7 +41,7 @@ def proved(rig: BodyRig, body: PosedModel, name: str) -> ProofVerdict:
     way = sweeps(home, joint.lower, joint.upper, radians(15.0))[0]
     stays = rig.traced(way.path(name)).visits(place, way.visits)
     assert stays is not None
-    shown = swept(way, stays)
+    shown = mean_loads(way, stays)
     return ProofVerdict(
         joint=name,
         bus=joint.bus,

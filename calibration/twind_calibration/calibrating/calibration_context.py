@@ -31,8 +31,8 @@ class CalibrationContext:
 
     robot: RobotFile
     path: Path  # of the calibration file
-    named: bool  # the daemon was told this file by name: it does not start without it
-    rate_hz: float = nan  # of its readings; NaN: nobody asked
+    named: bool  # the daemon got this file by name: it does not start without it
+    rate_hz: float = nan  # of its readings; NaN: not queried
 
     @property
     def individual(self) -> str:
@@ -74,9 +74,9 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
 
     Raises Rejected (robot file changed since, or another), ClientError.
     """
-    told = client.call("GetRobot")["robot"]
+    answer = client.call("GetRobot")["robot"]
     parameters = client.call("GetParameters")["parameters"]
-    robot = _robot(told)
+    robot = _robot(answer)
     rate = float(parameters.get("rate_hz") or robot.rate_hz)
     if options.calibration:
         path = Path(options.calibration).absolute()
@@ -90,13 +90,13 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
     return CalibrationContext(robot, path, named=False, rate_hz=rate)
 
 
-def _robot(told: dict[str, Any]) -> RobotFile:
+def _robot(answer: dict[str, Any]) -> RobotFile:
     """Load the robot file that the daemon has read. Raises Rejected: it has changed since."""
     try:
-        robot = read_robot(Path(told["path"]))
+        robot = read_robot(Path(answer["path"]))
     except ConfigError as error:
         raise Rejected(f"the robot file of the daemon cannot be read: {error}") from None
-    if robot.text_sha256 != told["text_sha256"]:
+    if robot.text_sha256 != answer["text_sha256"]:
         raise Rejected(f"{robot.path} was changed since the daemon read it: restart the daemon, then again")
     return robot
 

@@ -31,6 +31,7 @@ from twind_calibration.calibrating.sweep_tracker import (
 )
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
+from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s
@@ -38,13 +39,11 @@ TELL = 0.5  # s between two lines of JSON of a joint that moves
 HEAD = "by hand, slowly, to both ends, half a second at each"
 
 
+@with_hints
 def sweep(options: argparse.Namespace) -> int:
     """Return exit code 0 when all requested actuators have a travel. Raises Rejected, ClientError."""
-    try:
-        with operator(options) as client:
-            return _sweep(options, client, MonotonicClock())
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    with operator(options) as client:
+        return _sweep(options, client, MonotonicClock())
 
 
 def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
@@ -118,7 +117,7 @@ class SweepSession:
         absent = [name for name in self._asked if name not in self.records]
         if absent:
             raise Rejected(
-                f"nobody answers for {', '.join(absent)}: `twindctl calibrate scan` looks at the buses"
+                f"no device answers for {', '.join(absent)}: `twindctl calibrate scan` examines the buses"
             )
         self._forget(self._asked)  # else an earlier travel would pass for one of this sweep
         count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]

@@ -45,7 +45,7 @@ def posed(client: Client, goals: Mapping[str, float], *, take: bool) -> Iterator
     before = {name: goal_of(client, name) for name in goals}
     home = {name: goal for name, goal in before.items() if goal is not None}
     if len(home) < len(goals):
-        raise Rejected("joints of the pose were never heard: nobody knows where they are")
+        raise Rejected("positions of joints of the pose are unknown: no reading arrived")
     _move(client, home, goals, take=take)
     yield
     _move(client, goals, home, take=take)

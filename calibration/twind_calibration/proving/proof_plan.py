@@ -1,4 +1,4 @@
-"""Which base pose proves which joint, and how its neighbours have to stand: by the model, nothing moves.
+"""Plan of a proof: base pose and angles of neighbours for each joint, by the model. Nothing moves.
 
 From the robot file alone. Bases that are each other's mirror image show the same, so three are looked at.
 """
@@ -66,7 +66,7 @@ def best(body: PosedModel, joint: int, size: float, friction: float) -> ProofPla
 def _seen(
     body: PosedModel, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
 ) -> tuple[LoadPrediction, bool] | None:
-    """What it shows, and whether it strains the joint."""
+    """Return the predicted loads, and whether the pose overloads the joint."""
     pose = rest.copy()
     spec = body.robot.joints[joint]
     if bend is not None:
@@ -93,7 +93,7 @@ def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
                 yield other, angle
 
 
-def told_plan(options: argparse.Namespace) -> int:
+def print_plan(options: argparse.Namespace) -> int:
     """Print the plan. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
     robot = _robot(options)
     try:

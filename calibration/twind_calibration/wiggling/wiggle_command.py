@@ -17,6 +17,7 @@ from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
 from twind.exceptions import InvalidInput
+from twind_calibration.rejection_hints import with_hints
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (
@@ -41,15 +42,13 @@ from twind_calibration.wiggling.wiggle_report import BLIND, NOT_COMPARED, Wiggle
 from twind_drivers.clock import Clock, MonotonicClock
 
 
+@with_hints
 def wiggle(options: argparse.Namespace) -> int:
     """Exit code 0: nothing speaks against any of them. Raises Rejected, UsageError, ClientError."""
     require_amounts(options, LEAST, MOST)
     if options.all == bool(options.joints):
         raise UsageError("name JOINTs, or --all of them")
-    try:
-        return _wiggle(options)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    return _wiggle(options)
 
 
 def _wiggle(options: argparse.Namespace) -> int:
@@ -115,7 +114,7 @@ class WiggleSession:
         home = goal_of(self._client, name)
         if home is None:
             return WiggleVerdict(
-                gone=MoveResult(nan, refused=("nobody knows where it is: it was never heard",)), **who
+                gone=MoveResult(nan, refused=("its position is unknown: no reading arrived",)), **who
             )
         gone = direction(self._client, name, home, radians(self._options.degrees))
         if not gone.moved:
@@ -132,7 +131,7 @@ class WiggleSession:
             return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.ENDED, gone), looks=looks, **who)
         stays = trace.stays(place, home, home + gone.way)
         answered = answer(stays, place, gone.way)
-        weighed = self._weighed(stays, place)
+        weighed = self._compare_load(stays, place)
         return WiggleVerdict(
             gone=gone,
             seen=answered,
@@ -148,7 +147,7 @@ class WiggleSession:
     def _move_to_rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
+    def _compare_load(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
         """The mean of the stays on both ends: friction has another sign on the way there and home."""
         body = self._body
         friction = float(self._options.friction)
@@ -167,7 +166,7 @@ class WiggleSession:
         flipped = mean([body.turned_round(pose, place) for pose in poses])
         found = weigh(measured, model, flipped, friction)
         others = body.twins(place) if isfinite(measured) else []
-        there = [mean([body.elsewhere(pose, place, other) for pose in poses]) for other in others]
+        there = [mean([body.load_if_exchanged(pose, place, other) for pose in poses]) for other in others]
         like = tuple(others[each] for each in alike(measured, model, there, friction))
         return TorqueObservation(found.load, measured, model, flipped, like)
 

@@ -35,7 +35,7 @@ NOT_COMPARED = "only the simulation is moved, and it is what would be compared w
 
 @dataclass(frozen=True, slots=True)
 class WiggleVerdict:
-    """Everything about one joint. `seen` None: it was not moved; `confirmed` None: nobody could say."""
+    """Everything about one joint. `seen` None: it was not moved; `confirmed` None: not known."""
 
     joint: str
     bus: str
@@ -160,7 +160,7 @@ class WiggleVerdict:
         return [says[w.load], *([like] if w.like else [])]
 
     def _eye(self) -> str:
-        state = {True: "confirmed", False: "NOT SO, says who watched", None: "not confirmed"}[self.confirmed]
+        state = {True: "confirmed", False: "contradicted", None: "not confirmed"}[self.confirmed]
         return f"     by eye: {self.looks or 'it moves'}, and back: {state}"
 
     def _joint_names(self, places: Sequence[int]) -> list[str]:
