@@ -142,7 +142,7 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
 def test_adoption_removes_the_draft_travel_of_the_old_servo(
     robot: RobotFile, tmp_path: Path, calibrated_too: bool
 ) -> None:
-    """Of the same model and settings: nothing else keeps `zero` from taking it for that of the new one."""
+    """With equal model and settings `zero` could not distinguish it from the travel of the new servo."""
     path = calibrated(robot, tmp_path)
     device = load_calibration(path, robot).by_name["wrist"].device
     swept = DraftTravel(device, (1000, 3000), "2026-11-21T09:14:03Z")

@@ -29,7 +29,7 @@ paths = st.lists(quick, min_size=1, max_size=120)
 
 
 def on_wire(true: int, seam: int, turns: int, *, one_turn: bool) -> int:
-    """What a servo tells: after a power-up one turn, else the count that went on."""
+    """Count that a servo reports: after a power-up within one turn, else continued."""
     return (true - seam) % TURN + seam if one_turn else true + turns * TURN
 
 

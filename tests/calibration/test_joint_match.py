@@ -1,4 +1,4 @@
-"""Whose servo it is that was moved: by its own load and by that of the others. Pure, on models' loads."""
+"""Identification of the moved servo by its own load and by that of the others. Pure, on models' loads."""
 
 import re
 from dataclasses import replace
@@ -54,7 +54,7 @@ def weighed(
     friction: float = FRICTION,
     pose: dict[str, float] | None = None,
 ) -> LoadComparison:
-    """Of a joint whose servo has the place of `other`; None: its own."""
+    """Comparison for a joint whose servo has the place of `other`; None: its own."""
     one = PosedModel(robot, base)
     joint = robot.names.index(name)
     start = np.array([(pose or {}).get(each, 0.0) for each in robot.names])

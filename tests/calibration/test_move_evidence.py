@@ -1,4 +1,4 @@
-"""What a small move shows, and what it cannot: a daemon on servos that MuJoCo moves, under a fake clock."""
+"""Evidence of a small move, and its limits: a daemon on servos that MuJoCo moves, under a fake clock."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a daemon measures of servos that MuJoCo moves, and what it proves: real bytes, under a fake clock."""
+"""A daemon's measurements on servos that MuJoCo moves, and their proofs: real bytes, under a fake clock."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,7 +34,7 @@ def hung(truth: dict[str, JointTruth]) -> Iterator[BodyRig]:
 
 
 def proved(rig: BodyRig, body: PosedModel, name: str) -> ProofVerdict:
-    """What is told of a joint that was taken through its places."""
+    """Verdict on a joint that was swept through its places."""
     place = H24.names.index(name)
     joint = H24.joints[place]
     home = float(rig.loop.executor.reference.position[place])

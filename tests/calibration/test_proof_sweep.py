@@ -1,4 +1,4 @@
-"""How a joint is taken through its places. Pure."""
+"""Sweep of a joint through its places. Pure."""
 
 from math import radians
 

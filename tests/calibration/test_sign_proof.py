@@ -1,4 +1,4 @@
-"""What gravity proves of a joint's sign and zero, and what it cannot: pure, on the loads of models."""
+"""Proof of a joint's sign and zero by gravity, and its limits: pure, on the loads of models."""
 
 import numpy as np
 import pytest

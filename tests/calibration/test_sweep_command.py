@@ -1,4 +1,4 @@
-"""What a sweep and a zero conclude, from readings alone: verdicts with their causes, drafts, entries."""
+"""Conclusions of sweep and zero from readings alone: verdicts with their causes, drafts, entries."""
 
 from dataclasses import replace
 from pathlib import Path

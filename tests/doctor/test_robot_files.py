@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import (
-    copy_h24,
     found,
     look,
     plant,
@@ -16,11 +15,6 @@ from tests.support.doctor_rig import (
 from twind.config.calibration_file import dump_calibration
 from twind.config.robot_file import load_robot
 from twind.virtual.virtual_robot_spec import calibration, specimen
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Path:
-    return copy_h24(tmp_path)
 
 
 def test_a_healthy_robot_file_gives_no_alarm(tmp_path: Path, robot: Path) -> None:

@@ -65,7 +65,7 @@ class CheckContext:
 
     @property
     def sim(self) -> bool:
-        """Whether the mode is sim, which opens no port and needs no calibration.
+        """True in mode sim, which opens no port and needs no calibration.
 
         Taken from the running daemon, else from the settings.
         """

@@ -7,11 +7,11 @@ servos are delivered with id 1, which at the rate of the bus may be the id of a 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from twind.command_line.verb import Rejected
 from twind.config.actuator_types import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind_calibration.rejection_hints import unknown_joint
 from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.prober import PortProber
@@ -98,9 +98,7 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
     """
     joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
     if joint is None:
-        near = get_close_matches(name, robot.names, 1)
-        hint = f"nearest: {near[0]}" if near else f"it has {', '.join(robot.names)}"
-        raise Rejected(f"{robot.name} has no joint {name!r}; {hint}")
+        raise unknown_joint(robot.name, name, robot.names)
     if not isinstance(joint.type, ServoType):
         answers = "" if joint.feedback_id is None else f", and {joint.feedback_id} to answer with"
         raise Rejected(

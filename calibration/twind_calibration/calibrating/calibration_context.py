@@ -8,7 +8,6 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from difflib import get_close_matches
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.version import __version__
+from twind_calibration.rejection_hints import unknown_joint
 
 TOOL = f"twind {__version__}"
 
@@ -63,9 +63,7 @@ class CalibrationContext:
         """
         for name in names:
             if name not in known:
-                near = get_close_matches(name, known, 1)
-                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(known)}"
-                raise Rejected(f"{self.robot.name} has no joint {name!r}; {hint}")
+                raise unknown_joint(self.robot.name, name, known)
         return [name for name in known if name in names or not names]
 
 

@@ -21,6 +21,7 @@ from twind.robot.arrays import Floats
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.proof_sweep import sweeps
 from twind_calibration.proving.sign_proof import LoadPrediction
+from twind_calibration.rejection_hints import unknown_joint
 from twind_calibration.wiggling.posed_model import PosedModel
 
 BASES = ("upright", "back", "left")
@@ -102,7 +103,7 @@ def print_plan(options: argparse.Namespace) -> int:
         raise Rejected(str(error)) from None
     for name in options.joints:
         if name not in robot.names:
-            raise Rejected(f"{robot.name} has no joint {name!r}; it has {', '.join(robot.names)}")
+            raise unknown_joint(robot.name, name, robot.names)
     chosen = [place for place, name in enumerate(robot.names) if name in options.joints or not options.joints]
     size = radians(options.degrees)
     friction = float(options.friction)

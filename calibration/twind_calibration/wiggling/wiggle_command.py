@@ -4,7 +4,6 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from math import isfinite, nan, radians
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
-from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
+from twind.command_line.verb import DONE, REFUSED, UsageError, observer, operator
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
 from twind.exceptions import InvalidInput
-from twind_calibration.rejection_hints import with_hints
+from twind_calibration.rejection_hints import unknown_joint, with_hints
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (
@@ -183,9 +182,7 @@ class WiggleSession:
     def _select_joints(self, joints: Sequence[str]) -> list[str]:
         for name in joints:
             if name not in self.names:
-                near = get_close_matches(name, self.names, 1)
-                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(self.names)}"
-                raise Rejected(f"{self._robot['name']} has no joint {name!r}; {hint}")
+                raise unknown_joint(self._robot["name"], name, self.names)
         return list(dict.fromkeys(joints)) if joints else self.names
 
 

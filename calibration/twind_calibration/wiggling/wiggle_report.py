@@ -88,16 +88,16 @@ class WiggleVerdict:
             "left_rad": self.gone.left,
             "asked_rad": self.gone.way,
             "motion": None if seen is None else seen.motion.value,
-            "expected_rad": None if seen is None else _null_if_nan(seen.expected),
-            "moved_rad": None if seen is None else _null_if_nan(seen.moved),
-            "off_rad": None if seen is None else _null_if_nan(seen.off),
+            "expected_rad": None if seen is None else null_if_nan(seen.expected),
+            "moved_rad": None if seen is None else null_if_nan(seen.moved),
+            "off_rad": None if seen is None else null_if_nan(seen.off),
             "others": []
             if seen is None
             else dict(zip(self._joint_names(seen.others), seen.ways, strict=True)),
             "load": TorqueResponse.UNKNOWN.value if weighed is None else weighed.load.value,
-            "measured_nm": None if weighed is None else _null_if_nan(weighed.measured),
-            "model_nm": None if weighed is None else _null_if_nan(weighed.model),
-            "reversed_nm": None if weighed is None else _null_if_nan(weighed.reversed),
+            "measured_nm": None if weighed is None else null_if_nan(weighed.measured),
+            "model_nm": None if weighed is None else null_if_nan(weighed.model),
+            "reversed_nm": None if weighed is None else null_if_nan(weighed.reversed),
             "like": [] if weighed is None else self._joint_names(weighed.like),
             "looks": self.looks,
             "confirmed": self.confirmed,
@@ -171,5 +171,6 @@ def _deg(radians: float) -> str:
     return f"{degrees(radians):+.2f}°"
 
 
-def _null_if_nan(number: float) -> float | None:
+def null_if_nan(number: float) -> float | None:
+    """Return the number for JSON; None for NaN and infinity."""
     return number if isfinite(number) else None
