@@ -55,8 +55,8 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
             _show(options, rate)
     found = [each for rate in rates for each in rate.found]
     if not found:
-        more = " Without --baud all rates are looked at." if options.baud else ""
-        raise Rejected(f"{port.name}: nobody answers: is the power on, and the data line connected?{more}")
+        more = " Without --baud all rates are searched." if options.baud else ""
+        raise Rejected(f"{port.name}: no device answers: is the power on, and the data line connected?{more}")
     return REFUSED if any(each.trouble for each in found) else DONE
 
 

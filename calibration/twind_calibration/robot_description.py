@@ -19,10 +19,10 @@ SERVICE = Path("/etc/twind/twind.yaml")
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """What the files say."""
+    """Contents of settings, robot file and calibration."""
 
     robot: RobotFile
-    ports: Mapping[str, str | None]  # by bus; None: nobody says
+    ports: Mapping[str, str | None]  # by bus; None: not named
     calibration: Path | None  # None: none was named, and the individual has none yet
     usual: Path  # where the individual's stands when no file is named
     sockets: Path  # where its daemon would listen

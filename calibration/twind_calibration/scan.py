@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0: somebody was found, and nothing is wrong with anybody."""
+    """Exit code 0: a device was found, and no device has a fault."""
     if options.port is None:
         if options.baud or options.ids or options.thorough:
             raise UsageError("--baud, --ids and --thorough need --port PORT: the daemon knows its own buses")
@@ -45,7 +45,7 @@ def _scan(options: argparse.Namespace) -> int:
     """Print the devices that the daemon finds on its buses."""
     with operator(options) as client, ProgressLine(options, "scan") as progress:
         client.timeout = 65.0
-        progress.update("asking who answers")
+        progress.update("searching")
         for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
             if options.json:
                 print(json.dumps(found), flush=True)

@@ -215,7 +215,7 @@ def set_to(name: str, value: int) -> Callable[[Bench], None]:
     ("change", "said"),
     [
         (set_to("torque_enable", 1), "its torque is on: take its power away"),
-        (set_to("status_return_level", 0), "its torque is not told"),
+        (set_to("status_return_level", 0), "its torque is unknown"),
         (set_to("hardware_error_status", 1), r"its hardware error \(register 70\) is 0x01"),
     ],
 )
@@ -276,7 +276,7 @@ def test_at_one_rate_the_servo_of_another_joint_is_never_taken_for_a_new_one(tmp
     robot = robot_of(tmp_path, {"elbow": 1, "wrist": 7}, baud=57_600)
     bench = Bench(robot, [settled(1, baud_rate=1)])
     with pytest.raises(
-        Rejected, match=r"Who answers there is elbow's servo: .* `twindctl adopt wrist` does the r"
+        Rejected, match=r"The servo that answers there is elbow's: .* `twindctl adopt wrist` does the r"
     ):
         bench.adopt()
     assert bench.port.writes == []

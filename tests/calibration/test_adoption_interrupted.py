@@ -142,7 +142,7 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
 def test_adoption_removes_the_draft_travel_of_the_old_servo(
     robot: RobotFile, tmp_path: Path, calibrated_too: bool
 ) -> None:
-    """Of the same model and settings: nothing else keeps `zero` from taking it for that of the new one."""
+    """With equal model and settings `zero` could not distinguish it from the travel of the new servo."""
     path = calibrated(robot, tmp_path)
     device = load_calibration(path, robot).by_name["wrist"].device
     swept = DraftTravel(device, (1000, 3000), "2026-11-21T09:14:03Z")
@@ -229,5 +229,5 @@ def test_a_file_without_the_joint_is_left_alone(robot: RobotFile, tmp_path: Path
 def test_a_calibration_file_that_cannot_be_read_is_named(robot: RobotFile, tmp_path: Path) -> None:
     path = tmp_path / "bench.yaml"
     path.write_text("format: nonsense\n")
-    with pytest.raises(Rejected, match="Until it can be read nobody knows what it says of wrist"):
+    with pytest.raises(Rejected, match="entry of wrist must be readable first"):
         entry_of(robot, path, "wrist", path)

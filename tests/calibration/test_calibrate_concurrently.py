@@ -1,4 +1,4 @@
-"""Two people, or two programs, at one calibration: nobody's work is lost, and nothing is half of each."""
+"""Two programs that write one calibration: no entry is lost, and no file mixes both."""
 
 import os
 import stat
@@ -107,10 +107,26 @@ def test_a_rollback_does_not_discard_entries_saved_during_its_prompt(
     with monkeypatch.context() as patch:
         patch.setattr(history_command, "agreed", asked)
         assert main(rollback) == 1
-    assert "somebody else wrote" in capsys.readouterr().err
+    assert "another program wrote" in capsys.readouterr().err
     assert known(place).by_name[KNEE] == moved(made(2050), KNEE, 50)
     assert main(rollback) == 0
     assert known(place).by_name == made().by_name
+
+
+def replace_limits_peers(
+    monkeypatch: pytest.MonkeyPatch, place: CalibrationContext, daemon: object, **more: Callable[..., Any]
+) -> None:
+    """Replace the daemon and the devices of `calibrate limits`; `more`: further functions by name."""
+    devices = {each.name: each.device for each in known(place).joints}
+    peers: dict[str, Callable[..., Any]] = {
+        "operator": lambda _: nullcontext(daemon),
+        "ground": lambda *_: place,
+        "records": lambda *_: devices,
+        "require_limp": lambda *_: None,
+        "limp": lambda *_, **__: nullcontext(lambda: None),
+    }
+    for name, stands in (peers | more).items():
+        monkeypatch.setattr(limits_command, name, stands)
 
 
 def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
@@ -128,17 +144,8 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
         write_entries(place, mine, [moved(mine, KNEE, 50)])
         return True
 
-    devices = {each.name: each.device for each in mine.joints}
-    for name, stands in {
-        "operator": lambda _: nullcontext(Daemon()),
-        "ground": lambda *_: place,
-        "records": lambda *_: devices,
-        "require_limp": lambda *_: None,
-        "limp": lambda *_, **__: nullcontext(lambda: None),
-        "agreed": asked,
-    }.items():
-        monkeypatch.setattr(limits_command, name, stands)
-    with pytest.raises(Rejected, match="somebody else calibrated l_knee meanwhile"):
+    replace_limits_peers(monkeypatch, place, Daemon(), agreed=asked)
+    with pytest.raises(Rejected, match="another program calibrated l_knee meanwhile"):
         limits_command.limits(options(limits, KNEE, "--yes"))
     assert "WriteRegister" not in calls
     assert known(place).by_name[KNEE] == moved(mine, KNEE, 50)
@@ -161,23 +168,14 @@ def test_the_folder_is_held_while_servos_are_fenced(
             refused.append(how["name"])
             return {"register": {"value": how["value"]}}
 
-    devices = {each.name: each.device for each in mine.joints}
-    for name, stands in {
-        "operator": lambda _: nullcontext(Daemon()),
-        "ground": lambda *_: place,
-        "records": lambda *_: devices,
-        "require_limp": lambda *_: None,
-        "limp": lambda *_, **__: nullcontext(lambda: None),
-        "next_steps": lambda *_: None,
-    }.items():
-        monkeypatch.setattr(limits_command, name, stands)
+    replace_limits_peers(monkeypatch, place, Daemon(), next_steps=lambda *_: None)
     assert limits_command.limits(options(limits, KNEE, "--yes")) == 0
     assert sorted(refused) == ["max_position_limit", "min_position_limit"]
     assert known(place).by_name[KNEE].zero_ticks == mine.by_name[KNEE].zero_ticks
 
 
 def options(step: Any, *words: str) -> Namespace:
-    """Of a step, as its parser gives them."""
+    """Options of a step, as its parser gives them."""
     parser = ArgumentParser()
     parser.add_argument("--socket")
     parser.add_argument("--json", action="store_true")
@@ -244,18 +242,18 @@ def test_an_unreadable_file_asks_for_sudo_and_is_not_reported_as_broken(
 def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> Iterator[list[object]]:
     """The first save is held before its file has its name, and `act` begun meanwhile, elsewhere."""
     done = list[object]()
-    real = atomic_save._keep
+    real = os.replace
     others = list[threading.Thread]()
 
-    def keep(*arguments: Any) -> None:
+    def replace_file(*arguments: Any, **folders: Any) -> None:
         if not others:
             others.append(threading.Thread(target=lambda: done.append(act())))
             others[0].start()
             others[0].join(0.2)
             assert not done, "it did not wait"
-        real(*arguments)
+        real(*arguments, **folders)
 
-    monkeypatch.setattr(atomic_save, "_keep", keep)
+    monkeypatch.setattr(os, "replace", replace_file)
     yield done
     others[0].join(10.0)
 

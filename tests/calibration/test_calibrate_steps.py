@@ -136,7 +136,8 @@ def test_an_earlier_travel_is_none_of_this_sweep(tmp_path: Path, capsys: Capture
     hands.to(2000).to(1000).to(2550)
     hands.session.cut()
     assert "1 of 2 are kept" in (said := capsys.readouterr().out)
-    assert "`twindctl calibrate sweep l_elbow` goes on with the others" in said
+    assert "not done: l_elbow: it was not moved" in said
+    assert "`twindctl calibrate sweep l_elbow` continues with the others" in said
     assert set(hands.kept) == {"head_yaw", "l_knee"} and hands.kept["l_knee"][0] == 1000
 
 
@@ -231,7 +232,7 @@ def test_a_joint_with_one_known_stop_has_an_unknown_zero_uncertainty(capsys: Cap
     two = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.endstops_by_side.values()).sigma
     said = zero_command.describe_coarse_zeros([one, two])
-    assert "+-" in said and "nobody knows how coarse where one end alone is known: l_knee" in said
+    assert "+-" in said and "accuracy is unknown where only one end is known: l_knee" in said
     assert "+-" not in zero_command.describe_coarse_zeros([one])
 
 
@@ -354,7 +355,7 @@ def test_a_servo_that_is_another_is_not_fenced(daemon: FakeDaemon) -> None:
     with pytest.raises(Rejected, match=r"l_knee is not as it was calibrated: homing_offset \(20\) is 20"):
         limits_command.limits(options_of(limits, *PAIR, "--yes"))
     del daemon.servos[daemon.ids["l_knee"]]
-    with pytest.raises(Rejected, match="nobody answers there"):
+    with pytest.raises(Rejected, match="no device answers there"):
         limits_command.limits(options_of(limits, *PAIR, "--yes"))
     assert "WriteRegister" not in daemon.asked and before != fence_of("l_knee")
 

@@ -1,4 +1,4 @@
-"""What goes wrong with a calibration, planted in virtual servos: the daemon names it, and nothing moves.
+"""Faults of a calibration, planted in virtual servos: the daemon names each, and nothing moves.
 
 Each of the fourteen is planted between a calibration and the next start, or in mid-run: no goal leaves that
 would turn a shaft, and torque is off at the end. What no reading can show (a swapped servo whose zero is near

@@ -29,7 +29,7 @@ paths = st.lists(quick, min_size=1, max_size=120)
 
 
 def on_wire(true: int, seam: int, turns: int, *, one_turn: bool) -> int:
-    """What a servo tells: after a power-up one turn, else the count that went on."""
+    """Count that a servo reports: after a power-up within one turn, else continued."""
     return (true - seam) % TURN + seam if one_turn else true + turns * TURN
 
 
@@ -193,7 +193,7 @@ def test_a_held_joint_is_read_over_the_seam_as_anywhere(at: int, noise: list[int
 @pytest.mark.parametrize(
     ("readings", "why"),
     [
-        ([], "it was not heard"),
+        ([], "no reading arrived"),
         ([7] * 49, "49 readings came, 50 are needed"),
         ([-4, 4] * 25, "standard deviation"),
         ([number // 5 for number in range(50)], "it moved: +6.8 ticks"),

@@ -1,4 +1,4 @@
-"""What others measured is folded in to the count, or refused with words: nothing is guessed."""
+"""Foreign measurements are converted exactly to the count, or refused with a reason: nothing is guessed."""
 
 import contextlib
 import json

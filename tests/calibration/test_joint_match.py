@@ -1,4 +1,4 @@
-"""Whose servo it is that was moved: by its own load and by that of the others. Pure, on models' loads."""
+"""Identification of the moved servo by its own load and by that of the others. Pure, on models' loads."""
 
 import re
 from dataclasses import replace
@@ -14,8 +14,7 @@ from tests.support.examples import examples
 from tests.support.proof_rig import ANY, BASES, FRICTION, H24, PLACES, body, measured_by, place
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.proving.expected_loads import strained
-from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.expected_loads import at_places, strained
 from twind_calibration.proving.load_comparison import LoadComparison, weigh
 from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
 from twind_calibration.wiggling.posed_model import PosedModel
@@ -55,7 +54,7 @@ def weighed(
     friction: float = FRICTION,
     pose: dict[str, float] | None = None,
 ) -> LoadComparison:
-    """Of a joint whose servo has the place of `other`; None: its own."""
+    """Comparison for a joint whose servo has the place of `other`; None: its own."""
     one = PosedModel(robot, base)
     joint = robot.names.index(name)
     start = np.array([(pose or {}).get(each, 0.0) for each in robot.names])

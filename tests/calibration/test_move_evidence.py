@@ -1,4 +1,4 @@
-"""What a small move shows, and what it cannot: a daemon on servos that MuJoCo moves, under a fake clock."""
+"""Evidence of a small move, and its limits: a daemon on servos that MuJoCo moves, under a fake clock."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -90,7 +90,7 @@ def test_exchanged_servos_follow_their_goals_and_are_detected_by_the_load_of_a_b
     measured = float(stays.out.effort[left])
     model = float(BODY.torque(pose)[left])
     twins = BODY.twins(left)
-    found = alike(measured, model, [BODY.elsewhere(pose, left, each) for each in twins], FRICTION)
+    found = alike(measured, model, [BODY.load_if_exchanged(pose, left, each) for each in twins], FRICTION)
     assert right in [twins[each] for each in found], (measured, model)
 
 
@@ -268,7 +268,7 @@ def test_exchanged_servos_measure_each_others_load() -> None:
     believed[left] = H24.joints[left].sign * counts["right"]  # the left joint's servo sits at the right hip
     believed[right] = H24.joints[right].sign * counts["left"]
     measured = H24.joints[left].sign * H24.joints[right].sign * float(torque[right])
-    assert BODY.elsewhere(believed, left, right) == pytest.approx(measured)
+    assert BODY.load_if_exchanged(believed, left, right) == pytest.approx(measured)
 
 
 def test_a_leg_on_the_ground_gets_no_load_check() -> None:

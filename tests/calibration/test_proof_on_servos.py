@@ -1,4 +1,4 @@
-"""What a daemon measures of servos that MuJoCo moves, and what it proves: real bytes, under a fake clock."""
+"""A daemon's measurements on servos that MuJoCo moves, and their proofs: real bytes, under a fake clock."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from tests.support.mujoco_servo_rig import H24, BodyRig
 from twind.virtual.truth import JointTruth, Truth
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.proof_sweep import sweeps, swept
+from twind_calibration.proving.proof_sweep import mean_loads, sweeps
 from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import answer
@@ -34,14 +34,14 @@ def hung(truth: dict[str, JointTruth]) -> Iterator[BodyRig]:
 
 
 def proved(rig: BodyRig, body: PosedModel, name: str) -> ProofVerdict:
-    """What is told of a joint that was taken through its places."""
+    """Verdict on a joint that was swept through its places."""
     place = H24.names.index(name)
     joint = H24.joints[place]
     home = float(rig.loop.executor.reference.position[place])
     way = sweeps(home, joint.lower, joint.upper, radians(15.0))[0]
     stays = rig.traced(way.path(name)).visits(place, way.visits)
     assert stays is not None
-    shown = swept(way, stays)
+    shown = mean_loads(way, stays)
     return ProofVerdict(
         joint=name,
         bus=joint.bus,

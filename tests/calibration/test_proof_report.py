@@ -1,4 +1,4 @@
-"""What is said and kept of a proof, and which base pose is planned."""
+"""Report and record of a proof, and the planned base pose."""
 
 import json
 from dataclasses import replace

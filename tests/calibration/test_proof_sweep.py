@@ -1,4 +1,4 @@
-"""How a joint is taken through its places. Pure."""
+"""Sweep of a joint through its places. Pure."""
 
 from math import radians
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_calibration.proving.proof_sweep import LEAST, OVER, sweeps, swept
+from twind_calibration.proving.proof_sweep import LEAST, OVER, mean_loads, sweeps
 from twind_calibration.wiggling.state_trace import HoldMean
 
 ANGLES = st.floats(-2.0, 2.0)
@@ -43,7 +43,7 @@ def test_the_means_are_of_both_directions() -> None:
         HoldMean(np.array([at]), np.array([at]), np.array([10.0 * at + (1.0 if up else -1.0)]))
         for up, at in zip([True] * 6 + [False] * 6, way.visits, strict=True)
     ]
-    shown = swept(way, stays)
+    shown = mean_loads(way, stays)
     assert shown.poses[:, 0] == pytest.approx(way.places)
     assert shown.effort[:, 0] == pytest.approx(10.0 * way.places)
     assert (shown.up - shown.down)[:, 0] == pytest.approx(2.0)

@@ -1,4 +1,4 @@
-"""What gravity proves of a joint's sign and zero, and what it cannot: pure, on the loads of models."""
+"""Proof of a joint's sign and zero by gravity, and its limits: pure, on the loads of models."""
 
 import numpy as np
 import pytest
@@ -19,8 +19,7 @@ from tests.support.proof_rig import (
     place,
 )
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected_loads import ExpectedLoads, look_ahead
-from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, look_ahead
 from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import (
     GROSS,

@@ -1,4 +1,4 @@
-"""What a sweep and a zero conclude, from readings alone: verdicts with their causes, drafts, entries."""
+"""Conclusions of sweep and zero from readings alone: verdicts with their causes, drafts, entries."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -79,7 +79,7 @@ def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
     wide = replace(KNEE, joint=replace(KNEE.joint, stops=JointEndstops(-3.1, 3.1)))
     assert judge(wide, TURN - 1).is_acceptable
     judged = judge(wide, TURN)
-    assert "after a power-up nobody can tell which turn" in judged.wrong and not judged.wide
+    assert "after a power-up its turn is unknown" in judged.wrong and not judged.wide
 
 
 def test_a_nan_range_is_refused() -> None:

@@ -33,7 +33,7 @@ def verdict(**changes: Any) -> WiggleVerdict:
         ({"weighed": None, "confirmed": False}, False, "LOOK a (main id 1): follows"),
         ({"weighed": weigh(-1.0, 1.0, -1.0, 0.1)}, False, "THE SIGN LOOKS WRONG"),
         ({"weighed": weigh(4.0, 1.0, -1.0, 0.1)}, False, "it fits neither sign"),
-        ({"confirmed": False}, False, "l_foot moves up, and back: NOT SO, says who watched"),
+        ({"confirmed": False}, False, "l_foot moves up, and back: contradicted"),
         ({"confirmed": True}, True, "l_foot moves up, and back: confirmed"),
         ({"seen": answer(stays_of({0: 0.0}), 0, WAY)}, False, "LOOK a (main id 1): still: went +0.00° of"),
         ({"seen": answer(stays_of({0: 0.0}), 0, WAY)}, False, "it did not move: something holds it"),

@@ -1,4 +1,4 @@
-"""What a calibration recorded to tell a device from its twins: a difference, or silence, refuses."""
+"""Recorded data that distinguish a device from its twins: a difference, or silence, refuses."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Where a page lies is told of the machine that is asked, in the order in which it may have it."""
+"""Path of a page on this machine: the first of the possible folders that has it."""
 
 from pathlib import Path
 

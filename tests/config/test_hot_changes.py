@@ -1,4 +1,4 @@
-"""Which keys change while the daemon runs: limits shrink, rules get stricter, others wait for a restart."""
+"""Keys that change while the daemon runs: limits shrink, rules get stricter, others wait for a restart."""
 
 import math
 from collections.abc import Mapping

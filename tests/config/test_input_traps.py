@@ -312,7 +312,7 @@ CALLS: dict[str, dict[str, Any]] = {
 
 
 def numbers(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where numbers stand in a call."""
+    """Paths of the numbers in a call."""
     if isinstance(value, dict | list):
         items = value.items() if isinstance(value, dict) else enumerate(value)
         return [found for key, item in items for found in numbers(item, (*path, key))]

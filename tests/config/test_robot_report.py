@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twind.config.calibration_file import Calibration, fitting, seam_margin
-from twind.config.counts import centre_of, turn_start
+from twind.config.counts import turn_start
 from twind.config.robot_file import load_robot
 from twind.config.robot_report import check_robot
 from twind.twin.binding import bind
@@ -94,8 +94,8 @@ def test_the_turn_of_a_p_series_begins_at_a_negative_count(tmp_path: Path) -> No
     path.write_text(text)
     robot = load_robot(str(path))
     kind = robot.joints[0].type
-    assert (centre_of(kind), turn_start(kind)) == (0, -501_923)
-    assert (centre_of(ROBOT.joints[0].type), turn_start(ROBOT.joints[0].type)) == (2048, 0)
+    assert (kind.centre, turn_start(kind)) == (0, -501_923)
+    assert (ROBOT.joints[0].type.centre, turn_start(ROBOT.joints[0].type)) == (2048, 0)
     made = specimen(robot)
     known = calibration(made)
     assert any(joint.sweep_ticks[0] < 0 < joint.sweep_ticks[1] for joint in known.joints)

@@ -45,11 +45,6 @@ def test_counts_that_contradict_the_model_are_refused_with_both(device: str) -> 
             of(device, f"ticks_per_turn: {wrong}")
 
 
-def test_a_p_series_is_never_taken_for_4096_counts() -> None:
-    with pytest.raises(ConfigError, match="1003846"):
-        of("PH54-200-S500", "ticks_per_turn: 4096")
-
-
 def test_the_vendors_two_figures_of_one_model_are_one_model() -> None:
     """PM42-010: 526,374 by the .model file, 526,375 by the M42-10-S260-R(A) page."""
     assert of("PM42-010-S260", "ticks_per_turn: 526375").ticks_per_turn == 526_375

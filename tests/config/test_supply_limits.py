@@ -1,4 +1,4 @@
-"""What servos bear: the defaults of every model, the keys of the robot file, and where the order is wrong."""
+"""Voltage and heat limits of servos: defaults of every model, keys of the robot file, wrong order."""
 
 from math import inf, isfinite, isnan, nan
 from pathlib import Path

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,17 +20,8 @@ from twind.doctor import adapter
 from twind.doctor.check import Severity
 
 
-@pytest.fixture
-def pty() -> Iterator[str]:
-    """A port that is there, free, and silent."""
-    master, slave = os.openpty()
-    yield os.ttyname(slave)
-    os.close(master)
-    os.close(slave)
-
-
 def tty(sys_folder: Path, port: str, usb: str = "1-1.4") -> Path:
-    """What /sys would say of an FTDI adapter behind `port`: its tty's `device` folder."""
+    """Plant the /sys entries of an FTDI adapter behind `port`; return its tty's `device` folder."""
     device = sys_folder / f"devices/pci0/usb1/{usb}/{usb}:1.0/ttyUSB0"
     device.mkdir(parents=True)
     plant(sys_folder / f"devices/pci0/usb1/{usb}/idVendor", "0403\n")

@@ -16,7 +16,7 @@ LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 
 
 def told(state: str = "ERROR-ACTIVE", bitrate: int = 1_000_000, restart: int = 100, up: bool = True) -> str:
-    """What `ip -details -json link show dev can0` prints, as iproute2's iplink_can.c writes it."""
+    """Output of `ip -details -json link show dev can0`, as iproute2's iplink_can.c writes it."""
     about = {
         "state": state,
         "restart_ms": restart,

@@ -66,9 +66,11 @@ def test_only_limits_checks_and_findings(tmp_path: Path) -> None:
 
 
 def test_report_begins_with_robot_and_ports(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    main(["--socket", str(tmp_path), "doctor", "--only", "PORT_UNSET"])
-    first = capsys.readouterr().out.splitlines()[0]
-    assert first == "robot h24, main on no port; no daemon was asked"
+    for words, default in (([], True), (["--robot", "h24"], False)):
+        main(["--socket", str(tmp_path), "doctor", *words, "--only", "PORT_UNSET"])
+        first = capsys.readouterr().out.splitlines()[0]
+        assert first.startswith("robot h24") and first.endswith(", main on no port; no daemon was asked")
+        assert ("only the default: name yours with --robot" in first) is default
 
 
 def test_wrong_ports_of_the_settings_are_a_finding(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import (
-    copy_h24,
     found,
     host,
     mended,
@@ -24,11 +23,6 @@ from twind.doctor.check import DoctorFinding
 from twind.doctor.host import ROWS as HOST_ROWS
 from twind.doctor.host import is_synchronised, outdated
 from twind.loop.realtime import LIMIT, PRIORITY
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Path:
-    return copy_h24(tmp_path)
 
 
 def rights(word: str) -> list[DoctorFinding]:

@@ -3,7 +3,6 @@
 import fcntl
 import os
 import stat
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,15 +20,6 @@ from tests.support.doctor_rig import (
 from twind.doctor.host_inspector import HostInspector
 
 MINOR = 250  # of a node that no driver serves: opening it would fail
-
-
-@pytest.fixture
-def pty() -> Iterator[str]:
-    """A port that is there, free, and silent."""
-    master, slave = os.openpty()
-    yield os.ttyname(slave)
-    os.close(master)
-    os.close(slave)
 
 
 def node(path: Path, mode: int = 0o660, group: int = 0) -> Path:

@@ -152,7 +152,13 @@ def test_command_for_another_daemon_is_unchanged() -> None:
 
 def test_finding_about_all_servos_names_first_and_last_id() -> None:
     every, fix = add_commands([*merge_findings(map(delay, range(1, 25)))], ROWS, HERE, daemon=False)
-    about = {"robot": "h24", "ports": {"main": "/dev/x"}, "ids": {"main": list(range(1, 25))}, "daemon": None}
+    about = {
+        "robot": "h24",
+        "robot_by_default": False,
+        "ports": {"main": "/dev/x"},
+        "ids": {"main": list(range(1, 25))},
+        "daemon": None,
+    }
     said = report.text(DoctorReport(about=about, found=every, fix=fix), ROWS, None)
     assert "bus main ids 1-24 (all 24): 500 us" in said and "(j7)" not in said
     assert "`--fix` does it: bus main ids 1-24 (all 24): return_delay_time := 5" in said

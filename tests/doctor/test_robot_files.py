@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import (
-    copy_h24,
     found,
     look,
     plant,
@@ -16,11 +15,6 @@ from tests.support.doctor_rig import (
 from twind.config.calibration_file import dump_calibration
 from twind.config.robot_file import load_robot
 from twind.virtual.virtual_robot_spec import calibration, specimen
-
-
-@pytest.fixture
-def robot(tmp_path: Path) -> Path:
-    return copy_h24(tmp_path)
 
 
 def test_a_healthy_robot_file_gives_no_alarm(tmp_path: Path, robot: Path) -> None:
@@ -37,9 +31,14 @@ def test_a_misspelt_key_of_the_settings_is_found_with_its_place_and_the_nearest(
     assert finding.thing == f"{file}:4:1" and "rate_hz" in finding.measured
 
 
-def test_settings_that_are_not_there_are_found(tmp_path: Path) -> None:
-    (finding,) = found("--config", str(tmp_path / "no.yaml"), code="FILE_REFUSED")
-    assert finding.thing == str(tmp_path / "no.yaml")
+@pytest.mark.parametrize("option", ["--config", "--robot"])
+def test_a_missing_file_is_found_with_the_folder_of_relative_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (finding,) = found(option, "missing/no.yaml", code="FILE_REFUSED")
+    assert finding.thing == "missing/no.yaml"
+    assert str(tmp_path) in finding.advice
 
 
 def test_a_wrong_value_in_the_robot_file_is_found_with_line_and_column(tmp_path: Path, robot: Path) -> None:

@@ -68,7 +68,7 @@ def debian() -> None:
 
 
 def left(ran: overlay.Ran) -> set[str]:
-    """What differs from the machine as it was, data bases of users and packages aside."""
+    """Differences from the machine as it was, data bases of users and packages aside."""
     return {path for path in ran.left if not DATABASES.fullmatch(path) and not path.startswith("/tmp/")}
 
 
@@ -153,7 +153,7 @@ def test_the_package_installs_without_a_network_runs_and_goes_without_a_trace(
 @pytest.mark.slow
 @pytest.mark.usefixtures("debian")
 def test_package_and_make_install_do_not_stand_in_each_others_way(tmp_path: Path) -> None:
-    """What is installed does not matter to that: a wheel with one command."""
+    """The installed program does not matter here: a wheel with one command."""
     overlay.require()
     wheels = wheel(tmp_path / "wheels", __version__)
     package = built.build(tmp_path / "package", wheels)

@@ -1,4 +1,4 @@
-"""What the learning extras bring is theirs alone: who does not ask for it neither installs nor loads it."""
+"""Libraries of the learning extras: an installation without the extras neither installs nor loads them."""
 
 import json
 import re
@@ -27,7 +27,7 @@ LIBRARIES = (
 
 
 def names(asked: list[str]) -> set[str]:
-    """Of the distributions that are asked for."""
+    """Names of the requested distributions."""
     return {re.match(r"[\w-]+", each)[0] for each in asked}  # type: ignore[index]
 
 

@@ -161,7 +161,7 @@ def test_uninstall_keeps_settings_and_state_unless_purged(tree: Path, purge: str
 
 @pytest.mark.parametrize("with_ours", [False, True])
 def test_an_environment_made_by_hand_stays(tmp_path: Path, with_ours: bool) -> None:
-    """What installing refuses to touch, uninstalling does not delete."""
+    """Uninstalling does not delete files that installing refuses to touch."""
     if with_ours:
         laid(tmp_path)
     top = tmp_path / "opt/twind"

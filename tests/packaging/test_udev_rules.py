@@ -79,7 +79,7 @@ def act(device: Device, token: Token) -> None:
 
 
 def carry_out(device: Device, *paths: Path, action: str = "add") -> Device:
-    """What the rules make of a device that is plugged in, or was."""
+    """Apply the rules to a device that is plugged in, or was."""
     for path in paths:
         target = None
         for rule in rules(path):

@@ -79,7 +79,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def complaints(analyze: str, tree: Path, units: Sequence[str]) -> str:
-    """What systemd has to say; a key that it does not know is told but is no failure of the program's own."""
+    """Messages of systemd; a key that it does not know is told but is no failure of the program's own."""
     done = subprocess.run(
         [analyze, f"--root={tree}", "--man=no", "verify", *units], capture_output=True, text=True, check=False
     )

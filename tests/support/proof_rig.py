@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import JointCalibration
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected_loads import ExpectedLoads
-from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.expected_loads import ExpectedLoads, at_places
 from twind_calibration.proving.proof_sweep import MeasuredLoads
 from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import LoadVerdict, judge, slack

@@ -30,8 +30,8 @@ MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-m
 IMPEDANCE: Final = (
     "impedance"  # torque = kp (goal - position) - kd velocity: how every CAN family here is driven
 )
-NO_EFFORT = ("odrive",)  # families that tell a current and no torque
-TAKES_COMMANDS = 1  # what a CAN bus says as operating mode of an actuator that takes these commands
+NO_EFFORT = ("odrive",)  # families that report a current and no torque
+TAKES_COMMANDS = 1  # operating mode that a CAN bus reports for an actuator that takes these commands
 MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
 Gain = Annotated[int, Meta(ge=0, le=MOST_GAIN)]
 
@@ -91,7 +91,7 @@ class TypeSpec(ABC):
 
     @property
     def watched(self) -> bool:
-        """Whether its own watchdog is armed and read back before torque."""
+        """True if its own watchdog is armed and read back before torque."""
         return True
 
 
@@ -169,7 +169,7 @@ class ServoType(TypeSpec):
 
 @dataclass(frozen=True, slots=True)
 class Impedance:
-    """How stiff and how damped a CAN actuator holds its goal, at its output."""
+    """Stiffness and damping of a CAN actuator at its output."""
 
     kp: Annotated[float, Meta(ge=0.0)]  # N·m/rad
     """0 to the field's maximum, mostly 500 | | CAN: stiffness, N·m/rad"""
@@ -179,7 +179,7 @@ class Impedance:
 
 @dataclass(frozen=True, slots=True)
 class FrameRanges:
-    """What the fields of a CAN actuator's frames span, symmetric about 0."""
+    """Ranges of the fields in a CAN actuator's frames, symmetric about 0."""
 
     position_rad: float
     velocity_rad_s: float

@@ -27,7 +27,7 @@ from twind.config.device_record import (
     require_sweep,
 )
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.yaml_tree import ConfigError, parse, read_text
+from twind.config.yaml_tree import parse, read_text
 from twind_drivers.bus import IdentifiedDevice
 
 FORMAT = "twind-calibration/1"
@@ -296,16 +296,3 @@ def _flow(value: Plain) -> str:
             raise ValueError(f"{value} cannot stand in a file")
         return f"{value:.6f}"  # never 1e-05, which YAML reads as text
     return json.dumps(value)
-
-
-__all__ = [
-    "Calibration",
-    "ConfigError",
-    "JointCalibration",
-    "dump_calibration",
-    "fitting",
-    "load_calibration",
-    "read_calibration",
-    "save_calibration",
-    "text_hash",
-]

@@ -1,6 +1,6 @@
-"""Everything that `twind` is told, by files and command line, read and checked together.
+"""Configuration of `twind` from files and command line, read and checked together.
 
-Read at start, and again by whoever looks whether the files have changed since: both check the same.
+Used at start, and again by the process that checks the files for changes.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from twind.robot.finding import Finding, ReasonCode
 
 @dataclass(frozen=True, slots=True)
 class ConfigSources:
-    """What the command line says; None and (): nothing. `config`: the settings file, None: the usual one."""
+    """Options of the command line; None and (): not given. `config`: the settings file; None: the default."""
 
     config: str | None = None
     mode: str | None = None
@@ -46,7 +46,7 @@ class ConfigSources:
 
 @dataclass(frozen=True, slots=True)
 class LoadedConfig:
-    """What the files say, each checked alone and beside the others; not yet bound to the model."""
+    """Contents of the files, each checked alone and with the others; not yet bound to the model."""
 
     settings: DaemonSettings
     robot: RobotFile
@@ -58,7 +58,7 @@ class LoadedConfig:
 
 
 def pack(sources: ConfigSources, described: LoadedConfig) -> bytes:
-    """What the files said, and how they are found, for the process that reads them again.
+    """Serialise file contents and their sources for the process that reads the files again.
 
     Pickled: it is of our own making, like the bound robot beside it, and travels in a sealed memfd.
     """
@@ -66,7 +66,7 @@ def pack(sources: ConfigSources, described: LoadedConfig) -> bytes:
 
 
 def unpacked(data: bytes) -> tuple[ConfigSources, LoadedConfig]:
-    """What `packed` gave. Raises ValueError for anything else."""
+    """Restore the result of `pack`. Raises ValueError for anything else."""
     try:
         sources, described = pickle.loads(data)
     except Exception as error:  # noqa: BLE001  a broken handover is one error, whatever pickle calls it

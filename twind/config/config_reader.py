@@ -65,7 +65,7 @@ class ConfigReader:
     # ---------------------------------------------------------------------------------- what is there
 
     def has(self, key: str) -> bool:
-        """Whether `key` (or its `_deg` twin) is given, be it as `null`."""
+        """Return whether `key` (or its `_deg` twin) is given, be it as `null`."""
         return self._owner(key)._given(key) is not None
 
     def __iter__(self) -> Iterator[str]:
@@ -179,7 +179,7 @@ class ConfigReader:
         return self.value(key, kind)
 
     def _owner(self, key: str) -> "ConfigReader":
-        """Where `key` stands: here, else in what this inherits from."""
+        """Return the mapping that has `key`: this one, else the inherited one."""
         if self._common is None or key not in self._common[1] or self._given(key) is not None:
             return self
         return self._common[0] if self._common[0].has(key) else self
@@ -246,7 +246,7 @@ def type_parts(kind: Any) -> tuple[Any, tuple[Meta, ...]]:
 
 
 def _find_fault(path: str, node: Node, value: Any, kind: Any) -> tuple[str, Node, str]:
-    """Where a value is not of `kind` and why: an item of a list, where that alone is wrong."""
+    """Return path, node and reason of a wrong value: an item of a list, where that alone is wrong."""
     base, _ = type_parts(kind)
     if isinstance(node, YamlSequence) and get_origin(base) is tuple:
         kinds = get_args(base)
@@ -300,7 +300,7 @@ def none_of(value: object, known: Iterable[object]) -> str:
 
 
 def _shown(node: Node) -> str:
-    """What a message calls a value that is not what was asked for."""
+    """Return the description of an unexpected value in a message."""
     if isinstance(node, YamlSequence):
         return "a list"
     if isinstance(node, YamlMapping):

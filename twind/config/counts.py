@@ -19,17 +19,9 @@ def rad_per_tick(joint: JointSpec) -> float:
     return joint.sign / joint.ratio * 2.0 * math.pi / joint.type.ticks_per_turn
 
 
-def centre_of(kind: TypeSpec) -> int:
-    """The count in the middle of the turn that an actuator wakes up in: X series 2048, P series and CAN 0.
-
-    Raises KeyError: a model that is in no table.
-    """
-    return kind.centre
-
-
 def turn_start(kind: TypeSpec) -> int:
-    """The first count of that turn, where the encoder has its seam: X series 0, PH54-200 -501923."""
-    return centre_of(kind) - kind.ticks_per_turn // 2
+    """Return the first count of its boot turn, where the encoder wraps: X series 0, PH54-200 -501923."""
+    return kind.centre - kind.ticks_per_turn // 2
 
 
 def angle_of(joint: JointSpec, zero: int, ticks: int) -> float:
@@ -50,7 +42,7 @@ def tick_range(joint: JointSpec, zero: int, lower: float, upper: float) -> tuple
 
 
 def slot_angles(robot: RobotFile, pose: Mapping[str, float]) -> dict[str, float]:
-    """What the slot of each joint stands at (rad, after sign and ratio) in a pose of all joints; by joint.
+    """Return the slot angle of each joint (rad, after sign and ratio) in a pose of all joints.
 
     NaN: no place of its actuators gives that pose.
     """

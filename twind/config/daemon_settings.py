@@ -1,6 +1,6 @@
 """Settings of the daemon, `twind.yaml`: file first, then the command line over it. Unknown keys are errors.
 
-As root everything stands in /etc, /var/lib and /run; without root where the XDG variables say.
+Root uses /etc, /var/lib and /run; other users the folders of the XDG variables.
 """
 
 import os
@@ -79,7 +79,7 @@ class InstallationPaths:
 
 @dataclass(frozen=True, slots=True)
 class DaemonSettings:
-    """What the daemon was told. Paths are absolute or relative to where it was started."""
+    """Settings of the daemon. Paths are absolute or relative to the folder of its start."""
 
     mode: str
     robot: str  # name or path
@@ -135,11 +135,11 @@ class DaemonSettings:
         return path if _is_there(path, "--calibration FILE") else None
 
     def usual_calibration(self, robot_name: str) -> Path:
-        """Where the calibration of this individual is looked for when no file is named."""
+        """Return the default path of the calibration of this individual."""
         return usual_calibration(self.state_dir, self.individual or robot_name)
 
     def parameters(self) -> dict[str, Any]:
-        """What `GetParameters` shows; `origins` says of each key that is no default where it comes from."""
+        """Return the reply of `GetParameters`; `origins` names the source of each key that is no default."""
         return {
             "mode": self.mode,
             "robot": self.robot,
@@ -157,12 +157,12 @@ class DaemonSettings:
 
 
 def usual_calibration(state_dir: Path, individual: str) -> Path:
-    """Where the calibration of an individual stands when no file is named."""
+    """Return the default path of the calibration of an individual."""
     return state_dir / "calibration" / f"{individual}.yaml"
 
 
 def places(environ: Mapping[str, str], uid: int) -> InstallationPaths:
-    """Where configuration, state and sockets stand for this user. systemd's STATE_DIRECTORY wins."""
+    """Return the folders of this user: configuration, state and sockets. STATE_DIRECTORY takes precedence."""
     if uid == 0:
         found = InstallationPaths(Path("/etc/twind"), Path("/var/lib/twind"), Path("/run/twind"))
     else:
@@ -191,7 +191,7 @@ def load_settings(
 
 
 def _is_there(path: Path, option: str) -> bool:
-    """False only where it is absent. Raises ConfigError where nobody can say; `option` names another file."""
+    """False only where it is absent. Raises ConfigError where unknown; `option` names another file."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):

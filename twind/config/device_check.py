@@ -1,6 +1,6 @@
 """Comparison of the identified actuators with the files (CALIB_MISMATCH). Pure.
 
-Registers are compared and named, never written. What is not known refuses, but is not called wrong.
+Registers are compared and named, never written. An unknown value refuses, without a mismatch.
 """
 
 from collections.abc import Iterator, Mapping
@@ -78,14 +78,14 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
 
 
 def _unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
-    """What makes this actuator unusable for this joint, whatever the calibration says."""
+    """Yield the reasons why this actuator is unusable for this joint, whatever the calibration."""
     if isinstance(joint.type, CanType):
         return _find_can_faults(joint.type, device)
     return servo_check.unfit(joint, device)
 
 
 def _find_can_faults(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
-    """What makes a CAN actuator unusable for a joint of `kind`.
+    """Yield the reasons why a CAN actuator is unusable for a joint of `kind`.
 
     Many cannot report their model; their ranges are compared instead. A wrong range is a wrong position.
     """
@@ -110,7 +110,7 @@ def _find_can_faults(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
 
 
 def _doubts(joint: JointSpec, device: IdentifiedDevice) -> Iterator[ServoWarning]:
-    """What works, and should be known."""
+    """Yield warnings about settings that work."""
     if isinstance(joint.type, ServoType):
         return servo_check.doubts(joint, joint.type, device)
     return iter(())

@@ -1,4 +1,4 @@
-"""What a calibration keeps of a device: who it was and what was set when its joint was measured."""
+"""Record of a device in a calibration: its identity and settings when its joint was measured."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -18,7 +18,7 @@ STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamp
 
 @dataclass(frozen=True, slots=True)
 class DeviceRecord:
-    """What was on the wire when the joint was calibrated."""
+    """Identity and settings of a device when its joint was calibrated."""
 
     model_number: int
     firmware: int
@@ -52,9 +52,9 @@ class DeviceKeys(ConfigStruct, kw_only=True):
 
 
 def make_device_record(device: IdentifiedDevice, *, tagged: bool = False) -> DeviceRecord:
-    """What a calibration keeps of a device; `tagged`: its tag as well, which only a stamped one has.
+    """Make the record of a device; `tagged`: with its tag, which only a stamped device has.
 
-    Raises KeyError: a setting that it did not tell.
+    Raises KeyError: a setting that it did not report.
     """
     settings = device.settings
     return DeviceRecord(
@@ -86,7 +86,7 @@ def require_sweep(section: ConfigReader, sweep: tuple[int, int]) -> None:
 
 
 def device_entries(device: DeviceRecord) -> dict[str, Plain]:
-    """What stands under `device:`."""
+    """Return the entries under `device:`."""
     eeprom: Plain = {
         "homing_offset_ticks": device.homing_offset_ticks,
         "drive_mode": device.drive_mode,

@@ -1,4 +1,4 @@
-"""Pages of the documentation: where one lies on this machine, and tables in it that the code makes."""
+"""Pages of the documentation: their paths on this machine, and tables in them that the code makes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

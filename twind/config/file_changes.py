@@ -1,4 +1,4 @@
-"""The files that describe the robot: were they written anew since they were read? What did they say?"""
+"""Fingerprints of the files that describe the robot, to detect changes and to keep their texts."""
 
 import hashlib
 import os
@@ -45,9 +45,9 @@ def edited(files: Mapping[str, str]) -> list[str]:
 
 
 def texts(files: Mapping[str, str], known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """What those files said when their fingerprints were taken, by path: as `known`, or as they still say.
+    """Return the texts of the files with these fingerprints, by path: as `known`, or as still on the disk.
 
-    One that says something else by now, or is no UTF-8, is left out.
+    A file with other contents now, or without UTF-8, is left out.
     """
     found = {}
     for path, before in files.items():

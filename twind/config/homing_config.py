@@ -1,4 +1,4 @@
-"""Where a joint meets its stops, and how it may be driven against one: `stop_rad`, `homing`. Checked.
+"""Endstops of a joint and its homing: keys `stop_rad` and `homing`, checked.
 
 A stop is where the mechanism ends, known from its drawing. It lies outside of the limits that the gate keeps.
 """
@@ -35,7 +35,7 @@ class JointEndstops:
 
 @dataclass(frozen=True, slots=True)
 class HomingSettings:
-    """How `twindctl calibrate endstop` goes about it where the command line does not say."""
+    """Defaults of `twindctl calibrate endstop` where the command line gives no value."""
 
     side: str  # lower or upper
     current_a: float | None = None  # most current on the way; None: the usual share of the limit

@@ -1,4 +1,4 @@
-"""What may change while the daemon runs, and what waits for a restart. Pure: files as read in, values out.
+"""Changes that apply while the daemon runs, and those that need a restart. Pure: read files in, values out.
 
 A change is a key, spelled as in the files, and its new value. Limits only shrink and rules only get stricter;
 everything that is not in `HOT` needs a restart. The front works changes out and the loop applies them: both
@@ -47,7 +47,7 @@ _ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu"
 
 @dataclass(frozen=True, slots=True)
 class ConfigDifference:
-    """What differs: hot changes, and the keys that wait for a restart, in order."""
+    """Differences: hot changes, and the keys that need a restart, in order."""
 
     changes: Changes
     restart: tuple[str, ...]
@@ -68,7 +68,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def settings_difference(old: DaemonSettings, new: DaemonSettings) -> ConfigDifference:
-    """What of the settings changed."""
+    """Return the changes of the settings."""
     hot = {key: value for key, value in _hot_settings(new).items() if value != _hot_settings(old)[key]}
     names = {field.name for field in fields(DaemonSettings)} - {LEVEL, "latency_warn_ms", "latency_block_ms"}
     keys = {name: _SETTING.get(name, name) for name in names}
@@ -108,7 +108,7 @@ def thresholds(changes: Changes, warn: float, block: float) -> tuple[float, floa
 
 
 def robot_difference(old: RobotFile, new: RobotFile) -> ConfigDifference:
-    """What of the robot changed. Where the joints are others, nothing is hot."""
+    """Return the changes of the robot. With other joint names, nothing is hot."""
     ignored = {"joints", "gate", "text_sha256"}
     names = {field.name for field in fields(RobotFile)} - ignored
     restart = {_ROBOT.get(name, name) for name in names if not same(getattr(old, name), getattr(new, name))}
@@ -161,7 +161,7 @@ def _joint_difference(
 
 
 def _key(joint: JointSpec, name: str) -> str:
-    """Where a field of a joint stands in the file."""
+    """Return the key of a joint's field in the file."""
     if joint.transmission and name in _OF_SLOTS:
         return f"actuators.{joint.actuator}.{name}"
     return f"joints.{joint.name}.{_JOINT.get(name, name)}"

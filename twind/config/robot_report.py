@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twind.config.calibration_file import Calibration
-from twind.config.counts import centre_of, slot_angles, ticks_of
+from twind.config.counts import slot_angles, ticks_of
 from twind.config.cycle_budget import budgets
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 
@@ -43,7 +43,7 @@ def check_robot(
     """The robot at `rate_hz` (None: its own). Counts by the calibration, else with zero at mid-encoder."""
     rate = robot.rate_hz if rate_hz is None else rate_hz
     known = {} if calibration is None else calibration.by_name
-    zeros = [known[j.actuator].zero_ticks if j.actuator in known else centre_of(j.type) for j in robot.joints]
+    zeros = [known[j.actuator].zero_ticks if j.actuator in known else j.type.centre for j in robot.joints]
     rows = [_row(joint, zero) for joint, zero in zip(robot.joints, zeros, strict=True)]
     cycle = budgets(robot, rate)
     zero = "calibrated" if calibration is not None else "taken at mid-encoder: not calibrated"
@@ -108,7 +108,7 @@ def _ends(joint: JointSpec, zero: int) -> list[int]:
 
 
 def _driven(robot: RobotFile, one: TransmissionSpec, zeros: Sequence[int]) -> list[str]:
-    """What a transmission is, and counts of its actuators with one joint at its limits, the others at 0."""
+    """Describe a transmission, with counts of its actuators for each joint at its limits, the others at 0."""
     what = (
         f"{one.law}" if one.table is None else f"{one.table.name}, {one.law}, exact to {one.residual:.1g} rad"
     )

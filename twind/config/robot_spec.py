@@ -85,19 +85,19 @@ class JointSpec:
 
     @property
     def span(self) -> tuple[float, float]:
-        """How far the slot turns while its joints keep their limits, rad after sign and ratio."""
+        """Range of the slot while its joints keep their limits, rad after sign and ratio."""
         return (self.lower, self.upper) if self.travel is None else self.travel
 
     @property
     def reach(self) -> float:
-        """How far the slot should turn from end to end, rad: from stop to stop where both are described."""
+        """Expected travel of the slot from end to end, rad: from stop to stop where both are described."""
         low = self.stops.lower
         high = self.stops.upper
         return self.span[1] - self.span[0] if low is None or high is None else high - low
 
     @property
     def operating_mode(self) -> int:
-        """What the actuator must say: a servo in its register 11, a CAN actuator that it takes commands."""
+        """Mode that the actuator must report: register 11 of a servo; a CAN actuator takes commands."""
         return self.type.operating_mode(self.mode)
 
     @property
@@ -108,7 +108,7 @@ class JointSpec:
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """What the gate may do by itself where a request does not say."""
+    """Defaults of the gate for requests without own values."""
 
     on_velocity: str  # `reject` or `retime`
     collision: Clearance = field(
@@ -195,7 +195,7 @@ class RobotFile:
 
     @property
     def description_sha256(self) -> str:
-        """What a calibration is bound to: every actuator's name, bus, id, sign, ratio and ticks per turn, and
+        """Hash that binds a calibration: every actuator's name, bus, id, sign, ratio and ticks per turn, and
         what transmissions make of them."""
         rows = sorted(
             f"{j.actuator} {j.bus} {j.id} {j.sign:+d} {j.ratio!r} {j.type.ticks_per_turn}\n"

@@ -23,7 +23,7 @@ TORQUE_BY_GOAL = 0b1000
 
 
 class ServoWarning(NamedTuple):
-    """What works, and should be known."""
+    """Warning about a setting that works."""
 
     message: str
     value: float
@@ -31,7 +31,7 @@ class ServoWarning(NamedTuple):
 
 
 def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
-    """What makes this servo unusable for this joint, whatever the calibration says."""
+    """Yield the reasons why this servo is unusable for this joint, whatever the calibration says."""
     settings = device.settings
     if not _same_model(device.model_name, joint.type.device):
         found = device.model_name or "a model that is in no table"

@@ -173,7 +173,7 @@ def require_mode(entry: ConfigReader, mode: str, kind: ServoType, described: Con
 
 
 def read_registers(section: ConfigReader, known: ControlTable) -> dict[str, int]:
-    """What registers must hold, by name. Raises ConfigError."""
+    """Return the required register values by name. Raises ConfigError."""
     for key in section:
         if not _REGISTER.fullmatch(key):
             raise section.refuse(key, "a register is named in snake case, as homing_offset")

@@ -1,4 +1,4 @@
-"""What a type's servos bear: voltage and heat. Of the robot file, else scaled from the vendor's limits.
+"""Voltage and heat limits of a type's servos: of the robot file, else scaled from the vendor's limits.
 
 The vendor prints, per model, how far the voltage limits (registers 32, 34) may be set, and at which
 temperature (31) the servo shuts itself down. The default bounds stand, within that, where those of a 12 V

@@ -65,7 +65,7 @@ class CheckContext:
 
     @property
     def sim(self) -> bool:
-        """Whether the mode is sim, which opens no port and needs no calibration.
+        """True in mode sim, which opens no port and needs no calibration.
 
         Taken from the running daemon, else from the settings.
         """
@@ -76,7 +76,7 @@ class CheckContext:
     def about(self) -> dict[str, Any]:
         """Return the subject of the report.
 
-        Robot, unit, ports and ids by bus; daemon (socket, version, …) or None.
+        Robot and whether it is only the default; unit; ports and ids by bus; daemon (socket, …) or None.
         """
         daemon = None
         if self.daemon is not None:
@@ -86,7 +86,15 @@ class CheckContext:
         name = None if self.robot is None else self.robot.name
         joints = () if self.robot is None else self.robot.joints
         ids = {bus: [joint.id for joint in joints if joint.bus == bus] for bus in self.ports}
-        return {"robot": name, "unit": self.unit, "ports": dict(self.ports), "ids": ids, "daemon": daemon}
+        by_default = self.settings is not None and "robot" not in self.settings.origins
+        return {
+            "robot": name,
+            "robot_by_default": by_default and self.daemon is None,
+            "unit": self.unit,
+            "ports": dict(self.ports),
+            "ids": ids,
+            "daemon": daemon,
+        }
 
     def bus(self, name: str) -> BusSpec:
         """Return a bus of the robot.

@@ -80,7 +80,7 @@ class DaemonInspector:
 
     @property
     def is_live(self) -> bool:
-        """Whether it may write to the bus."""
+        """True if it may write to the bus."""
         return bool(self.status["mode"] == "live")
 
     @cached_property

@@ -139,7 +139,10 @@ def _unseen(outcome: DoctorReport) -> list[tuple[str, str]]:
 def _about(about: Mapping[str, Any]) -> str:
     """Return the subject of the report in one line: robot, ports, daemon."""
     ports = ", ".join(f"{bus} on {port or 'no port'}" for bus, port in about["ports"].items())
-    robot = f"robot {about['robot'] or 'unknown'}" + (f", {ports}" if ports else "")
+    robot = f"robot {about['robot'] or 'unknown'}"
+    if about["robot_by_default"]:
+        robot += " (only the default: name yours with --robot NAME|FILE or `robot:` in the settings)"
+    robot += f", {ports}" if ports else ""
     daemon = about["daemon"]
     if daemon is None:
         return f"{robot}; no daemon was asked"

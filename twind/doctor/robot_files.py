@@ -14,6 +14,9 @@ from twind.exceptions import InvalidInput, OperationFailed
 from twind.twin.binding import bind
 
 SHOWN = 4  # names in one finding
+STARTED_ELSEWHERE = (
+    "run `twindctl doctor` in the folder where the daemon was started, or start it with an absolute `--robot`"
+)
 
 ROWS = (
     Check(
@@ -50,6 +53,10 @@ def check_files(context: CheckContext) -> Iterator[DoctorFinding]:
         place = f"{error.file}:{error.line}:{error.column}" if error.line else error.file
         text = f"{error.path}: {error.message}" if error.path else error.message
         advice = "correct it there"
+        if error.absent:
+            advice = f"name an existing file; a relative path starts at {Path.cwd()}"
+            if context.daemon is not None and not Path(error.file).is_absolute():
+                advice = STARTED_ELSEWHERE
         if _is_calibration(context, error.file):
             advice = "restore this robot's file (`individual:` of the settings names it), or calibrate again"
         yield DoctorFinding("FILE_REFUSED", place, text, advice=advice)
@@ -101,7 +108,7 @@ def check_loaded_files(context: CheckContext) -> Iterator[DoctorFinding]:
     loaded = daemon.robot
     path = Path(str(loaded["robot"]["path"]))
     if not path.is_absolute():
-        raise OperationFailed(f"the daemon read {path}, relative to the folder it was started in")
+        raise OperationFailed(f"the daemon read {path}, a relative path: {STARTED_ELSEWHERE}")
     if _text_hash(path) not in (loaded["robot"]["text_sha256"], None):
         yield _changed(str(path), "changed since the daemon read it")
     known: Any = loaded.get("calibration")

@@ -60,7 +60,7 @@ class SurveyedServo:
 
     @property
     def is_expected_model(self) -> bool:
-        """Whether it has the model of its joint: else its registers have another meaning."""
+        """True if it has the model of its joint: else its registers have another meaning."""
         return self.joint is not None and self.model == number_of(self.joint.type.device)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twind.config.calibration_file import JointCalibration
-from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, ticks_of, turn_start
+from twind.config.counts import angle_of, rad_per_tick, tick_range, ticks_of, turn_start
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
@@ -78,7 +78,7 @@ def reaches(
     """Return the zero (ticks) and the range of each joint; `joints`: their numbers in the model."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     zeros = [
-        centre_of(joint.type) if entry is None else entry.zero_ticks
+        joint.type.centre if entry is None else entry.zero_ticks
         for joint, entry in zip(robot.joints, entries, strict=True)
     ]
     ranges = [model.jnt_range[number] if model.jnt_limited[number] else None for number in joints]

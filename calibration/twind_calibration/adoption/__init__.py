@@ -1,1 +1,1 @@
-"""A new serial servo becomes a joint's: who it is, what it must be told, telling it. Port opened alone."""
+"""Adoption of a new serial servo: search, register plan, writes. Opens the port exclusively."""

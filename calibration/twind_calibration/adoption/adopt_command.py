@@ -1,4 +1,4 @@
-"""`twindctl adopt`: files, ports, the question, and what is said. Blocks."""
+"""`twindctl adopt`: read files, open ports, ask, write, report. Blocks."""
 
 import argparse
 import os
@@ -16,7 +16,8 @@ from twind.ctl.instance_paths import stop
 from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_configurator import WritableProber
-from twind_calibration.adoption.servo_locations import choose, joint_of, look, lookout, serial_buses
+from twind_calibration.adoption.servo_locations import choose, joint_of, look, search_plan, serial_buses
+from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock, MonotonicClock
@@ -32,16 +33,14 @@ CALIBRATE = (
 At = Callable[[int], WritableProber]
 
 
+@with_hints
 def adopt(options: argparse.Namespace) -> int:
     """Exit code 0: done, or nothing to do. Raises Rejected, UsageError."""
-    try:
-        return _open_and_adopt(options)
-    except Rejected as error:  # what it says to type is typed for the same robot
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    return _open_and_adopt(options)
 
 
 def _open_and_adopt(options: argparse.Namespace) -> int:
-    _require_somebody(options)
+    _require_terminal(options)
     described = read(options)
     buses = serial_buses(described.robot)
     if options.joint is not None:
@@ -64,7 +63,7 @@ def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dic
     robot = described.robot
     heard = {}
     for bus, at in opened.items():
-        rates = " and ".join(map(str, lookout(robot, robot.bus(bus))))
+        rates = " and ".join(map(str, search_plan(robot, robot.bus(bus))))
         _print_line(options, f"looking for servos on bus {bus} at {rates} baud ...")
         heard[bus] = look(at, robot, robot.bus(bus))
     chosen = choose(robot, heard, options.joint)
@@ -94,18 +93,18 @@ def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dic
     return DONE
 
 
-def _require_somebody(options: argparse.Namespace) -> None:
-    """Raises UsageError where nobody could be asked, before anything is looked for."""
+def _require_terminal(options: argparse.Namespace) -> None:
+    """Raises UsageError without a terminal for the question, before the search."""
     if options.yes or options.dry_run:
         return
     if options.json:
-        raise UsageError("--json asks nobody: add --yes, or --dry-run to see what would be written")
+        raise UsageError("--json asks no question: add --yes, or --dry-run to see what would be written")
     if not sys.stdin.isatty():
-        raise UsageError("nobody to ask: standard input is no terminal; add --yes, or --dry-run")
+        raise UsageError("cannot ask: standard input is no terminal; add --yes, or --dry-run")
 
 
 def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
-    """Show what will be written; raises Rejected where nobody says yes."""
+    """Print the planned writes and ask. Raises Rejected without consent."""
     for line in adoption.lines():
         _print_line(options, line)
     if options.yes:
@@ -149,9 +148,9 @@ def _require_no_daemon(options: argparse.Namespace, described: RobotDescription,
 
 
 def status_at(place: str | None) -> dict[str, Any] | None:
-    """What the daemon at `place` says of itself, with the `path` of its socket; None: there is none.
+    """Return the status of the daemon at `place`, with the `path` of its socket; None: no daemon runs there.
 
-    Raises Rejected: there may be one, and it does not let us ask, or does not answer.
+    Raises Rejected: a daemon may run there, but denies access or does not answer.
     """
     denied: NoDaemon | None = None
     for name in ("observe", "control"):
@@ -167,5 +166,5 @@ def status_at(place: str | None) -> dict[str, Any] | None:
                     f"{stopped}, then try again"
                 ) from error
     if denied is not None:
-        raise Rejected(f"{denied}. So nobody knows whether a daemon has this port: try with sudo") from denied
+        raise Rejected(f"{denied}. A daemon may hold this port: try with sudo") from denied
     return None

@@ -1,4 +1,4 @@
-"""What the calibration says of a servo that is no longer there: struck out before a new one answers.
+"""Calibration entry of a replaced servo; it is removed before the new servo answers.
 
 A new servo of the same model may hold the very registers that were recorded of the old one, and its travel
 and its zero are others: with the old entry the daemon would move it to wrong places. The draft beside the
@@ -18,7 +18,7 @@ from twind_calibration.calibrating import file_ownership
 
 @dataclass(frozen=True, slots=True)
 class CalibrationEntryStatus:
-    """What the calibration file and its draft say of one joint, by its actuator's name."""
+    """Entries of one actuator in the calibration file and in its draft."""
 
     robot: RobotFile
     path: Path  # where the file stands, or would
@@ -32,7 +32,7 @@ class CalibrationEntryStatus:
         return self.calibration is not None and self.joint in self.calibration.by_name
 
     @property
-    def swept(self) -> bool:
+    def has_travel(self) -> bool:
         """The joint has a travel in the draft, and no zero to it yet."""
         return self.joint in self.draft.swept
 
@@ -44,11 +44,11 @@ class CalibrationEntryStatus:
         return f"calibrated in {self.path} of {self.calibration.created}"
 
     def lines(self) -> list[str]:
-        """What becomes of it when another servo takes its place."""
+        """Describe the entries that adoption removes."""
         said = []
         if self.there:
             said.append(f"{self.joint} is {self}: its entry is taken out, the earlier file is kept")
-        if self.swept:
+        if self.has_travel:
             said.append(f"{self.joint} was swept, {self.draft.swept[self.joint].at}: its travel is taken out")
         return said
 
@@ -58,7 +58,7 @@ class CalibrationEntryStatus:
         Raises Rejected: one cannot be written.
         """
         try:
-            if self.swept:
+            if self.has_travel:
                 drafts.change(self.path, self.robot, lambda known: known.without([self.joint]))
             if self.there:
                 self._strike_from_file()
@@ -78,8 +78,9 @@ class CalibrationEntryStatus:
 
 
 def entry_of(robot: RobotFile, path: Path | None, joint: str, usual: Path) -> CalibrationEntryStatus:
-    """What the file at `path` says of a joint, and its draft. `path` None: there is no file yet, `usual`
-    is where it would stand. Raises Rejected: one of them is there and cannot be read.
+    """Return the entries of a joint in the file at `path` and in its draft.
+
+    `path` None: no file exists yet, its place would be `usual`. Raises Rejected: one of them is unreadable.
     """
     place = usual if path is None else path
     calibration = None if path is None else _loaded(robot, path, joint)
@@ -90,4 +91,4 @@ def _loaded(robot: RobotFile, path: Path, joint: str) -> Calibration:
     try:
         return load_calibration(path, robot)
     except ConfigError as error:
-        raise Rejected(f"{error}. Until it can be read nobody knows what it says of {joint}") from None
+        raise Rejected(f"{error}. Its entry of {joint} must be readable first") from None

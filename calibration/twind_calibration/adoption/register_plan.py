@@ -1,4 +1,4 @@
-"""What the registers of a new servo must hold for its joint, and in which order they are written. Pure.
+"""Required register values of a new servo, and the order of their writes. Pure.
 
 The daemon compares registers and never writes them (`config.servo_check`): here they are made what it asks.
 """
@@ -39,9 +39,9 @@ def looked_at(table: ControlTable) -> tuple[str, ...]:
 
 
 def required_registers(joint: JointSpec, table: ControlTable) -> dict[str, int]:
-    """Register -> what it must hold. What neither joint nor daemon asks for: as delivered.
+    """Return the required values by register; without a requirement the factory default.
 
-    A register whose delivered value no manual page tells, and that nobody asks for, is left out.
+    A register without a documented default and without a required value is left out.
     """
     kind = joint.type
     assert isinstance(kind, ServoType)
@@ -82,7 +82,7 @@ def plan(
 
 
 def different(joint: JointSpec, table: ControlTable, firmware: int, now: Mapping[str, int]) -> Iterator[str]:
-    """What the registers of a servo at its place still hold otherwise, in words; nothing: it is adopted."""
+    """Yield the differences of a servo's registers from the required values, as text; none: it is adopted."""
     yield from unfit(joint, IdentifiedDevice(joint.id, table.number, table.model, firmware, now))
     for key, value in required_registers(joint, table).items():
         if now.get(key) != value:

@@ -1,4 +1,4 @@
-"""Telling one servo one thing at a time, on a port that nobody else has. Blocks.
+"""Writes to one servo on an exclusively opened port, each verified. Blocks.
 
 An answer to a write is no proof: one that changes id or rate may be given anywhere, and answers get lost. So
 every write is judged by what is read afterwards, where the servo then stands.
@@ -39,7 +39,7 @@ class ServoConfigurator:
         self._setter = at(place.baud)
 
     def is_free(self, place: ServoLocation) -> bool:
-        """Nobody answers there, sound or garbled, asked several times: one lost answer is no absence."""
+        """Return whether no device answers there, not even garbled, in several attempts."""
         setter = self._at(place.baud)
         heard = [setter.ping(place.id) for _ in range(PROBES)]
         self._setter = self._at(self.place.baud)
@@ -91,7 +91,7 @@ class ServoConfigurator:
         )
 
     def _stands(self, place: ServoLocation) -> bool:
-        """Does a servo of this model answer there, alone? Then that is its place from now on."""
+        """Return whether one servo of this model answers there; then that becomes its place."""
         setter = self._setter if place.baud == self._setter.baud else self._at(place.baud)
         for _ in range(PROBES):
             heard = setter.ping(place.id)
@@ -127,7 +127,7 @@ def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
 
 
 def _refusal(heard: ProbeWindow, id: int) -> str:
-    """Why the servo refused a write, in words; empty: it did not, or said nothing."""
+    """Return the reason why the servo refused a write; empty: it did not refuse, or sent no status."""
     for each in heard.statuses:
         number = each.error & 0x7F
         if each.id == id and number not in (

@@ -7,11 +7,11 @@ servos are delivered with id 1, which at the rate of the bus may be the id of a 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from twind.command_line.verb import Rejected
 from twind.config.actuator_types import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind_calibration.rejection_hints import unknown_joint
 from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.prober import PortProber
@@ -37,7 +37,7 @@ class ServoLocation:
 
 @dataclass(frozen=True, slots=True)
 class AdoptionCandidate:
-    """A servo on the wire, and the joint that it is intended for."""
+    """A servo on the wire, and its intended joint."""
 
     joint: JointSpec
     bus: BusSpec
@@ -78,7 +78,7 @@ def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
     return tuple(dict.fromkeys(each for each in places if each.baud != baud or each.id not in others))
 
 
-def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
+def search_plan(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
     """Map each rate to the ids to search: the joints' ids at the bus's rate, all ids at factory rates."""
     fresh = [delivered(joint) for joint in robot.joints if joint.bus == bus.name]
     ids = [joint.id for joint in robot.joints if joint.bus == bus.name]
@@ -87,8 +87,8 @@ def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
 
 
 def look(at: Callable[[int], PortProber], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
-    """Scan a bus at the rates and ids that adoption needs (`lookout`). Writes nothing. Raises PortError."""
-    return [each for baud, ids in lookout(robot, bus).items() for each in scan(at, [baud], ids)]
+    """Scan a bus at the rates and ids of its `search_plan`. Writes nothing. Raises PortError."""
+    return [each for baud, ids in search_plan(robot, bus).items() for each in scan(at, [baud], ids)]
 
 
 def joint_of(robot: RobotFile, name: str) -> JointSpec:
@@ -98,9 +98,7 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
     """
     joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
     if joint is None:
-        near = get_close_matches(name, robot.names, 1)
-        hint = f"nearest: {near[0]}" if near else f"it has {', '.join(robot.names)}"
-        raise Rejected(f"{robot.name} has no joint {name!r}; {hint}")
+        raise unknown_joint(robot.name, name, robot.names)
     if not isinstance(joint.type, ServoType):
         answers = "" if joint.feedback_id is None else f", and {joint.feedback_id} to answer with"
         raise Rejected(
@@ -197,11 +195,11 @@ def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, Scan
 def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
     bus = robot.bus(joint.bus)
     fresh = delivered(joint)
-    yield f"a {joint.type.device} as delivered is {fresh}, and nobody answers there."
+    yield f"a {joint.type.device} as delivered is {fresh}, and no device answers there."
     owner = [each.name for each in robot.joints if each.bus == bus.name and each.id == fresh.id]
     if fresh.baud == bus.baud and owner and owner[0] != joint.name:
         yield (
-            f"Who answers there is {owner[0]}'s servo: with the new one alone on the port give it "
+            f"The servo that answers there is {owner[0]}'s: with the new one alone on the port give it "
             f"id {joint.id} by the vendor's tool, then `twindctl adopt {joint.name}` does the rest."
         )
         return
@@ -237,12 +235,12 @@ def _require_fit(joint: JointSpec, place: ServoLocation, found: ScannedDevice) -
         model = found.model_name or f"a model that is in no table ({found.model})"
         raise Rejected(f"{place} is {model}; {joint.name} needs {wanted.model}: connect one of those")
     if found.torque is not False:
-        state = "on" if found.torque else "not told (status return level?)"
+        state = "on" if found.torque else "unknown (status return level?)"
         raise Rejected(
             f"{place}: its torque is {state}: take its power away and give it back, then try again"
         )
     if found.hardware_error is None or found.hardware_error:
-        error = "not told" if found.hardware_error is None else f"{found.hardware_error:#04x}"
+        error = "unknown" if found.hardware_error is None else f"{found.hardware_error:#04x}"
         raise Rejected(
             f"{place}: its hardware error (register 70) is {error}: find the cause, then restart it"
         )

@@ -1,4 +1,4 @@
-"""who is on the buses, and is everybody set as robot file and calibration say
+"""scan the buses and compare the devices with robot file and calibration
 
 Through the running daemon, or without one on the free ports. Wrong models, missing and unknown devices, ids
 that answer twice, registers that differ: all are listed at once. Reads only.
@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0: everybody is there and as described."""
+    """Exit code 0: every device is present and as described."""
     from twind_calibration.calibrating.calibrate_scan_command import (
         scan,  # imports that the list of steps need not pay
     )

@@ -27,13 +27,13 @@ SNAPSHOT = {
     "max_position_limit": "max",
 }
 BESIDE = (
-    "a daemon asks for the ids of its robot file alone: ids that nobody knows, and ids that answer twice, "
-    "are seen with the daemon stopped"
+    "a daemon asks for the ids of its robot file alone: unknown ids, and ids that answer twice, "
+    "are found with the daemon stopped"
 )
 
 
 def scan(options: argparse.Namespace) -> int:
-    """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
+    """Exit code 0: no device has a fault. Raises UsageError."""
     known = runner.table()
     checks = [each for each in runner.all_checks() if each.what in LOOKS]
     examined = examine(options, HostInspector(), MonotonicClock())
@@ -56,7 +56,7 @@ def scan(options: argparse.Namespace) -> int:
 
 
 def _devices(examined: CheckContext) -> Iterator[dict[str, Any]]:
-    """Everybody who answers, bus by bus, with the registers that were read."""
+    """Yield every device that answers, bus by bus, with the registers that were read."""
     for survey in examined.surveys.values():
         if isinstance(survey, SerialBusSurvey):
             for servo in survey.servos:

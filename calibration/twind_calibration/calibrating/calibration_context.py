@@ -8,7 +8,6 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from difflib import get_close_matches
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.version import __version__
+from twind_calibration.rejection_hints import unknown_joint
 
 TOOL = f"twind {__version__}"
 
@@ -31,8 +31,8 @@ class CalibrationContext:
 
     robot: RobotFile
     path: Path  # of the calibration file
-    named: bool  # the daemon was told this file by name: it does not start without it
-    rate_hz: float = nan  # of its readings; NaN: nobody asked
+    named: bool  # the daemon got this file by name: it does not start without it
+    rate_hz: float = nan  # of its readings; NaN: not queried
 
     @property
     def individual(self) -> str:
@@ -63,9 +63,7 @@ class CalibrationContext:
         """
         for name in names:
             if name not in known:
-                near = get_close_matches(name, known, 1)
-                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(known)}"
-                raise Rejected(f"{self.robot.name} has no joint {name!r}; {hint}")
+                raise unknown_joint(self.robot.name, name, known)
         return [name for name in known if name in names or not names]
 
 
@@ -74,9 +72,9 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
 
     Raises Rejected (robot file changed since, or another), ClientError.
     """
-    told = client.call("GetRobot")["robot"]
+    answer = client.call("GetRobot")["robot"]
     parameters = client.call("GetParameters")["parameters"]
-    robot = _robot(told)
+    robot = _robot(answer)
     rate = float(parameters.get("rate_hz") or robot.rate_hz)
     if options.calibration:
         path = Path(options.calibration).absolute()
@@ -90,13 +88,13 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
     return CalibrationContext(robot, path, named=False, rate_hz=rate)
 
 
-def _robot(told: dict[str, Any]) -> RobotFile:
+def _robot(answer: dict[str, Any]) -> RobotFile:
     """Load the robot file that the daemon has read. Raises Rejected: it has changed since."""
     try:
-        robot = read_robot(Path(told["path"]))
+        robot = read_robot(Path(answer["path"]))
     except ConfigError as error:
         raise Rejected(f"the robot file of the daemon cannot be read: {error}") from None
-    if robot.text_sha256 != told["text_sha256"]:
+    if robot.text_sha256 != answer["text_sha256"]:
         raise Rejected(f"{robot.path} was changed since the daemon read it: restart the daemon, then again")
     return robot
 

@@ -1,4 +1,4 @@
-"""What differs between two calibrations, actuator by actuator, in ticks and in degrees at the joint. Pure."""
+"""Differences of two calibrations by actuator, in ticks and in degrees of the joint. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Work in progress, `twind-calibration-draft/1`: what was swept and has no zero yet. Beside the calibration.
+"""Draft beside the calibration, `twind-calibration-draft/1`: travels of joints that have no zero yet.
 
 Bound to the robot file's description like the calibration itself; each actuator leaves it when it is whole.
 """
@@ -104,17 +104,17 @@ def read(text: str, file: str, robot: RobotFile) -> CalibrationDraft:
     if given.robot_description_sha256 != robot.description_sha256:
         raise top.refuse("robot_description_sha256", "joints, ids, signs or ratios changed since")
     given.joints.require_known(joint.actuator for joint in robot.joints)
-    return CalibrationDraft({name: _swept(each) for name, each in given.joints.sections().items()})
+    return CalibrationDraft({name: _read_travel(each) for name, each in given.joints.sections().items()})
 
 
-def _swept(section: ConfigReader) -> DraftTravel:
+def _read_travel(section: ConfigReader) -> DraftTravel:
     given = section.read(TravelKeys)
     require_sweep(section, given.sweep_ticks)
     return DraftTravel(read_device(given.device), given.sweep_ticks, given.at)
 
 
 def path_of(calibration: Path) -> Path:
-    """Where the draft of that calibration file stands."""
+    """Return the path of the draft of a calibration file."""
     return draft_of(calibration.parent, calibration.stem)
 
 

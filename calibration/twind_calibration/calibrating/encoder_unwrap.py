@@ -37,7 +37,7 @@ def find_gap_reason(step: int, gap: float, speed: float, ticks_per_turn: int) ->
 class EncoderSample:
     """One reading of one actuator."""
 
-    time: float  # s, when it was heard
+    time: float  # s, when it was received
     ticks: int  # as on the wire
 
 
@@ -84,7 +84,7 @@ class UnwrappedEncoder:
         return self.high - self.low
 
     def rested(self, near: int) -> tuple[bool, bool]:
-        """Whether it stayed, within `near` ticks of its lowest and of its highest place."""
+        """Return whether it has rested within `near` ticks of its lowest and of its highest place."""
         lower, upper = self._rests
         return (
             lower is not None and lower - self.low <= near,
@@ -105,7 +105,7 @@ class UnwrappedEncoder:
         self._rests = (None, None)
 
     def _rest(self, time: float) -> None:
-        """Where it stood before it ever moved is no end that somebody brought it to."""
+        """Update the rests. The place before the first motion is no end of the travel."""
         if self.span <= self._still:
             self._since = time
         elif abs(self.place - self._anchor) > self._still:
@@ -122,7 +122,7 @@ class UnwrappedEncoder:
 def framed(low: int, high: int, start: int, ticks_per_turn: int) -> tuple[int, int]:
     """The same travel by whole turns so that its middle lies in start .. start + one turn.
 
-    So it is told where a servo that was restarted in it tells its place, unless it crosses the seam.
+    A servo that restarts within the travel then reports counts of this frame, unless it crosses the seam.
     """
     shift = ((low + high) // 2 - start) // ticks_per_turn * ticks_per_turn
     return low - shift, high - shift

@@ -1,7 +1,7 @@
 """drive one joint against its stop, weakly and slowly: where its angle 0 is, by where its stop is described
 
 Powered. That joint alone moves by itself, all others are limp: the robot must hang, lie or be held, and
-nobody's fingers be in its way. It needs a coarse calibration of the joint, `stop_rad` in the robot file, a
+all persons stay clear of it. It needs a coarse calibration of the joint, `stop_rad` in the robot file, a
 serial servo that has current-based position, and the daemon in live. Ctrl-C, `twindctl estop` and `twindctl
 disarm` end it at once. Whatever ends it, torque goes off and the servo is set as it was.
 """

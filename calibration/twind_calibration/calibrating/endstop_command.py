@@ -1,4 +1,4 @@
-"""`twindctl calibrate endstop`: what will move is said and asked for, then found, then written. Blocks."""
+"""`twindctl calibrate endstop`: announce the motion, ask, find the endstop, write. Blocks."""
 
 import argparse
 import json
@@ -15,19 +15,24 @@ from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, ope
 from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
-from twind.ctl.command_hint import command_hint
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
 from twind_calibration.calibrating.encoder_unwrap import on_turn
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
+from twind_calibration.calibrating.entry_writer import (
+    agreed,
+    next_steps,
+    require_terminal,
+    write_entries,
+)
 from twind_calibration.calibrating.recorded_devices import differences, records
 from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
+from twind_calibration.rejection_hints import with_hints
 
 
 @dataclass(frozen=True, slots=True)
 class EndstopPlan:
-    """What will be done, in the words of the robot file."""
+    """Planned search of one endstop, by robot file and options."""
 
     slot: CalibrationActuator
     side: str
@@ -37,7 +42,7 @@ class EndstopPlan:
     times: int | None
 
     def describe(self, at: float | None) -> str:
-        """What will move, where to and how strong; `at`: rad, where it is now."""
+        """Describe the motion: joint, target and strength. `at`: present angle (rad)."""
         kind = self.slot.joint.type
         assert isinstance(kind, ServoType)
         share = USUAL_SHARE if self.share is None else self.share
@@ -54,19 +59,17 @@ class EndstopPlan:
         )
 
 
+@with_hints
 def endstop(options: argparse.Namespace) -> int:
     """Exit code 0: done. Raises Rejected, UsageError, ClientError."""
-    try:
-        with operator(options) as client:
-            return _endstop(options, client)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    with operator(options) as client:
+        return _endstop(options, client)
 
 
 def _endstop(options: argparse.Namespace, client: Client) -> int:
     place = ground(options, client)
     touch = _touch(options, place)
-    require_somebody(options)
+    require_terminal(options)
     calibration = place.calibration()
     entry = None if calibration is None else calibration.by_name.get(touch.slot.name)
     if calibration is None or entry is None:
@@ -75,7 +78,7 @@ def _endstop(options: argparse.Namespace, client: Client) -> int:
     _require_ready(client, place, touch, entry)
     if not options.json:
         print(touch.describe(_position(client, touch.slot.joint.name)), flush=True)
-    if not agreed(options, "nobody's fingers are in its way: go?"):
+    if not agreed(options, "are all persons clear of it: go?"):
         raise Rejected("nothing moved")
     with calibrating(client, take=options.take):
         counts = _capture_stops(options, client, touch)
@@ -85,7 +88,7 @@ def _endstop(options: argparse.Namespace, client: Client) -> int:
 
 
 def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPlan:
-    """Raises Rejected: no such joint, no such stop; UsageError: nobody says which."""
+    """Return the plan. Raises Rejected: no such joint or stop; UsageError: the side is not given."""
     every = {slot.name: slot for slot in slots(place.robot)}
     [name] = place.select_actuators([options.joint], list(every))
     slot = every[name]
@@ -106,7 +109,7 @@ def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPla
     speed = options.speed if options.speed is not None or homing is None else homing.speed
     if current is not None and isnan(joint.type.current_limit_a):
         raise Rejected(
-            f"type {joint.type.name} has no current_limit_a: nobody knows what {current:g} A is of it"
+            f"type {joint.type.name} has no current_limit_a: the share of {current:g} A is unknown"
         )
     share = None if current is None else current / joint.type.current_limit_a
     return EndstopPlan(slot, side, ends[side], share, speed, options.times)
@@ -121,7 +124,7 @@ def _require_ready(
         raise Rejected(f"mode {mode} moves no robot: `twindctl mode live`, then again")
     known = {touch.slot.name: entry.device}
     found = records(client, place.robot, [touch.slot], known).get(touch.slot.name)
-    changed = ["nobody answers there"] if found is None else differences(entry.device, found)
+    changed = ["no device answers there"] if found is None else differences(entry.device, found)
     if changed:
         raise Rejected(
             f"{touch.slot.name} is not as it was calibrated: {', '.join(changed)}: put that right first, or "

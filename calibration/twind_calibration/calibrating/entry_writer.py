@@ -1,4 +1,4 @@
-"""New entries into the calibration file: checked as the daemon would, asked for, written, told."""
+"""Writing of new calibration entries: checked as by the daemon, confirmed, saved, reported."""
 
 import argparse
 import contextlib
@@ -24,18 +24,18 @@ from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import TOOL, CalibrationContext, now
 
 
-def require_somebody(options: argparse.Namespace) -> None:
-    """Raises UsageError where a question could not be answered, before anything is measured."""
+def require_terminal(options: argparse.Namespace) -> None:
+    """Raises UsageError without a terminal for a question, before any measurement."""
     if options.yes:
         return
     if options.json:
-        raise UsageError("--json asks nobody: add --yes")
+        raise UsageError("--json asks no question: add --yes")
     if not sys.stdin.isatty():
-        raise UsageError("nobody to ask: standard input is no terminal; add --yes")
+        raise UsageError("cannot ask: standard input is no terminal; add --yes")
 
 
 def agreed(options: argparse.Namespace, question: str) -> bool:
-    """Whether a person, or `--yes`, says so."""
+    """Return the consent to a question; True with `--yes`."""
     if options.yes:
         return True
     print(f"{question} [y/N] ", end="", flush=True)
@@ -69,10 +69,10 @@ def write_entries(
     method: str = "jig",
     held: LockedFolder | None = None,
 ) -> Calibration:
-    """Put these entries, made when the file was `before`, into what it is by now; what it holds then.
+    """Merge entries that were made from the file `before` into the present file; return the result.
 
-    `held`: its folder, where that is held already (`kept.alone`). Raises Rejected: somebody else replaced one
-    of them since, or the daemon would refuse the file.
+    `held`: its folder, if already locked. Raises Rejected: another program replaced one of them since, or the
+    daemon would refuse the file.
     """
     with (
         contextlib.nullcontext(held) if held is not None else file_ownership.lock_folder(place.path) as folder
@@ -94,20 +94,20 @@ def write_entries(
 def unchanged(
     place: CalibrationContext, before: Calibration | None, names: Sequence[str]
 ) -> Calibration | None:
-    """What the file says by now; the same of `names` as `before`. Raises Rejected: another thing."""
+    """Return the present file. Raises Rejected: entries of `names` differ from `before`."""
     now = place.calibration()
     then, there = ({} if each is None else each.by_name for each in (before, now))
     other = [name for name in names if then.get(name) != there.get(name)]
     if other:
         raise Rejected(
-            f"somebody else calibrated {', '.join(other)} meanwhile: {place.path} is another by now, and "
-            "nothing was written. The same once more goes by what it says now"
+            f"another program calibrated {', '.join(other)} meanwhile: {place.path} has changed, and "
+            "nothing was written. Run the command again: it uses the present file"
         )
     return now
 
 
 def next_steps(options: argparse.Namespace, place: CalibrationContext, after: Calibration) -> None:
-    """Say what is still to be done, and the command that brings the file into force."""
+    """Print the joints still open, and the command that makes the daemon use the file."""
     names = [slot.name for slot in slots(place.robot)]
     left = [name for name in names if name not in after.by_name]
     start = restart(options.socket)

@@ -18,9 +18,9 @@ from twind.config.yaml_tree import ConfigError
 
 @contextlib.contextmanager
 def lock_folder(path: Path) -> Iterator[LockedFolder]:
-    """The folder of the file at `path`, held: what it says now it says until this is left.
+    """Lock the folder of the file at `path`: its contents stay as they are until the end of the block.
 
-    No person is asked meanwhile: others wait. Raises Rejected: no folder, or somebody else has it.
+    Ask no question in the block: other programs wait. Raises Rejected: no folder, or another program has it.
     """
     with contextlib.ExitStack() as stack:
         with refusing(path):
@@ -29,9 +29,9 @@ def lock_folder(path: Path) -> Iterator[LockedFolder]:
 
 
 def save(calibration: Calibration, path: Path, held: LockedFolder | None = None) -> None:
-    """Make the file at `path` hold it. A first file, written by root, is given to whom its folder belongs.
+    """Save a calibration at `path`. A new file that root writes gets the owner of its folder.
 
-    `held`: its folder, of whom made the calibration of what the file holds. Raises Rejected that names the
+    `held`: its folder, if already locked. Raises Rejected that names the
     file, why it was not written, and the remedy.
     """
     with contextlib.nullcontext(held) if held is not None else lock_folder(path) as folder, refusing(path):
@@ -42,7 +42,7 @@ def save(calibration: Calibration, path: Path, held: LockedFolder | None = None)
 
 @contextlib.contextmanager
 def refusing(path: Path) -> Iterator[None]:
-    """What keeps `path` from being written, as Rejected with the remedy."""
+    """Convert errors of a write to `path` into Rejected with the remedy."""
     try:
         yield
     except FileNotFoundError:
@@ -56,7 +56,10 @@ def refusing(path: Path) -> Iterator[None]:
 
 
 def rights(path: Path) -> FileOwnership | None:
-    """As they were; only root gives a file away, so that the daemon's user can read it still."""
+    """Return the ownership to keep, so that the daemon's user can still read the file.
+
+    Only root sets owner and group.
+    """
     try:
         before: os.stat_result | None = path.stat()
     except FileNotFoundError:

@@ -29,10 +29,10 @@ Convention = int | None  # count at joint angle 0, as the source counts; None: t
 class ForeignCalibration:
     """Calibration of one actuator from another tool, in counts under `homing_offset`."""
 
-    travel: Ticks | None  # None: nobody measured it
+    travel: Ticks | None  # None: not measured
     homing_offset: int
     drive_mode: int | None = None  # None: it says nothing of it
-    make: str | None = None  # of the servos that it is of, as a person says; None: nobody did
+    make: str | None = None  # of the servos that it is of, as stated by `--make`; None: not stated
     swept: bool = False  # the travel is a sweep of ours, on whatever turn
 
 
@@ -43,7 +43,7 @@ class ImportResult:
     slot: CalibrationActuator
     entry: JointCalibration | None
     wrong: tuple[str, ...] = ()
-    note: str = ""  # what a person should know of it all the same
+    note: str = ""  # a note for the operator
 
 
 def of_motor(motor: LeRobotMotor, make: str | None) -> ForeignCalibration:
@@ -131,7 +131,7 @@ def _moved(source: ForeignCalibration, now: int) -> str:
     if abs(was) > MAX_OFFSET or abs(now) > MAX_OFFSET:
         return (
             f"homing_offset is {was}, that of the servo (20) is {now}; beyond ±{MAX_OFFSET} it counts in "
-            "some operating modes and not in others, so nobody can tell where the travel is: sweep it"
+            "some operating modes and not in others, so the travel is unknown: sweep it"
         )
     if source.make != DYNAMIXEL:
         return (

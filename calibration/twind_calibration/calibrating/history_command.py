@@ -1,7 +1,7 @@
 """`twindctl calibrate show`, `diff` and `rollback`."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from math import degrees
@@ -19,9 +19,10 @@ from twind_calibration.calibrating.calibration_actuators import CalibrationActua
 from twind_calibration.calibrating.calibration_archive import CURRENT, CalibrationArchive
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
 from twind_calibration.calibrating.calibration_diff import CalibrationChange, changes
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_terminal
 from twind_calibration.calibrating.recorded_devices import FENCE
 from twind_calibration.calibrating.zero_placement import spread
+from twind_calibration.rejection_hints import Command, with_hints
 from twind_calibration.robot_description import read
 
 HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")
@@ -130,7 +131,7 @@ def _lines(found: Sequence[CalibrationChange]) -> list[str]:
 
 def _rollback(options: argparse.Namespace) -> int:
     """Restore an earlier file; the file that it replaces becomes the latest earlier one."""
-    require_somebody(options)
+    require_terminal(options)
     place = _place(options)
     archive = _archive(place)
     earlier = archive.read(options.which)
@@ -147,8 +148,8 @@ def _rollback(options: argparse.Namespace) -> int:
     with file_ownership.lock_folder(place.path) as folder:
         if _bytes(place) != shown:
             raise Rejected(
-                f"somebody else wrote {place.path} meanwhile, and nothing was written now: the same "
-                "command once more shows what it says"
+                f"another program wrote {place.path} meanwhile, and nothing was written now: run "
+                "the command again to see its contents"
             )
         fenced = _fenced_since(archive, earlier)
         file_ownership.save(earlier, place.path, folder)
@@ -156,8 +157,8 @@ def _rollback(options: argparse.Namespace) -> int:
     if fenced and not options.json:
         command = command_hint(options).prose(f"`twindctl calibrate limits {' '.join(fenced)}`")
         print(
-            f"the servos' own position limits were others then: {', '.join(fenced)}. Nobody arms until they "
-            f"are those of the file: restart the daemon, {command}, and restart it again"
+            f"the servos' own position limits were others then: {', '.join(fenced)}. Arming is refused until "
+            f"they are those of the file: restart the daemon, {command}, and restart it again"
         )
     return DONE
 
@@ -195,20 +196,8 @@ def _against_now(archive: CalibrationArchive, earlier: Calibration, place: Calib
         return [f"what it holds now cannot be used: {error}"]
 
 
-def _within(step: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """Wrap a command so that the commands in its refusals carry the options of the same daemon."""
-
-    def run(options: argparse.Namespace) -> int:
-        try:
-            return step(options)
-        except Rejected as error:
-            raise Rejected(command_hint(options).prose(str(error))) from error
-
-    return run
-
-
-STEPS: Mapping[str, Callable[[argparse.Namespace], int]] = {
-    "show": _within(_show),
-    "diff": _within(_diff),
-    "rollback": _within(_rollback),
+STEPS: Mapping[str, Command] = {
+    "show": with_hints(_show),
+    "diff": with_hints(_diff),
+    "rollback": with_hints(_rollback),
 }

@@ -12,14 +12,18 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operato
 from twind.config.calibration_file import Calibration
 from twind.config.device_record import DeviceRecord
 from twind.config.yaml_tree import ConfigError, read_text
-from twind.ctl.command_hint import command_hint
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
+from twind_calibration.calibrating.entry_writer import (
+    agreed,
+    next_steps,
+    require_terminal,
+    write_entries,
+)
 from twind_calibration.calibrating.foreign_values import (
     Convention,
     ForeignCalibration,
@@ -30,8 +34,10 @@ from twind_calibration.calibrating.foreign_values import (
 )
 from twind_calibration.calibrating.motor_matching import matched, read_map
 from twind_calibration.calibrating.recorded_devices import differences, of_file, records
+from twind_calibration.rejection_hints import with_hints
 
 
+@with_hints
 def take(options: argparse.Namespace) -> int:
     """Return exit code 0 when the file has all requested actuators.
 
@@ -41,12 +47,9 @@ def take(options: argparse.Namespace) -> int:
         raise UsageError("--from lerobot takes a --file FILE, --from servo none")
     if options.map is not None and options.file is None:
         raise UsageError("--map goes with --from lerobot")
-    try:
-        require_somebody(options)
-        with operator(options) as client:
-            return _take(options, client)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    require_terminal(options)
+    with operator(options) as client:
+        return _take(options, client)
 
 
 def _take(options: argparse.Namespace, client: Client) -> int:
@@ -105,9 +108,11 @@ def fold(
     device = found.get(slot.name)
     swept = draft.swept.get(slot.name)
     if device is None:
-        return ImportResult(slot, None, ("nobody answers there",))
+        return ImportResult(slot, None, ("no device answers there",))
     if slot.name not in zeros:
-        return ImportResult(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
+        return ImportResult(
+            slot, None, (f"the count at its angle 0 is not given: --zero-at {slot.name}=TICKS",)
+        )
     source = sources.get(slot.name)
     note = ""
     if source is None:

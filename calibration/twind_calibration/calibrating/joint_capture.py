@@ -25,7 +25,7 @@ class JointCapture:
 def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) -> JointCapture:
     """Mean and spread of the readings; refused: too few, spread over 3 ticks, or a movement under way."""
     if not readings:
-        return JointCapture(0, 0.0, 0.0, "it was not heard")
+        return JointCapture(0, 0.0, 0.0, "no reading arrived")
     first = readings[0]
     way = [first + shortest(each - first, ticks_per_turn) for each in readings]  # 4095 and 0 are neighbours
     mean = fmean(way)

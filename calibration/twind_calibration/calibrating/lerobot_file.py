@@ -1,4 +1,4 @@
-"""A LeRobot calibration file: what it says of each motor. Pure: text in, values out.
+"""Reader of LeRobot calibration files: values by motor. Pure: text in, values out.
 
 Its JSON has an object a motor: id, drive_mode, homing_offset, range_min, range_max. The range is in counts
 that the servo told with that homing offset written into it. Nothing is guessed and nothing is left out:
@@ -85,7 +85,7 @@ def _parse_integer(path: str, value: Any, file: str) -> int:
 
 
 def _kind(value: Any) -> str:
-    """What stands there, in words."""
+    """Describe a value in a message."""
     if isinstance(value, str):
         return f"the text {value[:40]!r}"
     if isinstance(value, bool) or value is None:

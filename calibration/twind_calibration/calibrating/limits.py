@@ -2,7 +2,7 @@
 
 For joints in mode position: Max and Min Position Limit (48, 52) become the joint's limits in counts, rounded
 inwards. Shown, asked for, written with torque off, read back, and recorded in the calibration file. Needs the
-daemon in mode live, nobody armed.
+daemon in mode live, disarmed.
 """
 
 import argparse

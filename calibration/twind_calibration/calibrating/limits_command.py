@@ -22,7 +22,7 @@ from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.entry_writer import (
     agreed,
     next_steps,
-    require_somebody,
+    require_terminal,
     unchanged,
     write_entries,
 )
@@ -30,6 +30,7 @@ from twind_calibration.calibrating.file_option import format_option
 from twind_calibration.calibrating.recorded_devices import FENCE, differences, of_file, records
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import expected_servo_limits, misfits
+from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import MonotonicClock
 
 LEAST = "min_position_limit"
@@ -38,7 +39,7 @@ MOST = "max_position_limit"
 
 @dataclass(frozen=True, slots=True)
 class ServoLimitChange:
-    """What one servo's limits are, and what they are to be."""
+    """Present and wanted position limits of one servo."""
 
     slot: CalibrationActuator
     entry: JointCalibration
@@ -52,7 +53,7 @@ class ServoLimitChange:
 
     @property
     def writes(self) -> list[tuple[str, int]]:
-        """What differs, in an order in which the lower limit never passes the upper one."""
+        """Writes for the differing limits, ordered so that the lower limit never passes the upper one."""
         low = (LEAST, self.wanted[0])
         high = (MOST, self.wanted[1])
         order = [high, low] if self.wanted[0] > self.held[0] else [low, high]
@@ -75,20 +76,18 @@ class ServoLimitChange:
         return f"{self.slot.name:<{width}} {then:>12} -> {now:<12} {radians}{other}"
 
 
+@with_hints
 def limits(options: argparse.Namespace) -> int:
     """Exit code 0: done, or nothing to do. Raises Rejected, UsageError, ClientError."""
-    try:
-        with operator(options) as client:
-            return _limits(options, client)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    with operator(options) as client:
+        return _limits(options, client)
 
 
 def _limits(options: argparse.Namespace, client: Client) -> int:
     place = ground(options, client)
     clock = MonotonicClock()
     place.select_actuators(options.joints, [slot.name for slot in slots(place.robot)])
-    require_somebody(options)
+    require_terminal(options)
     if client.call("GetStatus")["status"]["mode"] != "live":
         raise Rejected("registers are written in mode live alone: `twindctl mode live`, then again")
     calibration = place.calibration()
@@ -106,9 +105,8 @@ def _limits(options: argparse.Namespace, client: Client) -> int:
         _print_line(options, each.line(width))
     if not agreed(options, f"write these limits to {len(fences)} servos?"):
         raise Rejected("nothing was written")
-    with file_ownership.lock_folder(
-        place.path
-    ) as folder:  # a limit is written from a zero that nobody replaces meanwhile
+    # Locked, so that no other program replaces the zero that the limits are derived from.
+    with file_ownership.lock_folder(place.path) as folder:
         unchanged(place, calibration, [each.slot.name for each in fences])
         with limp(client, clock, take=options.take) as keep:
             return carry_out(options, client, place, calibration, fences, keep, folder)
@@ -151,7 +149,7 @@ def _require_fit(each: ServoLimitChange, device: DeviceRecord | None) -> None:
     """Raises Rejected: the servo is not as its calibration has it, limits aside, or has no room for them."""
     entry = each.entry
     name = each.slot.name
-    changed = ["nobody answers there"] if device is None else differences(entry.device, device, but=FENCE)
+    changed = ["no device answers there"] if device is None else differences(entry.device, device, but=FENCE)
     if changed:
         raise Rejected(
             f"{name} is not as it was calibrated: {', '.join(changed)}: put that right first, or "
@@ -192,7 +190,7 @@ def carry_out(
 
 
 def _write(client: Client, each: ServoLimitChange) -> tuple[int, int]:
-    """What differs; both limits, as they read back."""
+    """Write the differing limits; return both, as read back."""
     joint = each.slot.joint
     held = dict(zip((LEAST, MOST), each.held, strict=True))
     for name, value in each.writes:
@@ -202,7 +200,7 @@ def _write(client: Client, each: ServoLimitChange) -> tuple[int, int]:
 
 
 def _as_it_is(client: Client, place: CalibrationContext, each: ServoLimitChange) -> list[JointCalibration]:
-    """The entry with what the servo holds now; none where nobody tells."""
+    """Return the entry with the limits that the servo holds now; empty where it does not answer."""
     client.close()  # an answer of the call that was broken off may be under way
     try:
         device = records(client, place.robot, [each.slot]).get(each.slot.name)
@@ -219,7 +217,7 @@ def _cut_short(
     entries: Sequence[JointCalibration],
     folder: LockedFolder,
 ) -> str:
-    """Record what is known; what is so now, and what goes on."""
+    """Record the known limits; return a text with the state and the command that continues."""
     if entries:
         write_entries(place, calibration, entries, held=folder)
     names = " ".join(each.slot.name for each in fences)

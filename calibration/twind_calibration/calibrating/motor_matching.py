@@ -1,4 +1,4 @@
-"""Which motor of another's file is which actuator of ours: by a map that a person wrote, else by id. Pure."""
+"""Assignment of a foreign file's motors to actuators: by a map file, else by id. Pure."""
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -21,7 +21,7 @@ def read_map(text: str, file: str) -> Names:
 def matched(
     motors: Mapping[str, LeRobotMotor], slots: Sequence[CalibrationActuator], names: Names | None
 ) -> dict[str, LeRobotMotor]:
-    """Actuator -> its motor. Raises Rejected: a motor that is nobody's, or two of one actuator."""
+    """Return the motor of each actuator. Raises Rejected: an unassigned motor, or two of one actuator."""
     found: dict[str, LeRobotMotor] = {}
     for motor in motors.values():
         slot = _by_id(motor, slots) if names is None else _find_slot(motor, slots, names)

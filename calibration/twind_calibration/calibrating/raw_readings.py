@@ -1,4 +1,4 @@
-"""Topic `raw` of the daemon as readings of actuators, each with the time at which it was heard."""
+"""Topic `raw` of the daemon as readings of actuators, each with the time of its arrival."""
 
 import contextlib
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ LEAST_HZ = 50.0  # readings a second: fewer, and a quick movement goes over the 
 
 @dataclass(frozen=True, slots=True)
 class RawReading:
-    """One exchange. `samples`: of everybody who was heard so far, the same again where nobody is heard."""
+    """One exchange. `samples`: of every actuator with a reading so far; without a new one the same again."""
 
     time: float  # s, of the daemon's clock
     samples: Mapping[str, EncoderSample]

@@ -1,9 +1,9 @@
-"""move each joint by hand from end to end: how far does it go, and on which turns of its encoder
+"""move each joint by hand from end to end: measures its travel
 
 Torque is off. A joint is done when it rested at both its ends, half a second each; ENTER ends with those that
-are there. The travel goes into a draft beside the calibration file, until `zero` makes it whole. Nobody arms
-meanwhile, and the mode stays. Who is swept anew loses the earlier travel at once. Ctrl-C keeps what is done,
-and says what goes on with the rest.
+are there. The travel goes into a draft beside the calibration file, until `zero` makes it whole. Arming is
+refused meanwhile, and the mode stays. A joint that is swept again loses its earlier travel at once. Ctrl-C
+keeps the finished joints and prints the command that continues.
 """
 
 import argparse

@@ -31,6 +31,7 @@ from twind_calibration.calibrating.sweep_tracker import (
 )
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
+from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s
@@ -38,13 +39,11 @@ TELL = 0.5  # s between two lines of JSON of a joint that moves
 HEAD = "by hand, slowly, to both ends, half a second at each"
 
 
+@with_hints
 def sweep(options: argparse.Namespace) -> int:
     """Return exit code 0 when all requested actuators have a travel. Raises Rejected, ClientError."""
-    try:
-        with operator(options) as client:
-            return _sweep(options, client, MonotonicClock())
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    with operator(options) as client:
+        return _sweep(options, client, MonotonicClock())
 
 
 def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
@@ -118,7 +117,7 @@ class SweepSession:
         absent = [name for name in self._asked if name not in self.records]
         if absent:
             raise Rejected(
-                f"nobody answers for {', '.join(absent)}: `twindctl calibrate scan` looks at the buses"
+                f"no device answers for {', '.join(absent)}: `twindctl calibrate scan` examines the buses"
             )
         self._forget(self._asked)  # else an earlier travel would pass for one of this sweep
         count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]
@@ -144,19 +143,18 @@ class SweepSession:
                 self._keep(name, found)
 
     def cut(self) -> None:
-        """Report an interruption (Ctrl-C): travels completed before are in the draft."""
-        self._draw()
-        self._board.close()
-        done = sum(name in self.draft.swept for name in self._asked)
+        """Report an interruption (Ctrl-C): the open joints, each with its reason, and the saved travels."""
+        left = self._left()
+        self._print_left(left)
         self._print_line(
-            f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
-            f"`{self._next()}` goes on with the others"
+            f"interrupted: {len(self._asked) - len(left)} of {len(self._asked)} are kept in "
+            f"{drafts.path_of(self._place.path)}; `{self._next()}` continues with the others"
         )
 
     def close(self) -> int:
         """Print the complete and the incomplete actuators; return the exit code."""
-        left = [name for name in self._asked if name not in self.draft.swept]
-        done = [name for name in self._asked if name in self.draft.swept]
+        left = self._left()
+        done = [name for name in self._asked if name not in left]
         whole = not left
         next = self._next()
         if self._options.json:
@@ -171,13 +169,10 @@ class SweepSession:
                 )
             )
             return DONE if whole else REFUSED
-        self._draw()
-        self._board.close()
         if not self._asked:
             self._print_line("every joint has its travel already: --again, or names, sweep them anew")
             return DONE
-        for name in left:
-            self._print_line(f"not done: {name}: {self._explain_stop(name)}")
+        self._print_left(left)
         where = f", kept in {drafts.path_of(self._place.path)}" if done else ""
         self._print_line(f"{len(done)} of {len(self._asked)} swept{where}")
         what = "hold the robot in a pose whose angles are known" if whole else "the rest"
@@ -186,10 +181,21 @@ class SweepSession:
 
     def _next(self) -> str:
         """Return the command that continues the calibration."""
-        left = [name for name in self._asked if name not in self.draft.swept]
+        left = self._left()
         anew = self._options.joints or self._options.again  # what the file has of them is not enough
         names = "".join(f" {name}" for name in left) if anew else ""
         return f"twindctl calibrate {f'sweep{names}' if left else 'zero'}{format_option(self._options)}"
+
+    def _left(self) -> list[str]:
+        """Return the requested joints without a travel."""
+        return [name for name in self._asked if name not in self.draft.swept]
+
+    def _print_left(self, left: Iterable[str]) -> None:
+        """Print the last progress, and a line with the reason for each open joint."""
+        self._draw()
+        self._board.close()
+        for name in left:
+            self._print_line(f"not done: {name}: {self._explain_stop(name)}")
 
     def _explain_stop(self, name: str) -> str:
         progress = self._travels.progress(name)

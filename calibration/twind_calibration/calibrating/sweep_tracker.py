@@ -6,7 +6,12 @@ from enum import StrEnum
 
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample, UnwrappedEncoder
-from twind_calibration.calibrating.travel_verdict import TravelVerdict, UnexpectedMotion, judge, strayed
+from twind_calibration.calibrating.travel_verdict import (
+    TravelVerdict,
+    UnexpectedMotion,
+    find_unexpected_motion,
+    judge,
+)
 
 NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
 ALL = 0.9  # of the way between its limits: below it a rest may be one half-way, and only a person knows
@@ -141,7 +146,7 @@ class SweepTracker:
             name: track.span * abs(self._slots[name].rad_per_tick) / self._slots[name].range
             for name, track in self._tracks.items()
         }
-        return strayed(shares, self.asked)
+        return find_unexpected_motion(shares, self.asked)
 
 
 def describe_mismatch(judged: TravelVerdict) -> str:

@@ -1,7 +1,7 @@
-"""A robot whose joints a person may move: nobody has torque, and nobody gives it while they do.
+"""Robot without torque, whose joints may be moved by hand: arming is refused meanwhile.
 
-The daemon is kept in the state calibrating by the lease of this connection: nobody arms, and the mode stays.
-In mirror too, or somebody else would say `mode live` and arm while hands are on the robot.
+The lease of this connection keeps the daemon in the state calibrating, where it refuses arming and another
+mode. In mirror too: another client could otherwise select `live` and arm while hands are on the robot.
 """
 
 import contextlib
@@ -18,25 +18,25 @@ PAUSE = 0.1  # s between two questions
 
 @contextlib.contextmanager
 def limp(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], None]]:
-    """Torque is off and stays off; what is given keeps it so when called now and then.
+    """Keep torque off; call the yielded function at every reading, it renews the lease.
 
-    Raises Rejected (mode sim, a joint with torque or of which nobody knows), ClientError.
+    Raises Rejected (mode sim, a joint with torque or with unknown torque), ClientError.
     """
     require_limp(client, clock)
     with calibrating(client, take=take):
-        _require_off(client, clock)  # nobody armed meanwhile
+        _require_off(client, clock)  # another client may have armed meanwhile
         yield _renewing(client, clock)
 
 
 def require_limp(client: Client, clock: Clock) -> None:
-    """Torque is off now. Whoever asks a person first asks this before. Raises as `limp`."""
+    """Check that torque is off now; call it before a question to the operator. Raises as `limp`."""
     if client.call("GetStatus")["status"]["mode"] == "sim":
         raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
     _require_off(client, clock)
 
 
 def _renewing(client: Client, clock: Clock) -> Callable[[], None]:
-    """Renews the lease when it is time."""
+    """Return a function that renews the lease when it is due."""
     renewed = clock.now()
 
     def keep() -> None:
@@ -49,7 +49,7 @@ def _renewing(client: Client, clock: Clock) -> Callable[[], None]:
 
 
 def _require_off(client: Client, clock: Clock) -> None:
-    """Raises Rejected: somebody's torque is on, or nobody knows of it."""
+    """Raises Rejected: a joint's torque is on or unknown."""
     deadline = clock.now() + PATIENCE
     while True:
         answer = client.call("GetStatus", joints=True)
@@ -61,7 +61,5 @@ def _require_off(client: Client, clock: Clock) -> None:
         if not unknown:
             return
         if clock.now() > deadline:
-            raise Rejected(
-                f"nobody knows whether torque is off: {', '.join(unknown)}: `twindctl status --joints`"
-            )
+            raise Rejected(f"torque is unknown: {', '.join(unknown)}: see `twindctl status --joints`")
         clock.sleep_until(clock.now() + PAUSE)

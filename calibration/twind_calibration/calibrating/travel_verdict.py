@@ -37,8 +37,8 @@ def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActu
     low, high = PLAUSIBLE_SWEEP
     if span >= slot.joint.type.ticks_per_turn:
         wrong = (
-            f"{span / slot.joint.type.ticks_per_turn:.2f} turns of its actuator: after a power-up nobody can "
-            "tell which turn it is on"
+            f"{span / slot.joint.type.ticks_per_turn:.2f} turns of its actuator: after a power-up its "
+            "turn is unknown"
         )
         slips = ("a horn or coupling that slips", "a joint without stops: give it some within one turn")
         return TravelVerdict(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))
@@ -92,7 +92,7 @@ UNMOVED = 0.05
 MOVED = 0.30
 
 
-def strayed(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:
+def find_unexpected_motion(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:
     """Detect motion of the wrong joints; None: there is none.
 
     `shares`: the share of its range that each actuator has moved. The joints of a limp robot follow each

@@ -18,7 +18,12 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
 from twind_calibration.calibrating.encoder_unwrap import on_turn
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
+from twind_calibration.calibrating.entry_writer import (
+    agreed,
+    next_steps,
+    require_terminal,
+    write_entries,
+)
 from twind_calibration.calibrating.joint_capture import JointCapture, capture
 from twind_calibration.calibrating.raw_readings import readings
 from twind_calibration.calibrating.recorded_devices import differences, records
@@ -32,9 +37,10 @@ from twind_calibration.calibrating.zero_placement import (
     misfits,
     spread,
 )
+from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import MonotonicClock
 
-SPARE = 5  # times as many readings as are asked for may pass until everybody was heard so often
+SPARE = 5  # factor on the requested number of readings, within which every actuator must have so many
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,16 +93,14 @@ class ZeroResult:
         }
 
 
+@with_hints
 def zero(options: argparse.Namespace) -> int:
     """Return exit code 0 when the file has all requested actuators.
 
     Raises Rejected, UsageError, ClientError.
     """
-    try:
-        with operator(options) as client:
-            return _zero(options, client)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    with operator(options) as client:
+        return _zero(options, client)
 
 
 def _zero(options: argparse.Namespace, client: Client) -> int:
@@ -106,7 +110,7 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     place.select_actuators(
         options.joints, [slot.name for slot in every]
     )  # a yes to a name that is none is worth nothing
-    require_somebody(options)
+    require_terminal(options)
     calibration = place.calibration()
     draft = drafts.load(place.path, place.robot)
     swept = travels_of(draft, calibration)
@@ -242,7 +246,7 @@ def place_slot(
     `angle`: its angle (rad) during the readings; None: the zero is set by the ends of its travel.
     """
     if device is None:
-        return ZeroResult(slot, None, ("nobody answers there",), angle)
+        return ZeroResult(slot, None, ("no device answers there",), angle)
     changed = differences(known.device, device)
     if changed:
         wrong = f"it is not as it was when it was swept: {', '.join(changed)}: sweep it again"
@@ -286,7 +290,7 @@ def describe_coarse_zeros(placed: Sequence[ZeroResult]) -> str:
     known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
     one = [each.slot.name for each in good if each.spread is None]
     told = [f"+-{max(known):.3f} rad, and what the hand left out"] if known else []
-    told += [f"nobody knows how coarse where one end alone is known: {', '.join(one)}"] if one else []
+    told += [f"the accuracy is unknown where only one end is known: {', '.join(one)}"] if one else []
     return f"by the ends of the travel a zero is coarse: {'; '.join(told)}"
 
 

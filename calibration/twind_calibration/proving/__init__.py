@@ -1,1 +1,1 @@
-"""What gravity proves of a joint's sign, place and zero, and what it cannot. A client."""
+"""Proof of a joint's sign, place and zero by gravity load. A client of the daemon."""

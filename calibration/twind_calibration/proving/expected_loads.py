@@ -1,4 +1,4 @@
-"""What the servos would measure at some poses, if a joint were as described, turned round, or another one.
+"""Expected loads at given poses: joint as described, with the wrong sign, or exchanged with another.
 
 The twin's model, base held as the person says; poses alone, no contact. Feeds `judge`, knows no robot.
 """
@@ -27,7 +27,7 @@ FEW: Floats = CLOSE[[0, len(CLOSE) // 2, -1]]  # enough to plan by
 
 
 class ExpectedLoads:
-    """Loads of one joint (place in joint order) at poses (k, n), rad, as the servos tell them."""
+    """Loads of one joint (place in joint order) at poses (k, n), rad, as the servos report them."""
 
     def __init__(self, body: PosedModel, poses: Floats, joint: int) -> None:
         self._body = body
@@ -77,7 +77,7 @@ class ExpectedLoads:
         return refined(rows)
 
 
-def swept(pose: Floats, joint: int, places: Floats) -> Floats:
+def at_places(pose: Floats, joint: int, places: Floats) -> Floats:
     """Poses (k, n): one joint at each of its places (k,), the others as in `pose`."""
     poses = np.tile(pose, (len(places), 1))
     poses[:, joint] = places
@@ -92,18 +92,18 @@ def look_ahead(
     friction: float,
     entry: JointCalibration | None = None,
 ) -> LoadPrediction:
-    """Before anything moves: what will the joint show, taken to these places (rad) from this pose?
+    """Predict the loads of a joint that is moved to these places (rad) from this pose.
 
     `entry`: its calibration; None: as if it had been swept from end to end.
     """
     spec = body.robot.joints[joint]
-    expected = ExpectedLoads(body, swept(pose, joint, places), joint)
+    expected = ExpectedLoads(body, at_places(pose, joint, places), joint)
     room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
     return foresee(expected.right(FEW), expected.loads_with_wrong_sign(mirror(spec, entry), FEW, GROSS), room)
 
 
 def strained(body: PosedModel, pose: Floats) -> dict[int, str]:
-    """Joints that hold much of what they can in this pose, and the words for it: they want to be propped."""
+    """Return the heavily loaded joints of a pose with a text for each: they should be supported."""
     found = {}
     for place, (spec, load) in enumerate(zip(body.robot.joints, body.torque(pose), strict=True)):
         most = spec.ratio * spec.type.effort_limit_nm

@@ -1,7 +1,7 @@
-"""Is it this joint's servo, or has it another's place? By its own load, and by that of all the others. Pure.
+"""Check for exchanged servos: by the load of the moved joint, and by the loads of all others. Pure.
 
-Moving a joint changes the load of what it carries and of what carries it: whose load changes says which joint
-was moved. Twins with parallel axes have the same load themselves; only their neighbours' tells them apart.
+A moved joint changes the loads of the joints that it carries and that carry it, which identifies it. Twins
+with parallel axes have equal loads; only the loads of their neighbours differ.
 """
 
 from enum import Enum
@@ -13,7 +13,7 @@ from twind_calibration.proving.sign_proof import apart, misfits
 
 
 class JointMatch(Enum):
-    """What the loads say of one other joint whose servo might be here."""
+    """Result of the comparison with one other joint whose servo may be here."""
 
     HERE = "here"  # excluded: with that servo another load would have been measured
     THERE = "there"  # the servos are exchanged: that is what was measured

@@ -8,6 +8,7 @@ from twind.client import Client, Refused
 from twind.client.errors import finding_text
 from twind.command_line.verb import Rejected, UsageError, lease
 from twind.config.robot_spec import RobotFile
+from twind_calibration.rejection_hints import unknown_joint
 from twind_calibration.wiggling.joint_move import goal_of
 
 # rad/s, and s at least on the way
@@ -23,7 +24,7 @@ def wanted_pose(robot: RobotFile, name: str | None, bends: Sequence[str]) -> dic
     for bend in bends:
         joint, _, angle = bend.partition("=")
         if joint not in robot.names:
-            raise Rejected(f"--with {bend}: {robot.name} has no joint {joint!r}")
+            raise unknown_joint(f"--with {bend}: {robot.name}", joint, robot.names)
         try:
             goals[joint] = float(angle)
         except ValueError:
@@ -45,7 +46,7 @@ def posed(client: Client, goals: Mapping[str, float], *, take: bool) -> Iterator
     before = {name: goal_of(client, name) for name in goals}
     home = {name: goal for name, goal in before.items() if goal is not None}
     if len(home) < len(goals):
-        raise Rejected("joints of the pose were never heard: nobody knows where they are")
+        raise Rejected("positions of joints of the pose are unknown: no reading arrived")
     _move(client, home, goals, take=take)
     yield
     _move(client, goals, home, take=take)

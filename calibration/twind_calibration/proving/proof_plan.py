@@ -1,4 +1,4 @@
-"""Which base pose proves which joint, and how its neighbours have to stand: by the model, nothing moves.
+"""Plan of a proof: base pose and angles of neighbours for each joint, by the model. Nothing moves.
 
 From the robot file alone. Bases that are each other's mirror image show the same, so three are looked at.
 """
@@ -21,6 +21,7 @@ from twind.robot.arrays import Floats
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.proof_sweep import sweeps
 from twind_calibration.proving.sign_proof import LoadPrediction
+from twind_calibration.rejection_hints import unknown_joint
 from twind_calibration.wiggling.posed_model import PosedModel
 
 BASES = ("upright", "back", "left")
@@ -66,7 +67,7 @@ def best(body: PosedModel, joint: int, size: float, friction: float) -> ProofPla
 def _seen(
     body: PosedModel, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
 ) -> tuple[LoadPrediction, bool] | None:
-    """What it shows, and whether it strains the joint."""
+    """Return the predicted loads, and whether the pose overloads the joint."""
     pose = rest.copy()
     spec = body.robot.joints[joint]
     if bend is not None:
@@ -93,7 +94,7 @@ def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
                 yield other, angle
 
 
-def told_plan(options: argparse.Namespace) -> int:
+def print_plan(options: argparse.Namespace) -> int:
     """Print the plan. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
     robot = _robot(options)
     try:
@@ -102,7 +103,7 @@ def told_plan(options: argparse.Namespace) -> int:
         raise Rejected(str(error)) from None
     for name in options.joints:
         if name not in robot.names:
-            raise Rejected(f"{robot.name} has no joint {name!r}; it has {', '.join(robot.names)}")
+            raise unknown_joint(robot.name, name, robot.names)
     chosen = [place for place, name in enumerate(robot.names) if name in options.joints or not options.joints]
     size = radians(options.degrees)
     friction = float(options.friction)

@@ -1,4 +1,4 @@
-"""What a calibration file keeps of a proof, and whether it is the one that is in force. Pure."""
+"""Records of proofs in a calibration file, and their comparison with the calibration in force. Pure."""
 
 import json
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from twind_calibration.proving.proof_report import ProofVerdict
 
 
 def measurement_records(calibration: Calibration | None) -> dict[str, Any]:
-    """What was measured of each actuator, as JSON tells it: everything but its proof."""
+    """Return the measurements of each actuator in JSON form: its entry without the proof."""
     joints = () if calibration is None else calibration.joints
     return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
 
@@ -29,7 +29,7 @@ def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 def with_proofs(
     calibration: Calibration, verdicts: Mapping[str, ProofVerdict], at: str
 ) -> tuple[Calibration, list[str], list[str]]:
-    """With the proofs of `verdicts`, by entry: the calibration, whose proof is new, whose was taken away.
+    """Add the proofs of `verdicts`; return the calibration, names with a new proof, names without it now.
 
     What contradicts takes an earlier proof away. An eye replaces none that gravity gave.
     """

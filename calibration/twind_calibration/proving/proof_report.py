@@ -10,7 +10,7 @@ from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparison
 from twind_calibration.proving.sign_proof import LoadVerdict, ProofContradiction, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, came_back
-from twind_calibration.wiggling.wiggle_report import CAUSES
+from twind_calibration.wiggling.wiggle_report import CAUSES, null_if_nan
 
 SAYS = {
     ProofContradiction.MOTION: "it does not move as it is told to, or not alone",
@@ -107,9 +107,9 @@ class ProofVerdict:
         return {
             "sign": "gravity" if self.proof is SignProof.PROVED else "operator",
             "base_pose": self.base,
-            "slope_ratio": None if judged is None else _null_if_nan(judged.slope_ratio),
-            "offset_residual_rad": None if judged is None else _null_if_nan(judged.offset),
-            "offset_unsure_rad": None if judged is None else _null_if_nan(judged.offset_unsure),
+            "slope_ratio": None if judged is None else null_if_nan(judged.slope_ratio),
+            "offset_residual_rad": None if judged is None else null_if_nan(judged.offset),
+            "offset_unsure_rad": None if judged is None else null_if_nan(judged.offset_unsure),
             "at": at,
         }
 
@@ -139,16 +139,16 @@ class ProofVerdict:
     def _numbers(self, weighed: LoadComparison) -> dict[str, Any]:
         judged = weighed.judged
         return {
-            "span_nm": _null_if_nan(judged.foreseen.span),
-            "flip_nm": _null_if_nan(judged.foreseen.flip),
-            "apart_nm": _null_if_nan(judged.foreseen.apart),
-            "slack_nm": _null_if_nan(judged.foreseen.slack),
-            "slope_ratio": _null_if_nan(judged.slope_ratio),
-            "misfit_nm": _null_if_nan(judged.misfit),
-            "misfit_reversed_nm": _null_if_nan(judged.misfit_reversed),
-            "offset_residual_rad": _null_if_nan(judged.offset),
-            "offset_unsure_rad": _null_if_nan(judged.offset_unsure),
-            "friction_nm": _null_if_nan(judged.friction),
+            "span_nm": null_if_nan(judged.foreseen.span),
+            "flip_nm": null_if_nan(judged.foreseen.flip),
+            "apart_nm": null_if_nan(judged.foreseen.apart),
+            "slack_nm": null_if_nan(judged.foreseen.slack),
+            "slope_ratio": null_if_nan(judged.slope_ratio),
+            "misfit_nm": null_if_nan(judged.misfit),
+            "misfit_reversed_nm": null_if_nan(judged.misfit_reversed),
+            "offset_residual_rad": null_if_nan(judged.offset),
+            "offset_unsure_rad": null_if_nan(judged.offset_unsure),
+            "friction_nm": null_if_nan(judged.friction),
             "like": self._joint_names(weighed.like),
             "bent": self._joint_names(weighed.bent),
             "untold": self._joint_names(weighed.untold),
@@ -216,7 +216,3 @@ def _zero(judged: LoadVerdict) -> str:
     if not isfinite(judged.offset):
         return "its zero cannot be told here"
     return f"zero off by {judged.offset:+.2f} ± {judged.offset_unsure:.2f} rad"
-
-
-def _null_if_nan(number: float) -> float | None:
-    return number if isfinite(number) else None

@@ -1,4 +1,4 @@
-"""How a joint is taken through its places: each from below and from above. Pure.
+"""Sweep of a joint through several places, each reached from below and from above. Pure.
 
 Friction and backlash push against the way a joint came. Beyond the last place it goes a little further, so
 that it comes to every place from both sides.
@@ -41,7 +41,7 @@ class ProofSweep:
 
     @property
     def farthest(self) -> float:
-        """How far from home it goes, rad, signed."""
+        """Largest distance from home, rad, signed."""
         ways = np.array(self.visits) - self.home
         return float(ways[np.abs(ways).argmax()])
 
@@ -70,7 +70,7 @@ def sweeps(home: float, lower: float, upper: float, size: float) -> list[ProofSw
 
 @dataclass(frozen=True, slots=True)
 class MeasuredLoads:
-    """What was measured. `poses` (k, n) rad and `effort` (k, n) N·m are means of both directions."""
+    """Measured loads. `poses` (k, n) rad and `effort` (k, n) N·m are means of both directions."""
 
     poses: Floats
     effort: Floats
@@ -79,7 +79,7 @@ class MeasuredLoads:
     ends: HoldMeans  # at home, farthest away, home again: for the encoder
 
 
-def swept(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
+def mean_loads(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
     """Compute the measured loads from the stays at `sweep.visits`."""
     count = len(sweep.places)
     up = stays[2 : 2 + count]

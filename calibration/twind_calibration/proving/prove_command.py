@@ -20,16 +20,17 @@ from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
-from twind_calibration.calibrating.entry_writer import agreed, require_somebody
+from twind_calibration.calibrating.entry_writer import agreed, require_terminal
 from twind_calibration.calibrating.file_ownership import lock_folder, save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.observable_pose import posed, wanted_pose
-from twind_calibration.proving.proof_plan import told_plan
+from twind_calibration.proving.proof_plan import print_plan
 from twind_calibration.proving.proof_records import in_force, measurement_records, unlike, with_proofs
 from twind_calibration.proving.proof_report import BLIND, ProofVerdict
-from twind_calibration.proving.proof_sweep import ProofSweep, sweeps, swept
+from twind_calibration.proving.proof_sweep import ProofSweep, mean_loads, sweeps
+from twind_calibration.rejection_hints import with_hints
 from twind_calibration.wiggling.joint_move import MoveResult, allowed, go, goal_of
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, answer
 from twind_calibration.wiggling.move_preconditions import (
@@ -46,24 +47,22 @@ from twind_calibration.wiggling.state_trace import record_states as watched
 from twind_drivers.clock import Clock, MonotonicClock
 
 
+@with_hints
 def prove(options: argparse.Namespace) -> int:
     """Return exit code 0: nothing contradicts. Raises Rejected, UsageError, ClientError."""
     require_amounts(options, LEAST, MOST)
     if options.plan:
-        return told_plan(options)
+        return print_plan(options)
     if options.base not in BASES:
         said = "how is the base held" if options.base is None else f"no base pose {options.base!r}"
         raise UsageError(f"{said}: say --base {', '.join(BASES)}; --plan says which proves what")
-    try:
-        return _prove(options)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    return _prove(options)
 
 
 def _prove(options: argparse.Namespace) -> int:
     with operator(options) as client:
         session = ProofSession(options, client, MonotonicClock())
-        require_somebody(options)
+        require_terminal(options)
         session.require_ready()
         verdicts: list[ProofVerdict] = []
         try:
@@ -200,7 +199,7 @@ class ProofSession:
             return ProofVerdict(
                 gone=gone, seen=EncoderObservation(motion, way.farthest, nan, nan, nan), **who
             )
-        shown = swept(way, stays)
+        shown = mean_loads(way, stays)
         friction = float(self._options.friction)
         weighed = None if joint.transmission else weigh(self._body, place, shown, friction, entry)
         verdict = ProofVerdict(
@@ -214,7 +213,7 @@ class ProofSession:
         """Return the first way that the gate permits, else the reason for its refusal."""
         home = goal_of(self._client, joint.name)
         if home is None:
-            return None, ("nobody knows where it is: it was never heard",)
+            return None, ("its position is unknown: no reading arrived",)
         ways = sweeps(home, joint.lower, joint.upper, radians(self._options.degrees))
         if not ways:
             return None, ("its limits leave it no room to move",)

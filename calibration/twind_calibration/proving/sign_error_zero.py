@@ -1,4 +1,4 @@
-"""Where a joint would stand if its sign were wrong and its zero had come of the same travel. Pure.
+"""Zero errors that a wrong sign causes when the zero was derived from the travel. Pure.
 
 A travel tells no sign. With the wrong one its lower end is taken for the upper, and a zero that came of its
 ends fits both as well as the right zero would: it is off by the sum of their angles.
@@ -17,10 +17,10 @@ STEP = float(CLOSE[1] - CLOSE[0])  # rad: near enough to each other that loads b
 
 
 def mirror(joint: JointSpec, entry: JointCalibration | None) -> Mirror:
-    """What the true angle of the joint and the told one add up to, if its sign is wrong, by its travel (rad).
+    """Return the bounds of the sum of true and reported angle for a wrong sign, by the travel (rad).
 
     Each end of the swept travel lay where the other one is described to be: at a stop, or at a limit where
-    nobody says where the stop is. Not calibrated: as if it had been swept from end to end.
+    the stop is not described. Not calibrated: as if it had been swept from end to end.
     """
     ends = [
         joint.lower if joint.stops.lower is None else joint.stops.lower,
@@ -34,7 +34,7 @@ def mirror(joint: JointSpec, entry: JointCalibration | None) -> Mirror:
 
 
 def offsets(sums: Mirror, step: float = STEP) -> Floats:
-    """Zero errors (rad, ascending) by which a wrong sign has to be tried so: 5 degrees beyond each."""
+    """Return the zero errors (rad, ascending) to try with a wrong sign, to 5 degrees beyond each bound."""
     first = -sums[1] - GROSS
     last = -sums[0] + GROSS
     return np.linspace(first, last, max(2, 1 + int(np.ceil((last - first) / step))))

@@ -1,4 +1,4 @@
-"""What a joint's load says of its sign and zero, and what it cannot say. Pure.
+"""Judgement of a joint's sign and zero by its load. Pure.
 
 The load is measured at k places, each come to from below and from above: friction cancels in the mean. It is
 held against families of loads: what would be measured if the joint were as described, turned round or another
@@ -56,7 +56,7 @@ class ProofContradiction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WrongSignLoads:
-    """What a wrong sign would measure, N·m; a row (k,) for each zero, each within 5 degrees."""
+    """Expected loads with a wrong sign, N·m; a row (k,) for each zero, each within 5 degrees."""
 
     near: Floats  # (d, k), its zero as it is told
     mirrored: Floats  # (e, k), its zero where the same travel would have placed it with that sign
@@ -69,7 +69,7 @@ class WrongSignLoads:
 
 @dataclass(frozen=True, slots=True)
 class LoadPrediction:
-    """What the model says before anything moves. N·m, rms over the places."""
+    """Prediction by the model before the motion. N·m, rms over the places."""
 
     span: float  # between the largest and the smallest load
     flip: float  # between the load as described and the nearest that a wrong sign measures
@@ -89,7 +89,7 @@ class LoadPrediction:
 
 @dataclass(frozen=True, slots=True)
 class LoadVerdict:
-    """What the load of one joint says. N·m, rms; rad."""
+    """Result for the load of one joint. N·m, rms; rad."""
 
     proof: SignProof
     against: ProofContradiction
@@ -103,7 +103,7 @@ class LoadVerdict:
 
 
 def slack(friction: float, lsb: float) -> float:
-    """What the mean of both directions may be off, N·m, of a joint with that friction and unit of effort."""
+    """Return the tolerance (N·m) of the mean of both directions, for this friction and unit of effort."""
     return LEFT * friction + (lsb if np.isfinite(lsb) else 0.0)
 
 
@@ -220,7 +220,7 @@ def _verdict(
 
 
 def _offset(misfits: Floats, room: float) -> tuple[float, float]:
-    """The zero errors that fit: their middle and how far they reach from it, rad; NaN: nobody can say."""
+    """The zero errors that fit: their middle and half width, rad; NaN: unknown."""
     fitting = ZEROS[misfits <= room]
     if not len(fitting) or fitting[0] == ZEROS[0] or fitting[-1] == ZEROS[-1]:
         return float("nan"), float("nan")

@@ -17,7 +17,7 @@ STAY = 0.6
 # s: how long, and how often, the way home is asked for
 PATIENCE = 10.0
 AGAIN = 0.3
-NEAR = 1e-3  # rad: closer than that it is told to be home
+NEAR = 1e-3  # rad: closer than that its goal is home
 # What the other direction may be free of.
 ONE_SIDED = frozenset(
     {
@@ -32,12 +32,12 @@ ONE_SIDED = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class MoveResult:
-    """How it went. `refused`: why nothing moved; `ended`: what ended the move before its time."""
+    """Result of a move. `refused`: why nothing moved; `ended`: what ended the move before its time."""
 
     way: float  # rad, away from home
     refused: tuple[str, ...] = ()
     ended: tuple[str, ...] = ()
-    left: float = 0.0  # rad, how far from home it is told to be in the end
+    left: float = 0.0  # rad, distance of its last goal from home
 
     @property
     def moved(self) -> bool:
@@ -62,7 +62,7 @@ def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
 
 
 def direction(client: Client, joint: str, home: float, size: float) -> MoveResult:
-    """Which way the gate lets it go, by `size` (rad): up, else down, else why not. Nothing moves."""
+    """Return the way that the gate permits: `size` (rad), else -`size`, else the reasons. Nothing moves."""
     ways = (size, -size)
     at, refused = allowed(client, [path(joint, home, way) for way in ways])
     return MoveResult(size if at is None else ways[at], refused)
@@ -92,10 +92,10 @@ def go(
     along: dict[str, Any] | None = None,
     tell: Callable[[str, float], None] = lambda _phase, _share: None,
 ) -> MoveResult:
-    """There and home, or along another path that ends there and goes no farther than `way`.
+    """Move a joint away and home, or along another path that goes no farther than `way`.
 
-    What the daemon ended on the way is brought home as soon as the gate lets it. Whoever says stop or takes
-    the robot over has it: then it is left where it is. `tell` is told each phase, and which share is done.
+    A move that the daemon ended is brought home as soon as the gate permits. After a stop, or when another
+    client took the lease, the joint stays where it is. `tell` receives each phase and the share done.
     """
     with lease(client, take=take):
         try:
@@ -109,13 +109,13 @@ def go(
         findings = last.get("findings") or ()
         ended = tuple(finding_text(each) for each in findings) or (str(last["phase"]),)
         taken = any(str(each["code"]).startswith("LEASE_") for each in findings)
-        if last["phase"] != "aborted" or taken:  # somebody said stop, or moves it otherwise: theirs now
+        if last["phase"] != "aborted" or taken:  # a stop, or another client's motion: not ours to undo
             return MoveResult(way, ended=ended, left=_away(client, joint, home))
         return MoveResult(way, ended=ended, left=back(client, clock, joint, home, way))
 
 
 def goal_of(client: Client, joint: str) -> float | None:
-    """Where a joint is told to be, else where it is (rad); None: nobody knows."""
+    """Return the goal of a joint, else its position (rad); None: unknown."""
     told = client.call("GetStatus", joints=True)
     [now] = [each for each in told["joints"] if each["name"] == joint]
     here = "position" if told["status"]["mode"] == "live" else "simulated"  # who is moved
@@ -124,17 +124,17 @@ def goal_of(client: Client, joint: str) -> float | None:
 
 
 def back(client: Client, clock: Clock, joint: str, home: float, way: float) -> float:
-    """Bring a joint home from a move of `way` (rad), as soon as the gate lets it; how far it is left, rad.
+    """Bring a joint home from a move of `way` (rad) when the gate permits; return the rest, rad.
 
-    The lease of that move is renewed, never asked for anew: once it was another's, or this program stood
-    still for a second, the robot may be somebody else's. Nor is it brought from farther away than it went.
+    The lease of that move is renewed, never acquired again: after its loss another client may use the robot.
+    Nor is the joint brought from farther away than it went.
     """
     point = {"positions": [home], "velocities": [0.0], "time_from_start": OUT}
     homewards = {"joint_names": [joint], "points": [point]}
     away = 0.0
     until = clock.now() + PATIENCE
     while clock.now() < until:
-        ours = _renewed(client)  # first: what is read after it is nobody else's doing
+        ours = _renewed(client)  # first: later readings then show no other client's motion
         away = _away(client, joint, home)
         if abs(away) <= NEAR:
             return 0.0
@@ -151,7 +151,7 @@ def back(client: Client, clock: Clock, joint: str, home: float, way: float) -> f
 
 
 def _renewed(client: Client) -> bool:
-    """Is the lease still this connection's? Then for another term."""
+    """Renew the lease; return whether this connection still has it."""
     try:
         client.call("RenewLease")
     except Refused:
@@ -160,7 +160,7 @@ def _renewed(client: Client) -> bool:
 
 
 def _away(client: Client, joint: str, home: float) -> float:
-    """How far from home it is told to be, rad."""
+    """Return the distance of its goal from home, rad."""
     now = goal_of(client, joint)
     return 0.0 if now is None else now - home
 

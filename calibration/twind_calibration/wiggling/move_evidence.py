@@ -1,4 +1,4 @@
-"""What a small move shows, in numbers. Pure.
+"""Evaluation of a small move: encoder and load. Pure.
 
 An encoder shows whether the servo with this id goes where it is sent, and how far. It cannot show sign, gear
 ratio or which joint it sits at: goal and reading pass through the same numbers, so what is wrong in them

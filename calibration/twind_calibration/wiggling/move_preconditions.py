@@ -1,4 +1,4 @@
-"""Before and after a move: is the robot armed, where is it, and what did the person see who watched."""
+"""Checks before a move and questions after it: options, arming, positions, observed motion."""
 
 import argparse
 import sys
@@ -16,7 +16,7 @@ MOST_FRICTION = 100.0  # N·m
 
 
 def require_amounts(options: argparse.Namespace, least: float, most: float) -> None:
-    """How far a joint is moved, in degrees, and what friction it may have. Raises UsageError."""
+    """Check the bounds of the motion (degrees) and of the friction (N·m). Raises UsageError."""
     if not least <= options.degrees <= most:
         raise UsageError(f"--degrees {options.degrees:g} is outside {least:g} to {most:g}")
     if not 0.0 <= options.friction <= MOST_FRICTION:
@@ -28,20 +28,20 @@ def require_armed(options: argparse.Namespace, client: Client) -> None:
     if client.call("GetStatus")["status"]["armed"]:
         return
     if not options.arm:
-        raise Rejected("the robot is not armed: `twindctl arm`, or --arm, when nobody is in its way")
+        raise Rejected("the robot is not armed: `twindctl arm`, or --arm, when no person is in its way")
     with lease(client, take=options.take):
         client.call("Arm")
 
 
 def pose(client: Client, names: Sequence[str]) -> Floats:
-    """Where the joints are (rad, (n,)); NaN: never heard."""
+    """Return the positions of the joints (rad, (n,)); NaN: no reading yet."""
     joints = client.call("GetStatus", joints=True)["joints"]
     by_name = {each["name"]: each["position"] for each in joints}
     return np.array([by_name[name] for name in names], np.float64)
 
 
 def seen(options: argparse.Namespace, name: str, looks: str) -> bool | None:
-    """What the person says who watched; None: nobody was asked, or could say."""
+    """Ask the operator for the observed motion; None: no question, or no clear answer."""
     if options.no_ask or options.json or not sys.stdin.isatty():
         return None
     question = f"{name}: {looks}, and back: was it so" if looks else f"did {name} move, and no other joint"

@@ -1,4 +1,4 @@
-"""What the model says of a small move: what it looks like, and what load it takes. No physics, poses alone.
+"""Model of a robot in a pose: loads, and the visible effect of a small move. No dynamics.
 
 Frame of the words: x forward, y left, z up, as the model's base stands.
 """
@@ -44,7 +44,7 @@ class PosedModel:
         return self._mirror.effort
 
     def flipped(self, position: Floats, joint: int) -> Floats:
-        """What all would measure (N·m, (n,)) here if the joint's sign were wrong: place and torque flip."""
+        """Loads of all joints (N·m, (n,)) with a wrong sign of `joint`: position and torque are negated."""
         turned = position.copy()
         turned[joint] = -position[joint]
         found = self.torque(turned)
@@ -52,7 +52,7 @@ class PosedModel:
         return found
 
     def exchanged(self, position: Floats, joint: int, other: int) -> Floats:
-        """What all would measure (N·m, (n,)) if the servos of two joints sat in each other's place."""
+        """Loads of all joints (N·m, (n,)) if the servos of two joints were exchanged."""
         sign = self.robot.joints[joint].sign * self.robot.joints[other].sign
         swapped = position.copy()
         swapped[joint], swapped[other] = sign * position[other], sign * position[joint]
@@ -61,11 +61,11 @@ class PosedModel:
         return found
 
     def turned_round(self, position: Floats, joint: int) -> float:
-        """What the joint itself would measure (N·m) if its sign were wrong."""
+        """Load of the joint itself (N·m) with a wrong sign."""
         return float(self.flipped(position, joint)[joint])
 
-    def elsewhere(self, position: Floats, joint: int, other: int) -> float:
-        """What it would measure (N·m) if it and the servo of joint `other` sat in each other's place."""
+    def load_if_exchanged(self, position: Floats, joint: int, other: int) -> float:
+        """Load of the joint (N·m) if its servo and that of joint `other` were exchanged."""
         return float(self.exchanged(position, joint, other)[joint])
 
     def twins(self, joint: int) -> list[int]:
@@ -80,11 +80,11 @@ class PosedModel:
         ]
 
     def stands_on(self, joint: int) -> bool:
-        """Does the ground carry load past this joint, so that nobody knows what it must measure?"""
+        """Return whether the ground carries part of the load, so that the joint's load is unknown."""
         return self.free and self.base == UPRIGHT and self.robot.joints[joint].name in self.robot.legs
 
     def looks_like(self, position: Floats, joint: int, way: float) -> str:
-        """What a person sees when the joint turns by `way` (rad): `l_foot moves backward`."""
+        """Describe the visible motion when the joint turns by `way` (rad): `l_foot moves backward`."""
         moved = position.copy()
         moved[joint] += way
         before = self._places(position)
@@ -101,7 +101,7 @@ class PosedModel:
         return f"{body} turns {turn} seen {SEEN[along]}"
 
     def _carried(self, joint: int) -> Bools:
-        """Which geoms (k,) the joint moves."""
+        """Mask (k,) of the geoms that the joint moves."""
         model = self._mirror.model
         own = {int(model.jnt_bodyid[self._joints[joint]])}
         for body in range(model.nbody):  # parents come first

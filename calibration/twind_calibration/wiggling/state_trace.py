@@ -1,4 +1,4 @@
-"""What every joint did while one was moved: the daemon's own states, as they came."""
+"""Record of the daemon's states of all joints while one joint moves."""
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ PLACE = 1e-3  # rad: closer to a goal than that counts as being told to be there
 
 @dataclass(frozen=True, slots=True)
 class HoldMean:
-    """Means over a time in which one goal was held. Arrays (n,), NaN where nothing was heard."""
+    """Means over a time in which one goal was held. Arrays (n,), NaN without a reading."""
 
     position: Floats  # rad
     simulated: Floats  # rad
@@ -50,12 +50,12 @@ class StateTrace:
         self.rows.append(tuple(np.array(told, np.float64).T))
 
     def stays(self, joint: int, home: float, out: float) -> HoldMeans | None:
-        """The stays of a joint that went from `home` to `out` (rad) and back; None: it was not told to."""
+        """The stays of a joint that went from `home` to `out` (rad) and back; None: it had no such goals."""
         found = self.visits(joint, (home, out, home))
         return None if found is None else HoldMeans(*found)
 
     def visits(self, joint: int, places: Sequence[float]) -> list[HoldMean] | None:
-        """The stays of a joint at each of these places (rad), in this order; None: it was not told to."""
+        """The stays of a joint at each of these places (rad), in this order; None: it had no such goals."""
         goals = np.array([row[3][joint] for row in self.rows])
         found = []
         first = 0
@@ -94,7 +94,7 @@ def record_states(client: Client, names: Sequence[str]) -> Iterator[StateTrace]:
     client.connect()
 
     def listen() -> None:
-        with suppress(ClientError):  # a daemon that is gone is told by the other connection
+        with suppress(ClientError):  # the other connection reports the end of a daemon
             for news in client.stream("Monitor", topics=["state"], rate=RATE):
                 trace.take(news["joints"])
                 began.set()

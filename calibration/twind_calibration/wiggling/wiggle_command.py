@@ -4,7 +4,6 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from math import isfinite, nan, radians
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
-from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
+from twind.command_line.verb import DONE, REFUSED, UsageError, observer, operator
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
 from twind.exceptions import InvalidInput
+from twind_calibration.rejection_hints import unknown_joint, with_hints
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (
@@ -41,15 +41,13 @@ from twind_calibration.wiggling.wiggle_report import BLIND, NOT_COMPARED, Wiggle
 from twind_drivers.clock import Clock, MonotonicClock
 
 
+@with_hints
 def wiggle(options: argparse.Namespace) -> int:
     """Exit code 0: nothing speaks against any of them. Raises Rejected, UsageError, ClientError."""
     require_amounts(options, LEAST, MOST)
     if options.all == bool(options.joints):
         raise UsageError("name JOINTs, or --all of them")
-    try:
-        return _wiggle(options)
-    except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(command_hint(options).prose(str(error))) from error
+    return _wiggle(options)
 
 
 def _wiggle(options: argparse.Namespace) -> int:
@@ -115,7 +113,7 @@ class WiggleSession:
         home = goal_of(self._client, name)
         if home is None:
             return WiggleVerdict(
-                gone=MoveResult(nan, refused=("nobody knows where it is: it was never heard",)), **who
+                gone=MoveResult(nan, refused=("its position is unknown: no reading arrived",)), **who
             )
         gone = direction(self._client, name, home, radians(self._options.degrees))
         if not gone.moved:
@@ -132,7 +130,7 @@ class WiggleSession:
             return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.ENDED, gone), looks=looks, **who)
         stays = trace.stays(place, home, home + gone.way)
         answered = answer(stays, place, gone.way)
-        weighed = self._weighed(stays, place)
+        weighed = self._compare_load(stays, place)
         return WiggleVerdict(
             gone=gone,
             seen=answered,
@@ -148,7 +146,7 @@ class WiggleSession:
     def _move_to_rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
+    def _compare_load(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
         """The mean of the stays on both ends: friction has another sign on the way there and home."""
         body = self._body
         friction = float(self._options.friction)
@@ -167,7 +165,7 @@ class WiggleSession:
         flipped = mean([body.turned_round(pose, place) for pose in poses])
         found = weigh(measured, model, flipped, friction)
         others = body.twins(place) if isfinite(measured) else []
-        there = [mean([body.elsewhere(pose, place, other) for pose in poses]) for other in others]
+        there = [mean([body.load_if_exchanged(pose, place, other) for pose in poses]) for other in others]
         like = tuple(others[each] for each in alike(measured, model, there, friction))
         return TorqueObservation(found.load, measured, model, flipped, like)
 
@@ -184,9 +182,7 @@ class WiggleSession:
     def _select_joints(self, joints: Sequence[str]) -> list[str]:
         for name in joints:
             if name not in self.names:
-                near = get_close_matches(name, self.names, 1)
-                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(self.names)}"
-                raise Rejected(f"{self._robot['name']} has no joint {name!r}; {hint}")
+                raise unknown_joint(self._robot["name"], name, self.names)
         return list(dict.fromkeys(joints)) if joints else self.names
 
 

@@ -35,7 +35,7 @@ NOT_COMPARED = "only the simulation is moved, and it is what would be compared w
 
 @dataclass(frozen=True, slots=True)
 class WiggleVerdict:
-    """Everything about one joint. `seen` None: it was not moved; `confirmed` None: nobody could say."""
+    """Everything about one joint. `seen` None: it was not moved; `confirmed` None: not known."""
 
     joint: str
     bus: str
@@ -88,16 +88,16 @@ class WiggleVerdict:
             "left_rad": self.gone.left,
             "asked_rad": self.gone.way,
             "motion": None if seen is None else seen.motion.value,
-            "expected_rad": None if seen is None else _null_if_nan(seen.expected),
-            "moved_rad": None if seen is None else _null_if_nan(seen.moved),
-            "off_rad": None if seen is None else _null_if_nan(seen.off),
+            "expected_rad": None if seen is None else null_if_nan(seen.expected),
+            "moved_rad": None if seen is None else null_if_nan(seen.moved),
+            "off_rad": None if seen is None else null_if_nan(seen.off),
             "others": []
             if seen is None
             else dict(zip(self._joint_names(seen.others), seen.ways, strict=True)),
             "load": TorqueResponse.UNKNOWN.value if weighed is None else weighed.load.value,
-            "measured_nm": None if weighed is None else _null_if_nan(weighed.measured),
-            "model_nm": None if weighed is None else _null_if_nan(weighed.model),
-            "reversed_nm": None if weighed is None else _null_if_nan(weighed.reversed),
+            "measured_nm": None if weighed is None else null_if_nan(weighed.measured),
+            "model_nm": None if weighed is None else null_if_nan(weighed.model),
+            "reversed_nm": None if weighed is None else null_if_nan(weighed.reversed),
             "like": [] if weighed is None else self._joint_names(weighed.like),
             "looks": self.looks,
             "confirmed": self.confirmed,
@@ -160,7 +160,7 @@ class WiggleVerdict:
         return [says[w.load], *([like] if w.like else [])]
 
     def _eye(self) -> str:
-        state = {True: "confirmed", False: "NOT SO, says who watched", None: "not confirmed"}[self.confirmed]
+        state = {True: "confirmed", False: "contradicted", None: "not confirmed"}[self.confirmed]
         return f"     by eye: {self.looks or 'it moves'}, and back: {state}"
 
     def _joint_names(self, places: Sequence[int]) -> list[str]:
@@ -171,5 +171,6 @@ def _deg(radians: float) -> str:
     return f"{degrees(radians):+.2f}°"
 
 
-def _null_if_nan(number: float) -> float | None:
+def null_if_nan(number: float) -> float | None:
+    """Return the number for JSON; None for NaN and infinity."""
     return number if isfinite(number) else None

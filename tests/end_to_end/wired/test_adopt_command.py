@@ -226,7 +226,7 @@ def test_a_service_is_stopped_with_the_sockets_that_would_start_it(place: str | 
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [
-        (["wrist", "--port", "/dev/null", "--json"], 2, "--json asks nobody: add --yes"),
+        (["wrist", "--port", "/dev/null", "--json"], 2, "--json asks no question: add --yes"),
         (["wrist", "--port", "/dev/null"], 2, "standard input is no terminal; add --yes"),
         (["wrist", "--yes"], 2, "bus main of bench has no port: say --port main=PORT"),
         (["wrist", "--yes", "--port", "left=/dev/null"], 2, "no bus 'left'; the buses of this robot: main"),

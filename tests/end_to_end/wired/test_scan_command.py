@@ -81,8 +81,8 @@ def test_a_port_without_devices_fails_with_advice(
     with port() as there:
         assert main(["scan", "--port", there.path, *FEW]) == 1
     said = capsys.readouterr().err
-    assert "nobody answers: is the power on" in said
-    assert "Without --baud all rates are looked at" in said
+    assert "no device answers: is the power on" in said
+    assert "Without --baud all rates are searched" in said
 
 
 def test_a_port_in_use_is_refused_and_its_holder_named(

@@ -1,0 +1,31 @@
+"""Rejections that several verbs share: commands completed for the present call, unknown joints."""
+
+import argparse
+import functools
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+
+from twind.command_line.verb import Rejected
+from twind.ctl.command_hint import command_hint
+
+Command = Callable[[argparse.Namespace], int]
+
+
+def with_hints(command: Command) -> Command:
+    """Wrap a command: the commands in the text of its Rejected carry the options of this call."""
+
+    @functools.wraps(command)
+    def run(options: argparse.Namespace) -> int:
+        try:
+            return command(options)
+        except Rejected as error:
+            raise Rejected(command_hint(options).prose(str(error))) from error
+
+    return run
+
+
+def unknown_joint(robot: str, name: str, known: Sequence[str]) -> Rejected:
+    """Return the error for a joint that a robot does not have; it names the nearest of `known`."""
+    near = get_close_matches(name, known, 1)
+    hint = f"nearest: {near[0]}" if near else f"it has {', '.join(known)}"
+    return Rejected(f"{robot} has no joint {name!r}; {hint}")
