@@ -156,15 +156,15 @@ class Monitor:
 
     # --------------------------------------------------------------------------- what is known from outside
 
-    def told(self, what: str, now: float, **facts: Any) -> None:
-        """See `Words.told`; what it means for bytes is done here."""
+    def take_report(self, what: str, now: float, **facts: Any) -> None:
+        """See `Words.take_report`; what it means for bytes is done here."""
         self.look(now)
-        self.words.told(what, now, **facts)
+        self.words.take_report(what, now, **facts)
         self._easy = False
         if what == "estop":
             self.stopping.begin(str(facts.get("level", "settle")), facts.get("at", now), now)
         elif what in ("hold", "damp", "aborted", "state", "killed"):
-            self.stopping.told(what, now, facts)
+            self.stopping.take_report(what, now, facts)
         elif what in ("born", "port"):
             self._rest = b""
             self.packet_at = -np.inf
@@ -292,7 +292,7 @@ class Monitor:
                 servos.aim(now, words)
                 return
         if self.words.state == SEARCHING:
-            self._sought(rows, now, "a goal")
+            self._search_goals(rows, now, "a goal")
         else:
             self.words.goal(now, servos.ids[int(rows[0])])
         anew = rows[servos.anew[rows]]
@@ -351,7 +351,7 @@ class Monitor:
             self.stopping.let_go(now)
             return
         if self.words.state == SEARCHING:
-            self._sought(np.array([row]), now, "torque on")
+            self._search_goals(np.array([row]), now, "torque on")
         else:
             self.words.torque(now, id)
         if not servos.known[row] or servos.anew[row]:
@@ -367,7 +367,7 @@ class Monitor:
         servos.first[row] = True
         servos.lost[row] = False
 
-    def _sought(self, rows: np.ndarray, now: float, what: str) -> None:
+    def _search_goals(self, rows: np.ndarray, now: float, what: str) -> None:
         """W5 while nobody is armed: only what finds a stop."""
         for row in rows.tolist():
             if wrong := self.search.wrong(row):

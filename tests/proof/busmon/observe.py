@@ -56,7 +56,7 @@ class Observer:
             self._socket = None
 
     def words(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Reports since the last call, in order, for `Monitor.told`."""
+        """Reports since the last call, in order, for `Monitor.take_report`."""
         if self._socket is None:
             return
         try:

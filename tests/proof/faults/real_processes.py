@@ -162,7 +162,7 @@ def hangs(ground: Ground) -> None:
         _with(ground, HANG)
     finally:
         del os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"]
-    ground.claim("WATCHDOG=1" in _heard(manager), "the service manager is not told that the loop lives")
+    ground.claim("WATCHDOG=1" in _received(manager), "the service manager is not told that the loop lives")
     ground.begun = time.monotonic()
     os.kill(ground.running.process.pid, signal.SIGUSR1)
     ground.claim(
@@ -172,13 +172,13 @@ def hangs(ground: Ground) -> None:
     ground.outcome.delay = max(delays)
     ground.outcome.bound = 0.12
     ground.claim(max(delays) <= 0.12, f"a watchdog tripped after {max(delays):.3f} s")
-    _heard(manager)
+    _received(manager)
     time.sleep(2.2)
-    ground.claim("WATCHDOG=1" not in _heard(manager), "the service manager is told that a hung loop lives")
+    ground.claim("WATCHDOG=1" not in _received(manager), "the service manager is told that a hung loop lives")
     ground.torque(True)
 
 
-def _heard(manager: socket.socket) -> str:
+def _received(manager: socket.socket) -> str:
     said = ""
     while True:
         try:

@@ -189,7 +189,7 @@ class World(Rig):
     def kill_daemon(self, mode: Mode, pause: float) -> None:
         """SIGKILL; the servos live on, and after `pause` s another daemon begins."""
         now = self.clock.now()
-        self.watched.told("killed", now)
+        self.watched.take_report("killed", now)
         self.front.end(now)
         self.history.deaths.append(now)
         self._lose(lambda op: True)
@@ -198,12 +198,12 @@ class World(Rig):
         self.clients.clear()
         self.faults.clear()
         self.clock.sleep_until(now + pause)
-        self.watched.told("servos", self.clock.now(), **self._servos())
+        self.watched.take_report("servos", self.clock.now(), **self._servos())
         rest = self.counts
         self.front = self.new_front()
         self.news.clear()
         self.loop = self.born(mode)
-        self.watched.told("born", self.clock.now())
+        self.watched.take_report("born", self.clock.now())
         self.next_tick = self.clock.now()
         self.lives = self.lives + 1
         self.invariants.born(rest)
