@@ -8,14 +8,16 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.examples import ALL, FAST, register_profiles
 
 # Else each of a thousand processes compiles all that it imports, and each collection all tests.
@@ -85,7 +87,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @cache
 def _lives(module: ModuleType) -> bool:
     """Its tests run the whole loop."""
-    return any(isinstance(each, type) and issubclass(each, Rig) for each in vars(module).values())
+    return any(
+        each is MakeRig or (isinstance(each, type) and issubclass(each, Rig))
+        for each in vars(module).values()
+    )
 
 
 def _one_life_each(items: list[pytest.Item]) -> None:
@@ -101,11 +106,23 @@ def _one_life_each(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def live() -> Iterator[Rig]:
+def make_rig() -> Iterator[MakeRig]:
+    """Makes daemons of class `kind`, closed when the test ends."""
+    with ExitStack() as stack:
+
+        def make(*arguments: Any, kind: type[Rig] = Rig, **options: Any) -> Rig:
+            rig = kind(*arguments, **options)
+            stack.callback(rig.close)
+            return rig
+
+        yield make
+
+
+@pytest.fixture
+def live(make_rig: MakeRig) -> Rig:
     """A daemon in live mode, its port just opened."""
-    rig = Rig()
-    yield rig
-    rig.close()
+    rig: Rig = make_rig()
+    return rig
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What a front is told of the robot before it serves anybody: handed over in a sealed memfd, as msgpack."""
+"""Description of the robot that a front receives before it serves clients: msgpack in a sealed memfd."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ import msgspec
 
 
 class JointInfo(msgspec.Struct, frozen=True):
-    """Where a joint stands, for naming."""
+    """Name, bus and limits of a joint."""
 
     name: str
     bus: str
@@ -43,8 +43,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What the files hold by now (`config/hot_changes.py`), and the briefing that holds once `changes` are in
-    force.
+    """Changes in the files (`config/hot_changes.py`), and the briefing once `changes` are in force.
 
     `error`: why they cannot be used; then nothing else counts.
     """

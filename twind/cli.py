@@ -138,7 +138,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     one, buses = _made(described)
     listeners = {name: _listener(inherited, settings.socket_dir, name) for name in NAMES}
     for listener in listeners.values():
-        stack.callback(listener.close)
+        stack.callback(listener.remove)
     if mode is not Mode.SIM:
         buses.refuse_taken()
     briefing = assembly.make_briefing(
@@ -225,7 +225,7 @@ def _made(described: LoadedConfig) -> tuple[BoundRobot, BusOpener]:
 
 
 def flight_folder(settings: DaemonSettings, *, virtual: bool = False) -> Path:
-    """Where flight recorders are written to. Those of a virtual or simulated robot push no real one's out."""
+    """Return the folder of flight recordings. A virtual or simulated robot replaces none of a real one."""
     folder = settings.state_dir.absolute() / "flight"
     if virtual:
         return folder / "virtual"
@@ -233,9 +233,9 @@ def flight_folder(settings: DaemonSettings, *, virtual: bool = False) -> Path:
 
 
 def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str) -> None:
-    """What the fail-safe saw and did: torque is off by now, or the robot left as it is.
+    """Write the recording of a fail-safe run: torque is off by now, or the robot left as it is.
 
-    Nothing about it is urgent, and nothing that goes wrong with it changes what is told of the robot.
+    It is not urgent, and its failure changes nothing in the report about the robot.
     """
     realtime.drop_realtime()
     settings = described.settings
@@ -330,7 +330,7 @@ def _what(loop: Loop) -> str:
 
 
 def wrong_groups(groups: Mapping[str, str]) -> list[str]:
-    """What to tell of each socket that did not get the group that is meant to use it."""
+    """Return a warning for each socket whose group is not the intended one."""
     return [
         f"{name}.sock is for group {group or 'unknown'}, not {GROUPS[name]}: members of that cannot use it; "
         f"`groupadd -r {GROUPS[name]}` and start twind again"

@@ -66,6 +66,17 @@ class Listener:
         """Close the socket; its file stays."""
         self.bound.close()
 
+    def remove(self) -> None:
+        """Remove the file that this daemon bound, then close the socket. A second call does nothing.
+
+        The order matters: while the socket listens, no other daemon can bind the path.
+        """
+        path = self.path if self.bound.fileno() >= 0 else None
+        if path is not None and self.own and self.in_place:
+            with contextlib.suppress(OSError):  # a file that stays is replaced at the next start
+                path.unlink()
+        self.close()
+
 
 def listen(directory: Path, name: str) -> socket.socket:
     """Bind `directory/name.sock`, mode 0660, for its group where there is one and we may give it.

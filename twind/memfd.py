@@ -34,7 +34,7 @@ def sealed(fd: int) -> int:
 
 
 def unseal(fd: int, most: int | None = None) -> bytes:
-    """What `seal` put there. Raises ValueError: changeable, or over `most` bytes. Does not close `fd`."""
+    """Return the content of a sealed `fd`, left open. Raises ValueError: changeable, or over `most` bytes."""
     if fcntl.fcntl(fd, fcntl.F_GET_SEALS) & SEALS != SEALS:
         raise ValueError(f"memfd {fd} is not sealed: its contents could change after they were checked")
     size = os.fstat(fd).st_size

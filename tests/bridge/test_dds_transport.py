@@ -15,7 +15,6 @@ import pytest
 from tests.support.dds_domain import free_domain
 from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.dds.dds_config import configuration, participants
-from twind.bridge.ros.dds.dds_endpoints import BLOCKING
 from twind.bridge.ros.dds.dds_library import KNOWN
 from twind.bridge.ros.dds.dds_names import GRAPH, dds_name, user_data
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
@@ -200,19 +199,14 @@ def test_messages_dropped_for_lack_of_room_are_counted_and_reported_at_powers_of
         node.close()
     assert node.dropped == 120
     assert [line.split()[-3] for line in told] == ["1", "10", "100"]
-    assert BLOCKING == 5_000_000
 
 
-@pytest.mark.parametrize("version", ["11.0.2", "11.1.0", "12.0.0"])
-def test_a_missing_or_unknown_library_is_reported_with_the_remedy(
-    monkeypatch: pytest.MonkeyPatch, version: str
-) -> None:
+def test_a_missing_or_unknown_library_is_reported_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     node = DdsTransport(DiscoverySettings(), print)
+    unknown = rf"11\.0\.2 is installed, must be {KNOWN}: {re.escape(how_to_add('dds'))}"
     with monkeypatch.context() as patch:
-        patch.setattr(importlib.metadata, "version", lambda _: version)
-        with pytest.raises(
-            OperationFailed, match=rf"{version} is installed, must be {KNOWN}: {re.escape(how_to_add('dds'))}"
-        ):
+        patch.setattr(importlib.metadata, "version", lambda _: "11.0.2")
+        with pytest.raises(OperationFailed, match=unknown):
             node.open((OUT,), (), nothing, nothing)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(OperationFailed, match=rf"cyclonedds is missing: {re.escape(how_to_add('dds'))}"):

@@ -204,17 +204,6 @@ def test_the_remote_clock_includes_the_time_of_suspend() -> None:
     assert float(done.stdout) > 4999.0
 
 
-@pytest.mark.parametrize("text", ["", "x", "m1 succeeded", "a client has stopped the robot"])
-def test_a_local_stop_counts_by_its_fields_whatever_its_text(hand: Hand, text: str) -> None:
-    lease = hand.acquire("desk")
-    name = hand.goal("runs", lease)["id"]
-    came = time.monotonic()
-    stop = {**ended(name, "cancelled"), "time": time.monotonic()}
-    stop["event"]["message"] = text
-    hand.reins.on_monitor_reply(stop)
-    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
-
-
 def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(hand: Hand) -> None:
     lease = hand.acquire("desk")
     hand.goal("runs", lease)

@@ -11,36 +11,35 @@ ZENOH = {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}
 FOUND = RosDistribution("/opt/ros/jazzy/bin/python3", {})
 
 
-def told(monkeypatch: pytest.MonkeyPatch, found: RosDistribution | None, fault: str) -> list[str]:
-    """Lines that `usual` reports, with this rclpy on the machine and this fault of it."""
+def install(monkeypatch: pytest.MonkeyPatch, found: RosDistribution | None, fault: str) -> None:
+    """Put this rclpy with this fault on the machine."""
     monkeypatch.setattr(choice, "installed", lambda environment, distro: found)
     monkeypatch.setattr(choice, "fault", lambda found: fault)
-    return []
 
 
-@pytest.mark.parametrize("environment", [{}, ZENOH, {"RMW_IMPLEMENTATION": "rmw_of_theirs"}])
-def test_an_rclpy_that_loads_is_chosen_on_every_middleware_without_a_word(
-    environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("environment", "found", "fault", "chosen", "lines"),
+    [
+        ({}, FOUND, "", "rclpy", []),
+        (ZENOH, FOUND, "", "rclpy", []),
+        ({"RMW_IMPLEMENTATION": "rmw_of_theirs"}, FOUND, "", "rclpy", []),
+        ({}, None, "", "dds", []),
+        (ZENOH, None, "", "zenoh", []),
+        ({}, FOUND, "no libpython", "dds", ["no libpython; falling back to --backend dds"]),
+        (ZENOH, FOUND, "no libpython", "zenoh", ["no libpython; falling back to --backend zenoh"]),
+    ],
+)
+def test_an_rclpy_that_loads_is_chosen_else_the_middleware_decides_and_a_fault_is_reported(
+    environment: dict[str, str],
+    found: RosDistribution | None,
+    fault: str,
+    chosen: str,
+    lines: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lines = told(monkeypatch, FOUND, "")
-    assert (usual(environment, None, lines.append), lines) == ("rclpy", [])
-
-
-@pytest.mark.parametrize(("environment", "chosen"), [({}, "dds"), (ZENOH, "zenoh")])
-def test_without_any_rclpy_the_middleware_decides_without_a_word(
-    environment: dict[str, str], chosen: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lines = told(monkeypatch, None, "")
-    assert (usual(environment, None, lines.append), lines) == (chosen, [])
-
-
-@pytest.mark.parametrize(("environment", "chosen"), [({}, "dds"), (ZENOH, "zenoh")])
-def test_an_rclpy_that_does_not_load_is_reported_with_its_reason_and_what_is_taken_instead(
-    environment: dict[str, str], chosen: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lines = told(monkeypatch, FOUND, "no libpython")
-    assert usual(environment, None, lines.append) == chosen
-    assert lines == [f"no libpython; falling back to --backend {chosen}"]
+    install(monkeypatch, found, fault)
+    reported: list[str] = []
+    assert (usual(environment, None, reported.append), reported) == (chosen, lines)
 
 
 def test_an_rclpy_that_cannot_be_named_is_reported_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,6 +58,6 @@ def test_a_middleware_on_dds_is_met_by_dds(name: str) -> None:
 
 
 def test_an_unknown_middleware_without_rclpy_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    told(monkeypatch, None, "")
+    install(monkeypatch, None, "")
     with pytest.raises(UsageError, match="RMW_IMPLEMENTATION='foo': must be one of rmw_zenoh_cpp"):
         usual({"RMW_IMPLEMENTATION": "foo"}, None, print)

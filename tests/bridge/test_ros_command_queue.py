@@ -81,7 +81,7 @@ def test_later_followed_and_malformed_commands_are_kept() -> None:
     followed = command("a")
     malformed = RosCommand(b"x", None, 0.0)
     now = command("a")
-    followed.told = lambda result: None
+    followed.report = lambda result: None
     for each in (later, followed, malformed, now):
         inbox.put(each)
     assert taken(inbox, clock) == [later, followed, malformed, now]
@@ -112,7 +112,7 @@ def test_the_command_queue_is_bounded_keeps_the_newest_and_counts_all_drops(
 def test_a_full_queue_returns_the_followed_command_it_drops() -> None:
     inbox = RosCommandQueue(StubClock().now)
     first = command("a", stamp=1)
-    first.told = lambda result: None
+    first.report = lambda result: None
     gone = [inbox.put(each) for each in [first, *(command("a", stamp=2 + place) for place in range(ROOM))]]
     assert gone[-1] == [first] and not any(gone[:-1])
 

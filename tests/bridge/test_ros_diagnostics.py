@@ -1,14 +1,13 @@
-"""How robot and daemon are, as ROS reads it: labelled latencies, and diagnostics that say what is wrong."""
+"""State of robot and daemon as ROS messages: labelled latencies, and diagnostics that name each fault."""
 
-import json
 import math
 from typing import Any
 
 import pytest
 
 from tests.support.picture_messages import HOPS, bus, hop, joints, loop, status
-from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, encode_string, latencies
-from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, decode
+from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, latencies
+from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}
 BRIDGE = {
@@ -67,7 +66,7 @@ def test_an_absent_daemon_is_an_error_and_old_robot_rows_are_not_published() -> 
         ("bus upper", ERROR, "not connected", {"buses": [bus("upper", connected=False)]}, {}),
         ("bus upper", WARN, "its adapter", {"buses": [bus("upper", warning="its adapter is slow")]}, {}),
         ("joint l_knee", ERROR, "overload", {}, {"l_knee": {"faults": ["overload"]}}),
-        ("joint l_knee", WARN, "not heard", {}, {"l_knee": {"heard": False}}),
+        ("joint l_knee", WARN, "no reply", {}, {"l_knee": {"heard": False}}),
         ("robot", ERROR, "ESTOP: by hand", {"state": "estop", "faults": [HAND]}, {}),
         ("robot", WARN, "ESTOP: by hand", {"faults": [HAND]}, {}),
     ],
@@ -105,10 +104,3 @@ def test_an_unknown_value_is_published_as_unknown() -> None:
     )
     assert values(found["robot"])["lease"] == "free" and values(found["robot"])["latency_ms"] == "unknown"
     assert values(found["joint l_knee"])["voltage"] == "unknown"
-
-
-def test_words_are_json_in_a_string() -> None:
-    assert json.loads(decode(STRING, encode_string({"mode": "live", "é": None}))["data"]) == {
-        "mode": "live",
-        "é": None,
-    }

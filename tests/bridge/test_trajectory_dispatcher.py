@@ -14,7 +14,7 @@ from twind.bridge.ros.trajectory_dispatcher import MORE, PATIENT, TrajectoryDisp
 
 FAR: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "joint": "l_knee", "message": "l_knee: 9 rad"}]})
 HELD: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
-LOOKING: Any = ("NotAllowed", {"role": "observer", "method": "AcquireLease"})
+READ_ONLY: Any = ("NotAllowed", {"role": "observer", "method": "AcquireLease"})
 GOOD = command(point(1.0), frame="mine", when=NOW)
 
 
@@ -30,7 +30,7 @@ class Desk:
         )
 
     def after(self, seconds: float = PACE) -> list[str]:
-        """The phases that were told meanwhile."""
+        """Return the phases reported in the next `seconds`."""
         before = len(self.results)
         for _ in range(max(1, round(seconds / PACE))):
             self.time += PACE
@@ -59,20 +59,9 @@ def test_an_accepted_command_is_reported_to_its_end_with_its_own_stamp(desk: Des
     ("data", "refuse", "said"),
     [
         (command(point(1.0, [float("nan")])), {}, "positions is nan"),
-        (GOOD[:30], {}, "malformed"),
-        (command(point(1.0), when=NOW + 86_400 * 10**9), {}, "ahead of the robot's clock"),
-        (command(point(1.0), when=NOW - 86_400 * 10**9), {}, "in the past of the robot's clock"),
         (GOOD, {"SubmitTrajectory": FAR}, "POS_LIMIT: l_knee: 9 rad"),
-        (
-            GOOD,
-            {"AcquireLease": HELD},
-            "held by uid 7, pid 8, which keeps it as long as it moves the robot; none is taken",
-        ),
-        (
-            GOOD,
-            {"AcquireLease": ("NotAllowed", {"role": "observer", "method": "AcquireLease"})},
-            "control.sock",
-        ),
+        (GOOD, {"AcquireLease": HELD}, "held by uid 7, pid 8, which keeps it"),
+        (GOOD, {"AcquireLease": READ_ONLY}, "control.sock"),
     ],
 )
 def test_a_refused_command_is_reported_with_the_reason(
@@ -93,15 +82,6 @@ def test_without_a_daemon_commands_are_refused_and_not_kept_for_later(desk: Desk
     assert desk.after(2.0) == []
 
 
-def test_a_bad_command_leaves_the_one_that_runs_alone(desk: Desk) -> None:
-    desk.orders.put(GOOD)
-    desk.after()
-    for data in (GOOD[:20], command(point(1.0, [float("inf")]))):
-        desk.orders.put(data)
-    assert desk.after(1.0) == ["refused", "refused"]
-    assert desk.orders.driving == ("m1",) and not desk.daemon.named("Cancel")
-
-
 def test_a_command_that_waited_too_long_expires(desk: Desk) -> None:
     desk.orders.put(command(point(1.0)))
     desk.time += PATIENT + 0.1
@@ -117,8 +97,7 @@ def test_a_command_flood_reaches_the_daemon_at_a_bounded_rate_and_drops_are_repo
     desk.after(2.0)
     asked = len(desk.daemon.named("SubmitTrajectory"))
     assert asked <= 500 / 10 + 2.0 / PACE
-    told = sum(each.get("count", 1) for each in desk.results)
-    assert told == 2000  # none vanished unsaid
+    assert sum(each.get("count", 1) for each in desk.results) == 2000  # each command is reported
     assert len([each for each in desk.results if each["phase"] == "dropped"]) <= 500 / 10 * PACE + 4
 
 
@@ -320,14 +299,18 @@ def test_long_tolerances_are_refused_before_the_socket_would_hang_up(desk: Desk)
     assert phases == ["refused"] and "tolerances" in desk.results[0]["message"]
 
 
-def test_oversized_bytes_are_neither_kept_nor_repeated_in_the_result(desk: Desk) -> None:
+def test_oversized_bytes_are_neither_kept_nor_repeated_in_the_result(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[int] = []
+    monkeypatch.setattr(trajectory_dispatcher, "RosCommand", lambda data, *rest: kept.append(len(data)))
+    monkeypatch.setattr(desk.orders, "_put", lambda command: None)
+    desk.orders.put(bytes(5 * LONGEST))
+    assert kept == [LONGEST + 1]
+    monkeypatch.undo()
     desk.orders.put(command(point(1.0), frame="x" * 10_000) + bytes(5 * LONGEST))
-    assert len(desk.orders._inbox._waiting[0].data) == LONGEST + 1
     assert desk.after() == ["refused"]
     assert len(str(desk.results[0])) < 1000 and "2097152 bytes" in desk.results[0]["message"]
-    desk.orders.put(GOOD)
-    desk.after()
-    assert [each.data for each in desk.orders._begun.values()] == [b""]
 
 
 def test_a_closing_bridge_reports_the_motions_it_cancels(desk: Desk) -> None:

@@ -1,10 +1,10 @@
-"""The key space: no name reaches beyond its own chunk."""
+"""Key space of robots: no name reaches beyond its own chunk."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.zenoh.zenoh_keys import chunk, robot_key, robot_of
+from twind.bridge.zenoh.zenoh_keys import chunk, robot_key, robot_name, robot_of
 
 
 @given(st.text())
@@ -22,6 +22,18 @@ def test_a_name_is_one_chunk_of_a_key_or_none_at_all(name: str) -> None:
 def test_a_name_that_matches_other_keys_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="must be 1 to 64"):
         chunk("goal", name)
+
+
+@given(st.text(), st.one_of(st.none(), st.text()))
+def test_every_robot_name_is_one_chunk_of_a_key(robot: str, individual: str | None) -> None:
+    name = robot_name({"robot": robot}, {"individual": individual})
+    assert robot_of(robot_key(name, "alive")) == name
+
+
+def test_the_name_of_the_individual_precedes_that_of_the_robot_file() -> None:
+    assert robot_name({"robot": "h24"}, {"individual": "h24-007"}) == "h24-007"
+    assert robot_name({"robot": "h24"}, {}) == robot_name({"robot": "h24"}, {"individual": None}) == "h24"
+    assert robot_name({"robot": "a robot/**"}, {}) == "a-robot---"
 
 
 @pytest.mark.parametrize("name", ["all robots", "x" * 65, ".hidden", "a\u202eb", "a\x9b2J"])

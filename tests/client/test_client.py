@@ -1,4 +1,4 @@
-"""The client turns bytes into answers and errors, and never waits for ever."""
+"""Client of the control socket: answers, errors, streams, bounded waits."""
 
 import contextlib
 import json
@@ -54,6 +54,10 @@ class Peer:
                     for answer in answers:
                         connection.sendall(answer)
 
+    def wait_for_end_of_file(self) -> None:
+        self._thread.join(60.0)
+        assert not self._thread.is_alive()
+
     def close(self) -> None:
         with contextlib.suppress(OSError):  # closed twice
             self._listener.shutdown(socket.SHUT_RDWR)  # wakes `accept`
@@ -61,62 +65,64 @@ class Peer:
         self._listener.close()
 
 
-Start = Callable[[Callable[[dict[str, Any]], list[bytes]]], Peer]
+Answer = Callable[[dict[str, Any]], list[bytes]]
+Dial = Callable[[Answer], tuple[Client, Peer]]
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
-    peers: list[Peer] = []
+def dial(tmp_path: Path) -> Iterator[Dial]:
+    """Start a peer that answers, and a client for it."""
+    with contextlib.ExitStack() as stack:
 
-    def begin(answer: Callable[[dict[str, Any]], list[bytes]]) -> Peer:
-        peers.append(Peer(tmp_path, answer))
-        return peers[-1]
+        def begin(answer: Answer) -> tuple[Client, Peer]:
+            peer = Peer(tmp_path, answer)
+            stack.callback(peer.close)
+            return stack.enter_context(Client(tmp_path, timeout=20.0)), peer
 
-    yield begin
-    for peer in peers:
-        peer.close()
+        yield begin
 
 
 def reply(**keys: Any) -> bytes:
     return json.dumps(keys).encode() + b"\0"
 
 
-def test_a_call_names_the_interface_and_leaves_out_what_is_not_given(start: Start, tmp_path: Path) -> None:
-    peer = start(lambda call: [reply(parameters={"mode": "sim"})])
-    with Client(tmp_path) as client:
-        assert client.call("SetMode", mode="sim", other=None) == {"mode": "sim"}
-        client.call("org.varlink.service.GetInfo")
+def test_a_call_names_the_interface_and_leaves_out_what_is_not_given(dial: Dial) -> None:
+    client, peer = dial(lambda call: [reply(parameters={"mode": "sim"})])
+    assert client.call("SetMode", mode="sim", other=None) == {"mode": "sim"}
+    client.call("org.varlink.service.GetInfo")
     assert peer.calls == [
         {"method": "io.twind.Control.SetMode", "parameters": {"mode": "sim"}},
         {"method": "org.varlink.service.GetInfo", "parameters": {}},
     ]
 
 
-def test_an_answer_may_come_in_pieces_and_without_parameters(start: Start, tmp_path: Path) -> None:
-    start(lambda call: [b'{"para', b'meters"', b":null}", b"\0"])
-    with Client(tmp_path) as client:
-        assert client.call("ReleaseLease") == {}
+def test_an_answer_may_come_in_pieces_and_without_parameters(dial: Dial) -> None:
+    client, _ = dial(lambda call: [b'{"para', b'meters"', b":null}", b"\0"])
+    assert client.call("ReleaseLease") == {}
 
 
-def test_an_answer_may_be_taken_later_but_before_anything_else_is_asked(start: Start, tmp_path: Path) -> None:
+def test_an_answer_may_be_taken_later_but_before_anything_else_is_asked(dial: Dial) -> None:
     refused = reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING]})
-    start(lambda call: [refused if "Setpoint" in call["method"] else reply(parameters={"mode": "sim"})])
-    with Client(tmp_path) as client:
-        assert client.finish() is None
-        client.begin("Setpoint", positions=[9.0])
-        with pytest.raises(RuntimeError, match="Setpoint is not answered yet"):
-            client.call("GetStatus")
-        with pytest.raises(Refused):
-            client.finish()
-        assert client.finish() is None and client.call("GetStatus") == {"mode": "sim"}
-        client.begin("GetStatus")
-        client.close()
-        assert client.finish() is None  # it went with its connection
+    client, _ = dial(
+        lambda call: [refused if "Setpoint" in call["method"] else reply(parameters={"mode": "sim"})]
+    )
+    assert client.finish() is None
+    client.begin("Setpoint", positions=[9.0])
+    with pytest.raises(RuntimeError, match="Setpoint is not answered yet"):
+        client.call("GetStatus")
+    with pytest.raises(Refused):
+        client.finish()
+    assert client.finish() is None and client.call("GetStatus") == {"mode": "sim"}
+    client.begin("GetStatus")
+    client.close()
+    assert client.finish() is None  # it went with its connection
 
 
-def test_a_refusal_carries_every_finding(start: Start, tmp_path: Path) -> None:
-    start(lambda call: [reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING, FINDING]})])
-    with Client(tmp_path) as client, pytest.raises(Refused) as caught:
+def test_a_refusal_carries_every_finding(dial: Dial) -> None:
+    client, _ = dial(
+        lambda call: [reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING, FINDING]})]
+    )
+    with pytest.raises(Refused) as caught:
         client.call("SubmitTrajectory", trajectory={})
     assert caught.value.findings == [FINDING, FINDING]
     assert str(caught.value) == "\n".join(["POS_LIMIT: knee: position 3 rad, bound 2 rad"] * 2)
@@ -148,104 +154,96 @@ def test_a_refusal_carries_every_finding(start: Start, tmp_path: Path) -> None:
     ],
 )
 def test_every_error_reads_as_a_sentence(
-    start: Start, tmp_path: Path, name: str, parameters: dict[str, Any], text: str
+    dial: Dial, name: str, parameters: dict[str, Any], text: str
 ) -> None:
-    start(lambda call: [reply(error=f"io.twind.Control.{name}", parameters=parameters)])
-    with Client(tmp_path) as client, pytest.raises(CallError) as caught:
+    client, _ = dial(lambda call: [reply(error=f"io.twind.Control.{name}", parameters=parameters)])
+    with pytest.raises(CallError) as caught:
         client.call("Arm")
     assert caught.value.name == name
     assert text in str(caught.value)
 
 
-def test_a_stream_gives_every_answer_and_the_connection_stays_usable(start: Start, tmp_path: Path) -> None:
+def test_a_stream_gives_every_answer_and_the_connection_stays_usable(dial: Dial) -> None:
     def answer(call: dict[str, Any]) -> list[bytes]:
         if not call.get("more"):
             return [reply(parameters={})]
         return [reply(parameters={"n": n}, continues=n < 2) for n in range(3)]
 
-    start(answer)
-    with Client(tmp_path) as client:
-        assert [step["n"] for step in client.stream("Scan")] == [0, 1, 2]
-        assert client.call("GetStatus") == {}
+    client, _ = dial(answer)
+    assert [step["n"] for step in client.stream("Scan")] == [0, 1, 2]
+    assert client.call("GetStatus") == {}
 
 
-def test_an_error_ends_a_stream_and_not_the_connection(start: Start, tmp_path: Path) -> None:
+def test_an_error_ends_a_stream_and_not_the_connection(dial: Dial) -> None:
     def answer(call: dict[str, Any]) -> list[bytes]:
         error = reply(error="io.twind.Control.Busy", parameters={"what": "x"})
         return [reply(parameters={}, continues=True), error] if call.get("more") else [reply(parameters={})]
 
-    start(answer)
-    with Client(tmp_path) as client:
-        with pytest.raises(CallError, match="busy"):
-            list(client.stream("Monitor", topics=["state"]))
-        assert client.call("GetStatus") == {}
+    client, _ = dial(answer)
+    with pytest.raises(CallError, match="busy"):
+        list(client.stream("Monitor", topics=["state"]))
+    assert client.call("GetStatus") == {}
 
 
-def test_a_stream_left_early_closes_the_connection(start: Start, tmp_path: Path) -> None:
-    peer = start(lambda call: [reply(parameters={}, continues=True)] * 3)
-    with Client(tmp_path) as client:
-        for _ in client.stream("Monitor", topics=["state"]):
-            break
-        peer._thread.join(60.0)
-        assert not peer._thread.is_alive()  # it saw end-of-file
+def test_a_stream_left_early_closes_the_connection(dial: Dial) -> None:
+    client, peer = dial(lambda call: [reply(parameters={}, continues=True)] * 3)
+    for _ in client.stream("Monitor", topics=["state"]):
+        break
+    peer.wait_for_end_of_file()
 
 
-def test_bursts_are_all_answers_that_have_come_as_their_bytes(start: Start, tmp_path: Path) -> None:
+def test_bursts_are_all_answers_that_have_come_as_their_bytes(dial: Dial) -> None:
     whole = [reply(parameters={"n": n}, continues=True) for n in range(5)]
-    peer = start(lambda call: [whole[0] + whole[1] + whole[2][:7], whole[2][7:] + whole[3], whole[4]])
-    heard: list[bytes] = []
-    with Client(tmp_path) as client:
-        for burst in client.bursts("Monitor", topics=["state"]):
-            assert burst
-            heard += burst
-            if len(heard) == 5:
-                break
-    assert [each + b"\0" for each in heard] == whole
+    client, peer = dial(lambda call: [whole[0] + whole[1] + whole[2][:7], whole[2][7:] + whole[3], whole[4]])
+    received: list[bytes] = []
+    for burst in client.bursts("Monitor", topics=["state"]):
+        assert burst
+        received += burst
+        if len(received) == 5:
+            break
+    assert [each + b"\0" for each in received] == whole
     assert peer.calls[0]["more"] is True
-    peer._thread.join(60.0)
-    assert not peer._thread.is_alive()  # it saw end-of-file
+    peer.wait_for_end_of_file()
 
 
-def test_bursts_end_as_a_stream_does(start: Start, tmp_path: Path) -> None:
-    start(lambda call: [])
-    with Client(tmp_path) as client, pytest.raises(Disconnected):
+def test_bursts_end_as_a_stream_does(dial: Dial) -> None:
+    client, _ = dial(lambda call: [])
+    with pytest.raises(Disconnected):
         list(client.bursts("Monitor", topics=["state"]))
 
 
-def test_during_a_stream_no_other_call_is_made(start: Start, tmp_path: Path) -> None:
-    start(lambda call: [reply(parameters={}, continues=True)])
-    with Client(tmp_path) as client:
-        stream = client.stream("Monitor", topics=["state"])
-        next(stream)
-        with pytest.raises(RuntimeError, match="another Client"):
-            client.call("GetStatus")
-        stream.close()
+def test_during_a_stream_no_other_call_is_made(dial: Dial) -> None:
+    client, _ = dial(lambda call: [reply(parameters={}, continues=True)])
+    stream = client.stream("Monitor", topics=["state"])
+    next(stream)
+    with pytest.raises(RuntimeError, match="another Client"):
+        client.call("GetStatus")
+    stream.close()
 
 
-def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(start: Start, tmp_path: Path) -> None:
-    peer = start(lambda call: [])
-    with Client(tmp_path) as client, pytest.raises(Disconnected, match="during Arm"):
+def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(dial: Dial, tmp_path: Path) -> None:
+    client, peer = dial(lambda call: [])
+    with pytest.raises(Disconnected, match="during Arm"):
         client.call("Arm")
     peer.close()
-    with Client(tmp_path) as client, pytest.raises(NoDaemon, match="no process listens"):
+    with pytest.raises(NoDaemon, match="no process listens"):
         client.call("Arm")
-    with Client(tmp_path / "nowhere") as client, pytest.raises(NoDaemon, match="start one with"):
-        client.call("Arm")
+    with pytest.raises(NoDaemon, match="start one with"):
+        Client(tmp_path / "nowhere").call("Arm")
 
 
 @pytest.mark.parametrize(
     "rubbish",
     [b"not json", b"\xff\xfe", b"[" * 100_000, b"[]", b'{"parameters": [1]}', b'{"error": 7}'],
 )
-def test_an_answer_that_is_none_ends_the_connection(start: Start, tmp_path: Path, rubbish: bytes) -> None:
-    start(lambda call: [rubbish + b"\0"])
-    with Client(tmp_path) as client:
-        with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
-            client.call("GetStatus")
-        assert not client.connected
+def test_an_answer_that_is_none_ends_the_connection(dial: Dial, rubbish: bytes) -> None:
+    client, _ = dial(lambda call: [rubbish + b"\0"])
+    with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
+        client.call("GetStatus")
+    assert not client.connected
 
 
-def test_a_call_that_waits_is_broken_off_by_another_thread(start: Start, tmp_path: Path) -> None:
+def test_a_call_that_waits_is_broken_off_by_another_thread(dial: Dial) -> None:
     came = threading.Event()
     over = threading.Event()
 
@@ -254,28 +252,27 @@ def test_a_call_that_waits_is_broken_off_by_another_thread(start: Start, tmp_pat
         over.wait(20.0)
         return []
 
-    start(silent)
-    with Client(tmp_path, timeout=20.0) as client:
-        client.cut()  # of none it is nothing
+    client, _ = dial(silent)
+    client.cut()  # of none it is nothing
 
-        def cut() -> None:
-            came.wait(20.0)
-            client.cut()
+    def cut() -> None:
+        came.wait(20.0)
+        client.cut()
 
-        thread = threading.Thread(target=cut)
-        thread.start()
-        begun = time.monotonic()
-        with pytest.raises(Disconnected):
-            client.call("SubmitTrajectory")
-        took = time.monotonic() - begun
-        over.set()
-        thread.join()
-        assert took < 10.0 and not client.connected
+    thread = threading.Thread(target=cut)
+    thread.start()
+    begun = time.monotonic()
+    with pytest.raises(Disconnected):
+        client.call("SubmitTrajectory")
+    took = time.monotonic() - begun
+    over.set()
+    thread.join()
+    assert took < 10.0 and not client.connected
 
 
-def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:
-    peer = start(lambda call: [reply(parameters={})])
-    with Client(tmp_path) as client, pytest.raises(ClientError, match="NaN or infinite"):
+def test_nan_never_leaves(dial: Dial) -> None:
+    client, peer = dial(lambda call: [reply(parameters={})])
+    with pytest.raises(ClientError, match="NaN or infinite"):
         client.call("Setpoint", positions=[float("nan")])
     assert not peer.calls
 

@@ -5,10 +5,8 @@ import fcntl
 import io
 import os
 import pty
-import re
 import struct
 import termios
-from pathlib import Path
 
 import pytest
 
@@ -31,7 +29,7 @@ class Told:
         self.progress = ProgressLine(options, "scan", out=self.out, now=lambda: self.time, **how)
 
     def after(self, seconds: float, text: str, share: float | None = None) -> str:
-        """What is written when this is told so much later."""
+        """Text that is written for an update `seconds` later."""
         self.time += seconds
         place = self.out.tell()
         self.progress.update(text, share)
@@ -131,36 +129,3 @@ def test_progress_advances_as_items_are_taken(monkeypatch: pytest.MonkeyPatch) -
     shown = told.out.getvalue().split("\r")[1:]
     assert [line.split()[2] for line in shown] == ["0%", "25%", "50%", "75%"]
     assert [line.split()[-1] for line in shown] == [f"{letter}\x1b[K" for letter in "abcd"]
-
-
-TOLD = {  # which verbs each file with a progress serves
-    "calibrating/endstop_command.py": ("calibrate endstop",),
-    "calibrating/calibrate_scan_command.py": ("calibrate scan",),
-    "ctl/check_command.py": ("check robot",),
-    "twind_calibration/scan.py": ("scan",),
-    "ctl/motion_commands.py": ("move", "play"),
-    "doctor/__init__.py": ("doctor",),
-    "observe/export.py": ("export",),
-    "writing/recorder.py": ("record",),
-    "observe/recover.py": ("recover",),
-    "proving/prove_command.py": ("calibrate prove",),
-    "twind_calibration/port_scan.py": ("scan",),
-    "dataset/dataset_command.py": ("dataset",),
-    "policy/policy_run_command.py": ("policy run",),
-    "streaming/stream_runner.py": ("stream",),
-    "training/trainer.py": ("train",),
-    "training/train_command.py": ("train",),
-}
-
-
-def test_the_manual_page_lists_exactly_the_verbs_with_progress() -> None:
-    root = Path(__file__).parents[2]
-    files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
-    telling = [file for file in files if "import ProgressLine\n" in file.read_text(encoding="utf-8")]
-    found = {"/".join(file.parts[-2:]) for file in telling}
-    assert found - {"calibrating/sweep_display.py"} == set(TOLD)  # the board has a progress of another kind
-    page = (root / "docs" / "observe.md").read_text(encoding="utf-8")
-    said = page.split("## Progress of long work\n")[1].split("\n\n")[1]
-    assert sorted(re.findall(r"`([^`]+)`", said)) == sorted(
-        {verb for verbs in TOLD.values() for verb in verbs}
-    )

@@ -1,4 +1,4 @@
-"""What verbs say to people: nothing that came from a file or a daemon moves their cursor."""
+"""Output of verbs: text from files and daemons moves no cursor."""
 
 import argparse
 

@@ -33,7 +33,7 @@ def test_a_refused_arming_is_tried_again_with_the_lease_and_its_reason_is_printe
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     daemon = BusyDaemon(refusals=2)
-    assert demo._arm(daemon) == ["head_yaw"]  # type: ignore[arg-type]
+    assert demo.arm_robot(daemon) == ["head_yaw"]  # type: ignore[arg-type]
     assert daemon.calls == ["AcquireLease", "Arm"] * 3
     assert capsys.readouterr().out.count("LATENCY_BLOCK") == 2
 
@@ -41,4 +41,4 @@ def test_a_refused_arming_is_tried_again_with_the_lease_and_its_reason_is_printe
 def test_an_arming_that_is_refused_for_too_long_is_reported_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "ARMING", 0.0)
     with pytest.raises(Refused):
-        demo._arm(BusyDaemon(refusals=10**6))  # type: ignore[arg-type]
+        demo.arm_robot(BusyDaemon(refusals=10**6))  # type: ignore[arg-type]

@@ -17,25 +17,6 @@ def row(width: int = 120, *, armed: bool = True, **different: Any) -> tuple[str,
     return plain([shown.line]), shown.line, shown.urgent
 
 
-def test_a_joint_that_is_fine_has_its_numbers_and_nothing_else() -> None:
-    said, spans, urgent = row()
-    assert said.split() == [
-        "l_knee",
-        "0.352",
-        "0.350",
-        "+0.002",
-        "0.25",
-        "-0.50",
-        "41",
-        "11.9",
-        "4",
-        "on",
-        "yes",
-    ]
-    assert not urgent
-    assert {style for _, style in spans} == {""}
-
-
 @pytest.mark.parametrize(
     ("different", "said", "style"),
     [

@@ -1,4 +1,4 @@
-"""Who, lease, loop, latency, what is wrong, what was refused: each in words too, not in colours alone."""
+"""Blocks of the picture: lease, loop, latency, faults and refusals, in words as well as in colours."""
 
 import dataclasses
 from math import cos, radians, sin
@@ -11,7 +11,6 @@ from twind.ctl.picture.picture_blocks import (
     PictureBlock,
     PictureRow,
     ago,
-    events,
     header,
     last_refusals,
     recorder,
@@ -53,7 +52,7 @@ def test_a_lost_daemon_is_shown_first_with_duration_and_cause() -> None:
     one = watched()
     one.record_disconnect("/run/twind/observe.sock: the daemon closed the connection", 101.0)
     said = text(trouble(one.view(104.2), 200))
-    assert said.startswith("!! no daemon since 3 s; below is what it said last (/run/twind/observe.sock:")
+    assert said.startswith("!! no daemon since 3 s; its last state is below (/run/twind/observe.sock:")
 
 
 def test_a_daemon_without_messages_is_reported_after_a_while() -> None:
@@ -90,7 +89,7 @@ def test_a_lease_counts_down_between_the_news() -> None:
     assert "uid 1000, pid 4242 · 0.83 s left" in text(summary(one.view(100.0), 80))
     assert "0.43 s left" in text(summary(one.view(100.4), 80))
     assert "0.00 s left" in text(summary(one.view(109.0), 80))
-    assert "lease    nobody holds it" in text(summary(view(lease=None), 80))
+    assert "lease    free" in text(summary(view(lease=None), 80))
 
 
 @pytest.mark.parametrize(
@@ -182,12 +181,6 @@ def test_a_duration_is_shown_in_readable_units() -> None:
     assert [ago(each) for each in (-1.0, 0.4, 119.0, 120.0, 7199.0, 7200.0)] == [
         *("0 s", "0 s", "119 s", "2 min", "119 min", "2 h"),
     ]
-
-
-def test_events_are_there_with_their_level() -> None:
-    shown = events(view(), 80)
-    assert "LATENCY_WARN: latency 61 ms, bound 50 ms" in text(shown)
-    assert "warn" in styles([row.line for row in shown.rows])
 
 
 def leaning(**other: Any) -> PictureState:

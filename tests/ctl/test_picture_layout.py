@@ -27,7 +27,7 @@ def printed(seen: PictureState, width: int, height: int, shown: PageSelection | 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 @pytest.mark.parametrize("kind", ["fine", "troubled"])
 def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -> None:
-    """Where a change is wanted: delete the file, run again, read what was written."""
+    """To change a picture: delete the file, run again, read what was written."""
     seen = view() if kind == "fine" else troubled()
     file = GOLDEN / f"{kind}-{width}x{height}.txt"
     shown = printed(seen, width, height)
@@ -55,26 +55,6 @@ def test_every_picture_shows_the_fault_at_any_size_and_page(width: int, height: 
         assert "FAULT  FOLLOW_ERR: l_knee" in text
         assert "do: check what blocks it, load and gains" in text
         assert "WARN  lower: the adapter's latency timer is 16 ms" in text
-
-
-def test_joints_that_need_a_look_are_shown_before_the_others_where_not_all_have_room() -> None:
-    rows = [line for line in plain(picture(troubled(), 80, 24)).splitlines() if line[2:].startswith(NAMES)]
-    assert [row[:2] for row in rows[:3]] == ["? ", "! ", "! "]
-    assert [row[2:].split()[0] for row in rows[:4]] == ["head_yaw", "l_knee", "r_wrist", "head_pitch"]
-
-
-def test_joints_that_all_fit_keep_the_order_of_the_robot() -> None:
-    rows = [
-        line[2:].split()[0] for line in plain(picture(troubled(), 120, 60)).splitlines() if line[2:3] != " "
-    ]
-    assert [row for row in rows if row in NAMES] == list(NAMES)
-
-
-def test_a_block_without_room_is_named_and_shown_on_another_page() -> None:
-    lines = plain(picture(view(), 80, 24)).splitlines()
-    assert lines[-1].startswith("no room for hops, lateness, recorder, events: Tab shows more pages")
-    assert "moved" not in "\n".join(lines)
-    assert "! moved" in plain(picture(view(), 80, 24, PageSelection("timing")))
 
 
 def test_the_rows_of_joints_move_by_keys_and_stop_at_their_end() -> None:

@@ -1,4 +1,4 @@
-"""How lines look: colours where there are any, signs where there are none, a drawing that stays the same."""
+"""Rendering of lines: colours where the console has them, signs where it has none, a stable drawing."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What a collector makes of news: rates, refusals, episodes, and a daemon that goes away."""
+"""Collector of a daemon's messages: rates, refusals, episodes, and a lost daemon."""
 
 import pytest
 
@@ -44,11 +44,6 @@ def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none()
     seen = one.view(99.0).refusals
     assert [(each.at, each.text) for each in seen[:2]] == [(24.0, "BUSY: 24"), (23.0, "BUSY: 23")]
     assert len(seen) == KEPT
-
-
-def test_a_refusal_shows_its_number_of_reasons() -> None:
-    (one,) = watched().view(100.0).refusals
-    assert one.text.endswith("bound 2.2 rad (and 1 more)")
 
 
 def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_none() -> None:

@@ -1,4 +1,4 @@
-"""Which process is the daemon of a folder, whatever other users do. Real processes and sockets."""
+"""Search for the daemon of a folder, beside processes of other users. Real processes and sockets."""
 
 import argparse
 import os
@@ -104,6 +104,6 @@ def test_a_daemon_that_may_not_be_signalled_keeps_no_other_one_from_being_stoppe
         monkeypatch.setattr(serving, "find", lambda _folders: [foreign, mine])
         options = argparse.Namespace(socket=str(tmp_path), remote=None, json=False, cut=False, reason=None)
         with pytest.raises(Rejected, match="uid 65534 serves it, which this user may not signal"):
-            estop._terminate(options, NoDaemon("no such socket", absent=True))
+            estop.terminate_daemons(options, NoDaemon("no such socket", absent=True))
         assert process.wait(5.0) == -signal.SIGTERM
         assert f"(pid {process.pid}) serves it: SIGTERM sent" in capsys.readouterr().out

@@ -15,7 +15,7 @@ LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
 
 
 def status(*warnings: str | None) -> dict[str, Any]:
-    """What the front answers when the loop tells so of its buses."""
+    """Status reply of a front whose loop reports these warnings of its buses."""
     buses = [
         BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
         for place, warning in enumerate(warnings)
@@ -48,12 +48,18 @@ def test_a_port_without_a_warning_prints_no_warning_line(warning: str | None) ->
     assert not [line for line in status_lines(status()) if line.startswith("warning")]
 
 
-def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
-    answer = status(SLOW)
-    lines = status_lines(answer)
-    assert lines[-1].startswith("fault")
-    assert lines.index(f"warning  bus_0: {SLOW}") < len(lines) - 1
-    assert render(answer).splitlines() == lines
+@pytest.mark.parametrize(
+    ("state", "reset"),
+    [("fault", "needed"), ("estop", "needed"), ("connected", "not needed"), ("disconnected", "unknown")],
+)
+def test_faults_have_remedies_and_say_whether_a_reset_is_needed(state: str, reset: str) -> None:
+    answer = status(SLOW) | {"state": state}
+    starts = [line.split()[0] for line in status_lines(answer)]
+    assert starts.index("warning") < starts.index("fault")
+    assert starts[-3:] == ["fault", "remedy", "reset"]
+    assert status_lines(answer)[-1].startswith(f"reset    {reset}")
+    assert "reset" not in [line.split()[0] for line in status_lines(answer | {"faults": []})]
+    assert render(answer).splitlines() == status_lines(answer)
 
 
 def test_an_unverified_joint_is_marked_and_an_uncalibrated_one_only_as_uncalibrated() -> None:

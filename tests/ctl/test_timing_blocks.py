@@ -5,24 +5,15 @@ from typing import Any
 
 import pytest
 
-from tests.support.picture_messages import HOPS, bus, loop, told, view, watched
+from tests.support.picture_messages import bus, loop, told, view, watched
 from twind.ctl.picture.picture_renderer import plain
 from twind.ctl.picture.picture_state import MonitorCollector
-from twind.ctl.picture.styled_lines import Line
 from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
 
 
 def said(**different: Any) -> tuple[str, set[str], bool]:
     shown = buses(view(buses=[bus("upper", **different)]), 100).rows[0]
     return plain([shown.line]), {style for _, style in shown.line}, shown.urgent
-
-
-def test_a_bus_row_shows_port_rate_duration_and_utilisation() -> None:
-    assert said() == (
-        "upper  /dev/twind/upper          connected          100   2.1   3.4   41%        0",
-        {""},
-        False,
-    )
 
 
 @pytest.mark.parametrize(
@@ -55,34 +46,6 @@ def test_a_bus_that_a_simulation_never_opens_is_no_trouble() -> None:
     (row,) = buses(view(mode="sim", buses=[bus("upper", connected=False, port="")]), 100).rows
     assert "not opened" in plain([row.line])
     assert not row.urgent
-
-
-def test_every_hop_has_its_numbers_and_what_took_too_long_comes_first_where_room_is_short() -> None:
-    block = hops(view(), 100)
-    rows = [plain([row.line]).split() for row in block.rows]
-    assert [row[0] for row in rows if row[0] != "!"] == [name for name in HOPS if name != "moved"]
-    assert rows[1] == ["request", *["1.00", "1.10", "1.20", "1.30", "1.40", "1.50", "1.60", "0"]]
-    assert rows[8] == ["!", "moved", *["8.00", "8.10", "8.20", "8.30", "8.40", "8.50", "8.60", "3"]]
-    assert plain(block.shown(4)).splitlines()[2].startswith("! moved")
-
-
-def test_ticks_are_bars_whose_length_is_logarithmic_so_that_one_of_many_is_seen() -> None:
-    rows = [plain([row.line]) for row in lateness(view(), 100).rows]
-    long = {row.split("ms")[0].split()[-1]: row.count("█") for row in rows}
-    assert long["0.05"] == 40
-    assert 1 <= long["5"] < long["0.2"] < long["0.1"] < 40
-    assert "90.000% 9000" in rows[1]
-
-
-def test_a_tick_later_than_two_milliseconds_is_marked() -> None:
-    rows = [row.line for row in lateness(view(), 100).rows]
-    assert [plain([row]).endswith("!") for row in rows] == [False] * 7 + [True]
-    assert "warn" in styles(rows[-1])
-    assert "warn" not in styles(rows[0])
-
-
-def styles(of: Line) -> set[str]:
-    return {style for _, style in of}
 
 
 def test_buckets_without_anything_at_the_ends_are_left_out_and_many_are_joined() -> None:

@@ -1,5 +1,10 @@
 """Findings about errors, torque and watchdogs, from surveys as data."""
 
+from pathlib import Path
+
+import pytest
+
+from tests.support.daemon_stand_ins import answering
 from tests.support.doctor_surveys import (
     KNEE,
     ROWS,
@@ -7,7 +12,9 @@ from tests.support.doctor_surveys import (
     servo,
     survey_findings,
 )
+from twind.client import Client
 from twind.doctor.check import severity_of
+from twind.doctor.inspectors import DaemonInspector
 
 
 def test_each_hardware_error_is_a_finding_with_its_name() -> None:
@@ -30,6 +37,26 @@ def test_torque_without_arming_and_without_a_watchdog_is_one_finding() -> None:
     assert (unwatched.code, unwatched.measured) == ("TORQUE_ON", "torque is on; bus watchdog (98) is 0")
     (watched,) = survey_findings(servo(KNEE, torque_enable=1, bus_watchdog=5))
     assert (watched.code, watched.measured) == ("TORQUE_ON", "torque is on")
+
+
+@pytest.mark.parametrize(("mode", "codes"), [("live", set()), ("mirror", {"WATCHDOG_LEFT"})])
+def test_a_watchdog_left_by_a_disarm_is_no_finding_while_the_daemon_is_live(
+    tmp_path: Path, mode: str, codes: set[str]
+) -> None:
+    """A live daemon alone uses the bus, and arming sets the watchdog anew."""
+    status = {
+        "version": "1",
+        "robot": "h24",
+        "mode": mode,
+        "state": "connected",
+        "armed": False,
+        "inherited": False,
+    }
+    with answering(tmp_path) as make:
+        make("control", lambda _: {"parameters": {"status": status, "joints": []}})
+        with Client(tmp_path) as client:
+            found = survey_findings(servo(KNEE, bus_watchdog=255), daemon=DaemonInspector(client))
+    assert {each.code for each in found} == codes
 
 
 def test_servo_with_error_and_torque_gets_no_reboot_command() -> None:

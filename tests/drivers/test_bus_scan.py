@@ -191,15 +191,6 @@ def test_two_models_with_one_id_are_named(first: int, second: int) -> None:
     assert clashes(found) and "two devices" in str(found.trouble)
 
 
-def test_a_single_flipped_bit_causes_no_duplicate() -> None:
-    bench = Bench(servo(3), servo(5))
-    bench.at(MILLION)
-    bench.bus.faults.corrupt(1)
-    rate = bench.rate()
-    assert [(each.id, each.trouble) for each in rate.found] == [(3, None), (5, None)]
-    assert rate.troubles == ()
-
-
 @pytest.mark.parametrize("rate", [1e-4, 1e-3])
 def test_a_noisy_line_makes_no_duplicates(rate: float) -> None:
     bench = Bench(*(servo(id) for id in range(1, 13)))

@@ -141,21 +141,6 @@ def test_a_cut_that_was_thrown_away_with_the_queue_is_sent_again() -> None:
 # ------------------------------------------------------------------------------------- torque
 
 
-def test_a_turn_that_changes_at_torque_on_ends_it_and_nothing_ran_after_it() -> None:
-    rig = CanRig(MODELS)
-    here = rig.heard()
-    rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.write_goals(here))
-    rig.faults.wrap(2)
-    before = rig.places()
-    with pytest.raises(DeviceRefused, match="turn changed") as told:
-        rig.beside(rig.writer.torque(True))
-    assert told.value.id == 2
-    rig.ticks(5)
-    assert not rig.energised().any()
-    assert abs(rig.places() - before).max() <= 8
-
-
 def test_torque_comes_soft_first_and_only_then_stiff() -> None:
     rig = CanRig(MODELS)
     here = rig.heard()
@@ -255,18 +240,12 @@ def test_watchdogs_are_read_twenty_times_a_second_and_voltage_five() -> None:
 # ------------------------------------------------------------------------------------- masters and strangers
 
 
-def test_orders_of_another_master_are_foreign() -> None:
+@pytest.mark.parametrize("fault", ["master", "twin"])
+def test_frames_of_another_master_or_of_a_second_node_with_one_id_are_foreign(fault: str) -> None:
     rig = CanRig(MODELS)
     rig.heard()
     assert sum(sample.foreign for sample in rig.ticks(20)) == 0
-    rig.faults.master(2)
-    assert sum(sample.foreign for sample in rig.ticks(20)) >= 3
-
-
-def test_a_second_node_with_one_id_is_foreign() -> None:
-    rig = CanRig(MODELS)
-    rig.heard()
-    rig.faults.twin(2)
+    getattr(rig.faults, fault)(2)
     assert sum(sample.foreign for sample in rig.ticks(20)) >= 3
 
 
@@ -335,6 +314,15 @@ def test_registers_are_read_and_written_by_name_and_the_scripts_keep_theirs() ->
             rig.beside(rig.writer.write(1, name, 1))
     with pytest.raises(ValueError):
         rig.beside(rig.writer.write(1, "serial_number", 5))
+
+
+@pytest.mark.parametrize("model", ["DM4310", "RS01", "ODrive"])
+def test_each_register_of_the_identification_is_answered(model: str) -> None:
+    rig = CanRig((model,))
+    rig.heard()
+    [(family, _)] = rig.reader.fleet.families
+    for name in family.identity:
+        assert rig.beside(rig.reader.read(1, name)).name == name
 
 
 def test_reported_ranges_are_used_and_appear_in_the_limits() -> None:

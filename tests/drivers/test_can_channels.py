@@ -156,32 +156,6 @@ def test_motors_without_power_are_a_line_that_is_off_and_come_back_when_they_ans
     assert body.channel.condition.line is CanErrorState.ACTIVE
 
 
-def test_a_virtual_adapter_that_is_pulled_out_is_lost() -> None:
-    body = Body()
-    body.tick()
-    body.bus.faults.unplug()
-    with pytest.raises(PortError, match="unplugged") as lost:
-        body.tick()
-    assert lost.value.lost
-    body.channel.close()
-
-
-def test_a_virtual_adapter_that_hangs_is_lost_after_a_second() -> None:
-    body = Body()
-    body.tick()
-    body.bus.faults.stall()
-    began = body.clock.now()
-    lost = False
-    while not lost and body.clock.now() < began + 3.0:
-        try:
-            body.tick()
-        except PortError as error:
-            lost = error.lost
-            body.clock.sleep_until(body.clock.now() + 0.01)
-    assert lost
-    assert 1.0 <= body.clock.now() - began <= 1.2
-
-
 # ------------------------------------------------------------------------------------- python-can, virtual
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,13 +9,7 @@ from hypothesis import strategies as st
 from twind.config.cycle_budget import budgets, require_rate
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader
-from twind_drivers.can.can_cycle_budget import budget, frame_bits, registers_at_once
-from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.can_loopback import CanLoopback
-from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
-from twind_drivers.virtual.can.node_spec import NodeSpec
-from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
+from twind_drivers.can.can_cycle_budget import budget, frame_bits
 
 MIXED = load_robot("h24-mixed")
 
@@ -75,18 +68,6 @@ def test_a_rate_out_of_reach_is_refused_with_the_arithmetic() -> None:
     assert "upkeep: 1 registers, request and reply, at most 1000 us" in text
     assert "together 3740 bits at 500000 bit/s = 7480 us" in text
     assert found.refusal(123.0) is None
-
-
-@pytest.mark.parametrize("rate", [10.0, 50.0, 100.0, 250.0, 1000.0])
-@pytest.mark.parametrize("bitrate", [125_000, 1_000_000])
-def test_the_upkeep_that_is_reckoned_is_that_of_the_reader(bitrate: int, rate: float) -> None:
-    clock = FakeClock(0.0)
-    node = CanActuatorIdentity(1, 17, "DM4310", 12.5, 30.0, 10.0)
-    line = VirtualCanBus(
-        "leg", [NodeSpec(1, "DM4310", feedback_id=17)], FirstOrderCanPhysics(np.zeros(1)), bitrate=bitrate
-    )
-    reader = CanReader("leg", CanLoopback(line, clock), [node], bitrate=bitrate, rate_hz=rate)
-    assert reader.at_once == registers_at_once(bitrate, rate)
 
 
 @pytest.mark.parametrize(

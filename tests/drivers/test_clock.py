@@ -1,7 +1,6 @@
 """Time that waits for nobody, and time that moves only when somebody waits."""
 
 import os
-import time
 from collections.abc import Iterator
 from math import inf
 
@@ -43,17 +42,7 @@ def test_fake_time_never_goes_back_and_stops_at_the_first_thing_to_happen(
             assert list(ready) == [place for place, at in enumerate(arrivals) if at <= clock.now()]
 
 
-def test_fake_time_stands_still_without_a_waiter() -> None:
-    clock = FakeClock(3.0)
-    assert [clock.now() for _ in range(3)] == [3.0] * 3
-
-
 # ------------------------------------------------------------------------------------- the kernel's
-
-
-def test_monotonic_time_is_the_kernels() -> None:
-    clock = MonotonicClock()
-    assert time.monotonic() <= clock.now() <= time.monotonic()
 
 
 def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe: Pipe) -> None:
@@ -108,10 +97,3 @@ def test_a_machine_that_never_slept_has_slept_for_nothing_and_it_only_grows() ->
     first = clock.suspended()
     assert first > -0.1  # the two clocks are read one after the other
     assert clock.suspended() - first < 0.1
-
-
-def test_the_suspend_time_of_a_fake_clock_is_set_by_the_test() -> None:
-    clock = FakeClock()
-    assert clock.suspended() == 0.0
-    clock.slept = 30.0
-    assert (clock.suspended(), clock.now()) == (30.0, 0.0)

@@ -65,16 +65,6 @@ def test_the_sdks_code_is_not_imported() -> None:
     assert not any("dynamixel_sdk" in str(value) for value in vars(control_tables).values())
 
 
-@pytest.mark.parametrize("number", [1020, 1200])
-def test_every_register_of_the_two_main_models_has_a_rule(number: int) -> None:
-    for field in table(number).fields.values():
-        if "indirect" not in field.key:
-            lower, upper = field.bounds
-            assert lower <= upper
-            assert field.rule.default is None or lower <= field.rule.default <= upper
-            assert field.rule.default is not None or not field.rule.writable, field.key
-
-
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [

@@ -3,47 +3,15 @@
 import numpy as np
 import pytest
 
-from tests.support.two_bus_rig import IDS, TwoBuses
-from twind.exceptions import InvalidInput
+from tests.support.two_bus_rig import TwoBuses
 from twind_drivers.bus import (
-    BusError,
-    DeviceRefused,
-    NoReply,
     PingRequest,
-    PortError,
-    PortErrorCause,
     ReadRequest,
     Script,
     SlowRegisterValues,
-    WireClamp,
     WriteRequest,
 )
 from twind_drivers.run_script import perform
-
-ERRORS = [
-    (PortError("/dev/ttyUSB0", "no such port"), "/dev/ttyUSB0: no such port"),
-    (
-        NoReply("main", (3, 7), 0.0021, "ping"),
-        "main: no reply to ping from [3, 7] within 2.1 ms",
-    ),
-    (DeviceRefused("main", 3, "torque", "reads 0"), "main: id 3: torque: reads 0"),
-    (
-        WireClamp("main", 3, 5000, 100, 4000),
-        "main: id 3: goal 5000 outside 100..4000; packet not sent",
-    ),
-]
-
-
-@pytest.mark.parametrize(("error", "text"), ERRORS)
-def test_an_error_names_the_bus_the_device_the_value_and_the_bound(error: BusError, text: str) -> None:
-    assert str(error) == text
-    assert isinstance(error, BusError)
-    assert error.port in text
-
-
-def test_a_port_that_cannot_be_opened_is_not_a_lost_one() -> None:
-    assert not PortError("p", "r").lost
-    assert PortError("p", "r", kind=PortErrorCause.LOST).lost
 
 
 def test_registers_never_read_are_unknown_and_infinitely_old() -> None:
@@ -64,12 +32,6 @@ def test_registers_never_read_are_unknown_and_infinitely_old() -> None:
 @pytest.fixture
 def world() -> TwoBuses:
     return TwoBuses()
-
-
-def test_a_script_is_run_to_its_end_and_its_result_returned(world: TwoBuses) -> None:
-    reader = world.open("left")
-    devices = perform(reader, reader.identify(), world.clock)
-    assert [device.id for device in devices] == list(IDS["left"])
 
 
 def test_a_silent_device_costs_its_timeout_and_no_more(world: TwoBuses) -> None:
@@ -94,20 +56,3 @@ def test_a_script_that_writes_needs_a_writer(world: TwoBuses) -> None:
     with pytest.raises(TypeError, match=r"left: Write.* opened read-only"):
         perform(reader, script(), world.clock)
     assert perform(reader, script(), world.clock, world.enable(reader)) == b"\1"
-
-
-def test_an_error_of_the_script_comes_out(world: TwoBuses) -> None:
-    reader = world.open("left")
-    world.virtual["left"].faults.silence(2)
-    with pytest.raises(NoReply, match=r"\[2\]"):
-        perform(reader, reader.read(2, "led"), world.clock)
-    with pytest.raises(InvalidInput, match="led"):
-        perform(reader, reader.read(1, "ledd"), world.clock)
-
-
-def test_a_lost_port_comes_out_too(world: TwoBuses) -> None:
-    reader = world.open("left")
-    world.virtual["left"].faults.unplug()
-    with pytest.raises(PortError) as caught:
-        perform(reader, reader.identify(), world.clock)
-    assert caught.value.lost

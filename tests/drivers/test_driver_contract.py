@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.can_driver_rig import CanRig
 from tests.support.driver_contract_claims import DriverContract
-from tests.support.driver_rig import DriverRig
+from tests.support.driver_rig import DriverRig, both
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
 from twind_drivers.virtual.serial_loopback import Loopback
@@ -73,3 +73,16 @@ def rig(fresh: Callable[[], DriverRig]) -> DriverRig:
 
 class TestContract(DriverContract):
     pass
+
+
+def test_a_dynamixel_bus_armed_after_a_dead_writer_does_not_resume_the_old_goal() -> None:
+    rig = DynamixelRig()
+    here = rig.arm()
+    rig.ticks(5, here + 900)
+    rig.clock.sleep_until(rig.clock.now() + 0.5)
+    stopped = rig.tick().position
+    assert rig.host.servos.tripped.all()
+    rig.beside(both(rig, stopped))
+    assert not rig.host.servos.tripped.any()
+    rig.ticks(20, stopped)
+    assert np.abs(rig.places() - stopped).max() < 25, "the old goal acts for at most 1 ms"

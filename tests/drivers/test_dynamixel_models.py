@@ -105,8 +105,3 @@ def test_models_of_other_layouts_are_marked_as_undriven() -> None:
     """Y series and XL320: their control tables have another layout (dxl/y/ym070-210-m001-rh, dxl/x/xl320)."""
     undriven = {each.stem for each in EVERY if each.facts.undriven}
     assert undriven == {each.stem for each in EVERY if each.stem.startswith(("ym", "xl320"))}
-
-
-def test_only_what_was_taken_from_a_relative_is_called_assumed() -> None:
-    assumed = {each.stem for each in EVERY if each.facts.assumed}
-    assert assumed == {each.stem for each in EVERY if each.stem.startswith("ym")} - {"ym070_210_m001"}

@@ -81,30 +81,6 @@ def test_a_reading_does_not_change_when_the_next_arrives(fast: bool) -> None:
     assert first.heard.all()
 
 
-def test_stuffed_replies_of_a_robot_that_holds_a_pose_are_read() -> None:
-    servos = Servos(IDS)
-    pose(servos)
-    servos.put(5, 126, -1, 2)
-    servos.put(5, 128, -3, 4)  # FF FF FD FF FF FF
-    reader, _ = make(servos, fast=False)
-    sample = cycle(reader, FakeClock())
-    assert sample.heard.all()
-    assert (sample.effort[4], sample.velocity[4], sample.position[4]) == (-1, -3, 99_995)
-
-
-def test_a_servo_without_a_reply_is_not_fresh_and_the_others_are() -> None:
-    servos = Servos(IDS)
-    pose(servos)
-    servos.silent = {7}
-    reader, _ = make(servos, fast=False)
-    clock = FakeClock()
-    sample = cycle(reader, clock)
-    assert [id for id, heard in zip(IDS, sample.heard, strict=True) if not heard] == [7]
-    assert sample.position[6] == 0
-    assert sample.position[7] == 99_992
-    assert clock.now() == reader.deadline
-
-
 def test_a_hole_in_the_fast_read_is_followed_by_plain_reads_until_some_were_whole() -> None:
     servos = Servos(IDS)
     pose(servos)
@@ -119,36 +95,6 @@ def test_a_hole_in_the_fast_read_is_followed_by_plain_reads_until_some_were_whol
         assert cycle(reader, clock).heard.all()
         kinds.append(servos.seen[-1].instruction)
     assert kinds == [PLAIN] * CALM + [FAST] * 2
-
-
-def test_a_reading_without_replies_is_a_valid_sample() -> None:
-    servos = Servos(IDS)
-    servos.silent = set(IDS)
-    reader, _ = make(servos)
-    for _ in range(3):
-        sample = cycle(reader, FakeClock(5.0))
-        assert not sample.heard.any()
-        assert not sample.position.any()
-
-
-def test_alert_bits_are_kept() -> None:
-    servos = Servos(IDS)
-    servos.error = {3: 0x80}
-    for fast in (True, False):
-        reader, _ = make(servos, fast=fast)
-        sample = cycle(reader, FakeClock())
-        assert sample.heard.all()
-        assert np.flatnonzero(sample.error).tolist() == [2]
-
-
-def test_noise_is_dropped_and_counted() -> None:
-    servos = Servos(IDS)
-    pose(servos)
-    reader, wire = make(servos)
-    wire.change = lambda reply: b"\x00\xff\xff\xfd\x00noise" + reply
-    sample = cycle(reader, FakeClock())
-    assert sample.heard.all()
-    assert sample.discarded == 10
 
 
 def test_bytes_that_arrive_late_are_not_taken_for_the_next_answer() -> None:
@@ -178,16 +124,6 @@ def test_the_deadline_is_wire_time_and_return_delays_and_two_milliseconds(fast: 
 
 
 # ------------------------------------------------------------------------------------------- the rare path
-
-
-def test_a_reader_begins_nothing_that_writes() -> None:
-    reader, wire = make(Servos(IDS))
-    with pytest.raises(TypeError, match="does not write"):
-        reader.begin(WriteRequest({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
-    assert wire.writes == []
-    assert not any(
-        hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "write_goals")
-    )
 
 
 def test_ping_and_reads_answer_by_id() -> None:
@@ -360,13 +296,6 @@ def test_ids_given_twice_no_ids_and_models_that_cannot_be_driven_are_refused() -
         DynamixelReader("main", wire, (1, 2), [1020, 350], baud=1_000_000, return_delay_us=0)
     with pytest.raises(ValueError, match="0 distinct ids"):
         DynamixelReader("main", wire, (), [], baud=1_000_000, return_delay_us=0)
-
-
-def test_p_series_registers_are_read_at_their_own_addresses() -> None:
-    servos = Servos((1, 2), model=2020)
-    servos.put(2, 580, -501_433, 4)
-    reader, _ = make(servos, ids=(1, 2), model=2020)
-    assert cycle(reader, FakeClock()).position.tolist() == [0, -501_433]
 
 
 # ------------------------------------------------------------------------------------------- real bytes

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
-from tests.support.dynamixel_rig import FAST, IDS, SYNC, Bench
+from tests.support.dynamixel_rig import IDS, SYNC, Bench
 from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
     BurstWriteRequest,
     DeviceRefused,
     NoReply,
-    PingRequest,
     RebootRequest,
     WireClamp,
     WriteRequest,
@@ -25,69 +24,6 @@ HERE = np.array([2000, 2100, 2200])
 
 
 # ------------------------------------------------------------------------------------------- every tick
-
-
-def test_goals_and_the_next_read_request_leave_in_one_write() -> None:
-    bench = Bench()
-    bench.writer.goals(HERE)
-    bench.cycle()
-    assert len(bench.wire.writes) == 1
-    assert bench.addresses() == [(SYNC, 116), (FAST, 126)]
-    assert [bench.servos.get(id, 116, 4) for id in IDS] == HERE.tolist()
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
-
-
-def test_goals_outside_the_range_leave_nothing_pending() -> None:
-    bench = Bench()
-    bench.writer.goals(HERE)
-    with pytest.raises(WireClamp) as clamp:
-        bench.writer.goals(np.array([2000, 3001, 2000]))
-    assert (clamp.value.id, clamp.value.value) == (2, 3001)
-    assert (clamp.value.lower, clamp.value.upper) == (1000, 3000)
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
-    bench.writer.goals(HERE)
-    with pytest.raises(ValueError):
-        bench.writer.goals(np.array([2000]))
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
-
-
-def test_clear_drops_goals_but_never_a_cut() -> None:
-    bench = Bench()
-    bench.writer.goals(HERE)
-    bench.writer.clear()
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
-    bench.writer.cut()
-    bench.writer.clear()
-    bench.cycle()
-    assert bench.addresses() == [(SYNC, 64), (SYNC, 64), (FAST, 126)]
-
-
-def test_a_cut_goes_twice_before_anything_else_and_takes_the_goals_with_it() -> None:
-    bench = Bench()
-    bench.run(bench.writer.torque(True))
-    bench.writer.goals(HERE)
-    bench.writer.cut()
-    bench.writer.goals(HERE)
-    bench.cycle()
-    assert bench.addresses() == [(SYNC, 64), (SYNC, 64), (FAST, 126)]
-    assert [bench.servos.get(id, 64, 1) for id in IDS] == [0, 0, 0]
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
-
-
-def test_a_cut_leaves_with_a_query_too_and_the_goals_before_it_do_not_follow() -> None:
-    bench = Bench()
-    bench.writer.cut()
-    bench.writer.goals(HERE)
-    bench.reader.begin(PingRequest(1), 0.0)
-    assert bench.addresses()[:2] == [(SYNC, 64), (SYNC, 64)]
-    bench.reader.answer(0.0)
-    bench.cycle()
-    assert bench.addresses() == [(FAST, 126)]
 
 
 # ------------------------------------------------------------------------------------------- scripts
@@ -165,20 +101,6 @@ def test_a_servo_that_ignores_writes_is_explained_by_its_registers() -> None:
         bench.run(bench.writer.torque(True))
     with pytest.raises(DeviceRefused, match="watchdog has tripped"):
         bench.run(bench.writer.write_goals(HERE))
-
-
-def test_aim_reads_back_and_refuses_what_is_outside_without_a_byte() -> None:
-    bench = Bench()
-    bench.run(bench.writer.write_goals(HERE))
-    assert bench.servos.get(3, 116, 4) == 2200
-    before = len(bench.wire.writes)
-    with pytest.raises(WireClamp):
-        bench.run(bench.writer.write_goals(HERE + 5000))
-    assert len(bench.wire.writes) == before
-    bench.servos.frozen = {2: {116}}
-    with pytest.raises(DeviceRefused) as refused:
-        bench.run(bench.writer.write_goals(HERE + 1))
-    assert refused.value.id == 2
 
 
 def test_a_register_is_written_by_name_and_read_back() -> None:
@@ -302,11 +224,6 @@ def test_an_order_outside_the_white_list_sends_no_byte(
     with pytest.raises(WireClamp):
         bench.writer.begin(order, 0.0)
     assert bench.wire.writes == []
-
-
-def test_a_writer_begins_no_query() -> None:
-    with pytest.raises(TypeError):
-        Bench().writer.begin(PingRequest(1), 0.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -67,12 +67,17 @@ PING = SerialTransaction(p.ping(1), StatusReply((1,), 3), 1)
 ORDER = SerialTransaction(p.sync_write(64, dict.fromkeys(range(50), b"\0")), None, 0)
 
 
+def port_of(line: HalfDuplexTransactor) -> Port:
+    port = line.transport
+    assert isinstance(port, Port)
+    return port
+
+
 def talk(
     line: HalfDuplexTransactor, answer: bytes, exchange: SerialTransaction | None = None, now: float = 0.0
 ) -> None:
     """One transaction; `answer` is what arrives until its deadline."""
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     line.send(exchange or PING, now)
     port.late = answer
     while port.late and not line.feed(now):
@@ -96,8 +101,7 @@ def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: H
 
 
 def test_an_unsent_request_is_not_sent_later_unless_it_is_urgent(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     port.full = True
     line.goals = b"goals"
     with pytest.raises(PortError):
@@ -112,8 +116,7 @@ def test_an_unsent_request_is_not_sent_later_unless_it_is_urgent(line: HalfDuple
 
 
 def test_late_bytes_are_dropped_and_counted_before_a_request(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     port.late = p.status(1, 0, b"\1\2\3")
     line.send(PING, 0.0)
     assert not line.feed(0.0)
@@ -122,8 +125,7 @@ def test_late_bytes_are_dropped_and_counted_before_a_request(line: HalfDuplexTra
 
 
 def test_the_time_of_a_reply_is_that_of_its_last_byte(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     line.send(PING, 0.0)
     reply = p.status(1, 0, b"\1\2\3")
     port.late = reply[:5]
@@ -166,8 +168,7 @@ def test_foreign_packets_are_counted(line: HalfDuplexTransactor, other: str, bef
 def test_bytes_that_arrive_between_transactions_are_counted_with_the_next_request(
     line: HalfDuplexTransactor, other: str
 ) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     talk(line, OWN)
     port.late = OTHERS[other] + b"noise" + OTHERS[other]
     talk(line, OWN)
@@ -186,8 +187,7 @@ def test_bytes_around_a_fast_reply_are_judged_as_well(line: HalfDuplexTransactor
 
 
 def test_an_answer_that_comes_too_late_is_none_of_them_for_a_second(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     talk(line, b"", now=1.0)
     port.late = OWN  # of the first
     talk(line, OWN[:5], now=1.1)
@@ -221,8 +221,7 @@ def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: HalfDup
         line.goals = p.sync_write(116, {1: bytes(4)})
         lead = line.goals
         line.send(PING, 0.0, goals=True)
-        port = line.transport
-        assert isinstance(port, Port)
+        port = port_of(line)
         port.late = lead + p.ping(1) + OWN
         while not line.feed(0.0):
             pass
@@ -235,8 +234,7 @@ def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: HalfDup
 
 
 def test_the_echo_of_an_order_that_is_never_answered_is_no_traffic_either(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     line.send(ORDER, 0.0)
     port.late = ORDER.packet
     talk(line, PING.packet + OWN)
@@ -268,8 +266,7 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
     line: HalfDuplexTransactor,
 ) -> None:
     """TX_BACKLOG: goals that wait in the port would arrive late, one after the other."""
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     talk(line, OWN)
     port.holds = True
     port.waiting = len(PING.packet)
@@ -290,8 +287,7 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
 
 
 def test_a_port_without_an_input_count_is_not_flushed(line: HalfDuplexTransactor) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     port.waiting = 1000
     talk(line, OWN)
     assert port.flushed == 0
@@ -314,8 +310,7 @@ def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_a
     line: HalfDuplexTransactor,
 ) -> None:
     """TX_BACKLOG on a stalled adapter: the port takes the packet, and the next look throws it away."""
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     port.holds = True
     line.urgent = b"off"
     talk(line, b"")
@@ -340,8 +335,7 @@ def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_a
 def test_a_packet_that_the_port_cuts_short_is_no_question_and_torque_off_goes_before_the_next(
     line: HalfDuplexTransactor,
 ) -> None:
-    port = line.transport
-    assert isinstance(port, Port)
+    port = port_of(line)
     line.urgent = b"off"
     talk(line, b"")
     port.cut_short = True
@@ -373,8 +367,7 @@ def test_a_late_status_of_a_sensor_is_neither_astray_nor_foreign(
     telling: HalfDuplexTransactor, where: str
 ) -> None:
     talk(telling, OWN)
-    port = telling.transport
-    assert isinstance(port, Port)
+    port = port_of(telling)
     port.late = TOLD if where == "before the request" else b""
     talk(telling, {"before the answer": TOLD + OWN, "behind it": OWN + TOLD}.get(where, OWN))
     assert (telling.strays, telling.foreign, telling.late) == (0, 0, [6])
@@ -387,8 +380,7 @@ def test_noise_beside_it_stays_astray(telling: HalfDuplexTransactor) -> None:
 
 def test_bytes_behind_a_sensor_reply_are_not_counted_as_strays(telling: HalfDuplexTransactor) -> None:
     """And only that: behind a servo's answer it is astray."""
-    port = telling.transport
-    assert isinstance(port, Port)
+    port = port_of(telling)
     ask = SerialTransaction(p.read(200, 16, 6), StatusReply((200,), 6), 1)
     for exchange, answer, strays in ((ask, TOLD, 0), (PING, OWN, 5)):
         talk(telling, answer, exchange)

@@ -14,7 +14,7 @@ from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
-from twind_drivers.can.odrive_codec import PARAMETERS, ODriveCodec, limits
+from twind_drivers.can.odrive_codec import PARAMETERS, ODriveCodec
 
 IDS = (3, 0x3F)
 TURN = 2.0 * math.pi
@@ -80,14 +80,6 @@ def test_the_gains_make_a_damped_spring() -> None:
 def test_a_spring_without_damping_cannot_be_set(kd: float) -> None:
     with pytest.raises(WireClamp, match="id 63: kd"):
         axes().gains(column(1, 1), column(1, kd))
-
-
-def test_limits() -> None:
-    made = limits(IDS, column(TURN, 2 * TURN), column(10, 20))
-    assert wire(made) == [(0x06F, "00 00 80 3F 00 00 20 41"), (0x7EF, "00 00 00 40 00 00 A0 41")]
-    for bad in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="limits"):
-            limits(IDS, column(1, bad), column(1, 1))
 
 
 def test_a_value_beyond_its_field_is_refused() -> None:
@@ -246,7 +238,6 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     assert list(axis.commanded_rows(made)) == [0, 1]
     assert axis.decode_commanded_position(made) == pytest.approx([1.0, -599.0], rel=1e-6)
     assert list(axis.commanded_rows(axis.gains(column(1, 1), column(1, 1)))) == [0, 1] * 3
-    assert list(axis.commanded_rows(limits(IDS, column(1, 1), column(1, 1)))) == [0, 1]
     for row in range(2):
         for what in ValuelessCommand:
             order = axis.encode_valueless_command(row, what)

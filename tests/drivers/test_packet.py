@@ -160,19 +160,6 @@ def test_unstuffing_undoes_stuffing_for_every_short_word_of_the_alphabet() -> No
         assert framer.discarded == 0
 
 
-@pytest.mark.slow
-def test_unstuffing_undoes_stuffing_for_every_word_up_to_nine() -> None:
-    """Two patterns with something before, between and behind."""
-    framer = Framer(status=True)
-    for length in range(10):
-        for word in product(ALPHABET, repeat=length):
-            data = bytes(word)
-            check_identity(data)
-            [found] = framer.feed(p.status(7, 0, data))
-            assert found.data == data
-    assert framer.discarded == 0
-
-
 @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55, 0x07]), max_size=60).map(bytes))
 @examples(200)
 def test_stuffing_equals_what_the_vendors_sdk_returns(params: bytes) -> None:

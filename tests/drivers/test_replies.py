@@ -86,21 +86,6 @@ def test_no_bytes_raise(kind: type[StatusReply | FastSyncReadReply], parts: list
     check_data(reply)
 
 
-def test_a_device_without_a_reply_is_not_fresh_and_the_others_are() -> None:
-    reply = StatusReply(IDS, SIZE)
-    assert not give(reply, plain((3, 4, 250)))
-    assert reply.heard.tolist() == [True, False, True, True]
-    check_data(reply)
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 3])
-def test_a_fast_reply_keeps_its_intact_prefix(count: int) -> None:
-    reply = FastSyncReadReply(IDS, SIZE)
-    assert not give(reply, fast(count) if count else b"")
-    assert reply.heard.tolist() == [place < count for place in range(len(IDS))]
-    check_data(reply)
-
-
 @pytest.mark.parametrize("at", range(8, 64))
 def test_a_single_flipped_bit_never_yields_a_wrong_value(at: int) -> None:
     for make, data in ((StatusReply, plain()), (FastSyncReadReply, fast())):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.serial_cycle_budget import budget, indirect_bytes, upkeep, wire
+from twind_drivers.dynamixel.serial_cycle_budget import budget, upkeep
 
 # (devices, fast, return delay us) -> bytes, cycles per second at each baud rate
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
@@ -82,18 +82,6 @@ def test_the_upkeep_plan_reaches_its_refresh_rates(fast: bool, groups: list[int]
     assert turns <= max(plan.slots - 1, len(groups))
     assert rate / plan.slots >= 20.0
     assert slices(plan.health) <= max(4, len(groups))
-
-
-# baud -> ms of a 10 ms tick that a map of indirect addresses would save: fast, plain
-SAVED = {1_000_000: (1.27, 1.82), 2_000_000: (0.64, 0.91), 3_000_000: (0.42, 0.61)}
-
-
-def test_indirect_addresses_would_save_the_stated_time() -> None:
-    for place, fast, blocks, mapped in ((0, True, 214, 87), (1, False, 296, 114)):
-        assert upkeep((24,), 100.0, fast=fast).most == blocks
-        assert indirect_bytes(24, 100.0, fast=fast) == mapped
-        for baud, saved in SAVED.items():
-            assert wire(blocks - mapped, baud) * 1e3 == pytest.approx(saved[place], abs=0.006)
 
 
 @pytest.mark.parametrize("fast", [True, False])

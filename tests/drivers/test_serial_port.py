@@ -164,15 +164,6 @@ def test_no_permission_names_the_group_and_the_remedy(terminal: Terminal) -> Non
     assert "usermod -aG" in done.stdout
 
 
-def test_unsent_bytes_are_counted_and_can_be_discarded(terminal: Terminal) -> None:
-    port = SerialTransport(terminal.path, 1_000_000)
-    port.write(b"12345")
-    assert port.backlog() == 0  # a pty hands over at once
-    port.flush()
-    assert port.backlog() == 0
-    port.close()
-
-
 @pytest.mark.parametrize("waiting", [0, 1, 300, 70_000])
 def test_the_backlog_is_the_count_of_the_kernel_driver(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch, waiting: int

@@ -1,4 +1,4 @@
-"""What is read of the ring is the end of what was written, whole and in order, whatever its writer does."""
+"""Reading the ring gives the end of what was written, whole and in order, whatever the writer does."""
 
 import fcntl
 import mmap

@@ -1,4 +1,4 @@
-"""What is followed is told as it is followed, by whoever only saw what was asked."""
+"""Accepted trajectories: the published path equals the one that the loop follows."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a client says of what the robot is doing: one form for each kind, an event for everybody."""
+"""Annotations of clients: fields of each kind, and the event that each one becomes."""
 
 from typing import Any
 

@@ -17,7 +17,7 @@ EMPTY = PackedFlight({}, b"")
 
 
 def meta(at: float = 1_800_000_000.0, **more: Any) -> dict[str, Any]:
-    """Of a file written at that time of day."""
+    """Metadata of a file written at the time `at` (s since 1970)."""
     return meta_of(briefing(1), "dump", "DUMP") | {"wall_ns": round(at * 1e9)} | more
 
 

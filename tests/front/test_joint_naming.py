@@ -34,6 +34,7 @@ NAMES = JointNames(["hip", "knee"])
             "hip: distance from where the motion starts 0.2 rad, bound 0.05 rad; move there first",
         ),
         (Finding(ReasonCode.BAD_SHAPE, 7, value=3, bound=2), "joint 7: value 3, bound 2"),
+        (Finding(ReasonCode.BUS_ERRORS, value=0.05, bound=0.05, message="bus a: 5 %"), "bus a: 5 %"),
     ],
 )
 def test_a_finding_message_gives_joint_point_value_and_bound(finding: Finding, message: str) -> None:

@@ -164,7 +164,7 @@ def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
 def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """That of the plain service would lower another robot."""
+    """The units of the plain service would lower another robot."""
     monkeypatch.setattr("twind.front.listening.SYSTEM", str(tmp_path), raising=False)
     desk = Desk(tmp_path / "arm")
     try:

@@ -1,9 +1,10 @@
-"""Bytes of a connection: cut anywhere, the messages are the same; what is dropped is counted."""
+"""Bytes of a connection: messages do not depend on how they are cut, and dropped telemetry is counted."""
 
 import asyncio
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,19 +14,29 @@ from tests.support.examples import examples
 from twind.front.message_stream import LARGE, PATIENCE, QUEUE, MessageStream
 
 
-class Owner:
-    """Takes messages; says no after every `pause`-th."""
+class Connection:
+    """A stream in an event loop of its own, its owner, and the other end of its socket.
 
-    def __init__(self, pause: int, loop: asyncio.AbstractEventLoop) -> None:
-        self.loop = loop
+    The owner declines more messages after every `pause`-th one; 0: never. Messages have at most 1000 bytes.
+    """
+
+    dropped = 0
+
+    def __init__(self, pause: int = 0) -> None:
+        self.loop = asyncio.new_event_loop()
         self.messages: list[bytes] = []
         self.limit: int | None = None
         self.closed = 0
-        self.pause = pause
+        self._pause = pause
+        ours, self.peer = socket.socketpair()
+        ours.setblocking(False)
+        self.peer.settimeout(1.0)
+        self.stream = MessageStream(ours, 1000, self.loop)
+        self.stream.start(self)
 
     def message(self, data: bytes) -> bool:
         self.messages.append(data)
-        return not (self.pause and len(self.messages) % self.pause == 0)
+        return not (self._pause and len(self.messages) % self._pause == 0)
 
     def too_large(self, limit: int) -> None:
         self.limit = limit
@@ -33,35 +44,36 @@ class Owner:
     def ended(self) -> None:
         self.closed += 1
 
+    def turn(self) -> None:
+        """Run one turn of the event loop."""
+        self.loop.call_soon(self.loop.stop)
+        self.loop.run_forever()
 
-class Watcher:
-    dropped = 0
+    def publish(self, key: str, number: int, size: int) -> None:
+        """Send telemetry of about `size` bytes."""
+        self.stream.publish(b'"%s":%d,"fill":"%s"}}' % (key.encode(), number, b"x" * size), self)
+
+    def rest(self) -> list[dict[str, Any]]:
+        """Finish the stream; return the parameters of all that it still sends."""
+        received = b""
+        self.stream.finish()
+        while data := self.peer.recv(1 << 20):
+            received += data
+            self.turn()
+        return [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
+
+    def close(self) -> None:
+        self.stream.close()
+        self.peer.close()
+        self.loop.close()
+        assert self.closed == 1
 
 
-def run(
-    body: Callable[[MessageStream, Owner, socket.socket], None], *, limit: int = 1000, pause: int = 0
-) -> Owner:
-    """A stream in a loop of its own, and the other end of its socket."""
-    loop = asyncio.new_event_loop()
-    ours, theirs = socket.socketpair()
-    ours.setblocking(False)
-    owner = Owner(pause, loop)
-    stream = MessageStream(ours, limit, loop)
-    stream.start(owner)
-    try:
-        with theirs:
-            body(stream, owner, theirs)
-    finally:
-        stream.close()
-        loop.close()
-    assert owner.closed == 1
-    return owner
-
-
-def turn(loop: asyncio.AbstractEventLoop) -> None:
-    """Run one turn of the stream's loop."""
-    loop.call_soon(loop.stop)
-    loop.run_forever()
+@pytest.fixture
+def line() -> Iterator[Connection]:
+    made = Connection()
+    yield made
+    made.close()
 
 
 @examples(60)
@@ -73,136 +85,96 @@ def turn(loop: asyncio.AbstractEventLoop) -> None:
     st.lists(st.integers(1, 40), min_size=1),
     st.integers(0, 3),
 )
-def test_however_it_is_cut_the_same_messages_come(
+def test_messages_are_the_same_however_the_bytes_are_cut(
     messages: list[bytes], end: bytes, cuts: list[int], pause: int
 ) -> None:
-    data = b"".join(message + end for message in messages)
-
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        rest = data
-        place = 0
-        while rest:
-            size = cuts[place % len(cuts)]
-            place += 1
-            peer.sendall(rest[:size])
-            rest = rest[size:]
-            turn(owner.loop)
-            stream.resume()
-        for _ in messages:
-            stream.resume()
-            turn(owner.loop)
-
-    assert run(body, pause=pause).messages == messages
+    line = Connection(pause)
+    rest = b"".join(message + end for message in messages)
+    place = 0
+    while rest:
+        size = cuts[place % len(cuts)]
+        place += 1
+        line.peer.sendall(rest[:size])
+        rest = rest[size:]
+        line.turn()
+        line.stream.resume()
+    for _ in messages:
+        line.stream.resume()
+        line.turn()
+    line.close()
+    assert line.messages == messages
 
 
 @pytest.mark.parametrize("terminated", [True, False])
 @pytest.mark.parametrize("excess", [0, 1])
-def test_the_limit_is_exact_and_holds_without_a_terminator(terminated: bool, excess: int) -> None:
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        peer.sendall(b"x" * (1000 + excess) + (b"\0" if terminated else b""))
-        turn(owner.loop)
+def test_the_limit_is_exact_and_holds_without_a_terminator(
+    line: Connection, terminated: bool, excess: int
+) -> None:
+    line.peer.sendall(b"x" * (1000 + excess) + (b"\0" if terminated else b""))
+    line.turn()
+    assert line.limit == (1000 if excess else None)
+    assert len(line.messages) == (1 if terminated and not excess else 0)
 
-    owner = run(body)
-    assert owner.limit == (1000 if excess else None)
-    assert len(owner.messages) == (1 if terminated and not excess else 0)
 
-
-def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
-    watcher = Watcher()
+def test_answers_are_kept_where_telemetry_is_dropped_and_counted(line: Connection) -> None:
     sent = 500
-
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        for number in range(sent):
-            stream.publish(b'"n":%d,"fill":"%s"}}' % (number, b"x" * 4000), watcher)
-            if number % 50 == 0:
-                stream.send(b'{"parameters":{"answer":%d}}' % number)
-            assert stream.backlog <= QUEUE + 10_000
-        received = b""
-        peer.settimeout(1.0)
-        stream.finish()
-        while data := peer.recv(1 << 20):
-            received += data
-            turn(owner.loop)
-        said = [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
-        news = [message for message in said if "n" in message]
-        assert [message["answer"] for message in said if "answer" in message] == list(range(0, sent, 50))
-        assert len(news) + sum(message["dropped"] for message in news) == sent
-        before = -1
-        for message in news:
+    for number in range(sent):
+        line.publish("n", number, 4000)
+        if number % 50 == 0:
+            line.stream.send(b'{"parameters":{"answer":%d}}' % number)
+        assert line.stream.backlog <= QUEUE + 10_000
+    received = line.rest()
+    assert [message["answer"] for message in received if "answer" in message] == list(range(0, sent, 50))
+    before = -1
+    for message in received:
+        if "n" in message:
             assert message["n"] - before - 1 == message["dropped"]
             before = message["n"]
-        assert before == sent - 1  # the newest is never the one that is dropped
-
-    run(body)
+    assert before == sent - 1  # the newest is never the one that is dropped
 
 
-def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them() -> None:
-    watcher = Watcher()
-    body_of = b'"%s":%d,"fill":"%s"}}'
-
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        def small(numbers: range) -> None:
-            for number in numbers:
-                stream.publish(body_of % (b"n", number, b"x" * 1000), watcher)
-
-        stream.publish(b'"first":0,"fill":"%s"}}' % (b"x" * LARGE), watcher)  # the pipe is full with it
-        small(range(100))
-        for path in range(3):
-            stream.publish(body_of % (b"path", path, b"x" * 3_000_000), watcher)
-            small(range(100 + 10 * path, 110 + 10 * path))
-        assert stream.backlog < QUEUE + 3_100_000
-        received = b""
-        peer.settimeout(1.0)
-        stream.finish()
-        while data := peer.recv(1 << 20):
-            received += data
-            turn(owner.loop)
-        said = [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
-        assert [message["n"] for message in said if "n" in message] == list(range(130))
-        assert [message["path"] for message in said if "path" in message] == [2]
-        assert sum(message["dropped"] for message in said) == 2
-
-    run(body)
+def test_a_large_message_and_small_ones_do_not_displace_each_other(line: Connection) -> None:
+    line.publish("first", 0, LARGE)  # fills the pipe
+    for number in range(130):
+        if number >= 100 and number % 10 == 0:
+            line.publish("path", number, 3_000_000)
+        line.publish("n", number, 1000)
+    assert line.stream.backlog < QUEUE + 3_100_000
+    received = line.rest()
+    assert [message["n"] for message in received if "n" in message] == list(range(130))
+    assert [message["path"] for message in received if "path" in message] == [120]
+    assert sum(message["dropped"] for message in received) == 2
 
 
-def test_a_peer_that_reads_nothing_is_stuck_and_one_without_pending_data_is_not() -> None:
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        now = owner.loop.time()
-        assert not stream.stuck(now + 1000.0)
-        stream.send(b"x" * (4 << 20))
-        assert not stream.stuck(now + PATIENCE)
-        assert stream.stuck(now + PATIENCE + 1.0)
-
-    run(body)
+def test_a_peer_that_reads_nothing_is_stuck_and_one_without_pending_data_is_not(line: Connection) -> None:
+    now = line.loop.time()
+    assert not line.stream.stuck(now + 1000.0)
+    line.stream.send(b"x" * (4 << 20))
+    assert not line.stream.stuck(now + PATIENCE)
+    assert line.stream.stuck(now + PATIENCE + 1.0)
 
 
-def test_a_half_closed_connection_is_distinguished_from_a_hang_up() -> None:
-    def half(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        peer.shutdown(socket.SHUT_WR)
-        turn(owner.loop)
-        assert stream.half_closed
-        assert not stream.peer_gone()
-        stream.send(b"still here")
-        assert peer.recv(100) == b"still here\0"
-
-    def whole(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        peer.close()
-        turn(owner.loop)
-        assert stream.closed
-
-    run(half)
-    run(whole)
+def test_a_half_closed_connection_is_still_answered(line: Connection) -> None:
+    line.peer.shutdown(socket.SHUT_WR)
+    line.turn()
+    assert line.stream.half_closed
+    assert not line.stream.peer_gone()
+    line.stream.send(b"still here")
+    assert line.peer.recv(100) == b"still here\0"
 
 
-def test_finishing_waits_until_all_is_sent() -> None:
-    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        stream.send(b"x" * (1 << 20))
-        stream.finish()
-        assert not stream.closed
-        got = 0
-        while got <= 1 << 20:
-            got += len(peer.recv(1 << 18))
-            turn(owner.loop)
-        assert stream.closed
+def test_a_hang_up_closes_the_stream(line: Connection) -> None:
+    line.peer.close()
+    line.turn()
+    assert line.stream.closed
 
-    run(body)
+
+def test_finishing_waits_until_all_is_sent(line: Connection) -> None:
+    line.stream.send(b"x" * (1 << 20))
+    line.stream.finish()
+    assert not line.stream.closed
+    got = 0
+    while got <= 1 << 20:
+        got += len(line.peer.recv(1 << 18))
+        line.turn()
+    assert line.stream.closed

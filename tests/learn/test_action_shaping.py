@@ -1,4 +1,4 @@
-"""What becomes of actions: targets within the limits of the robot file, which the loop follows unaltered."""
+"""Targets of actions: within the limits of the robot file, and followed unaltered by the loop."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What joints and an IMU tell of a robot's base is what is true of it, as far as a foot stands."""
+"""Estimate of the base from joints and an IMU: it is the truth as far as a foot stands."""
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 
 
 def sensed(body: SimBody, reading: BodyReading) -> StateMessage:
-    """What a daemon would say of the same moment: joints, and the IMU's own orientation."""
+    """Return a daemon's state of the same moment: joints, and the IMU's own orientation."""
     n = len(PLANT.default)
     at = PLANT.places.base_qpos + 3
     imu = ImuReading(

@@ -11,13 +11,11 @@ import duckdb
 import numpy as np
 import pytest
 
-from tests.support.sample_recordings import JOINTS, Told, mark, state, status
+from tests.support.sample_recordings import JOINTS, SteppedWriter, mark, state, status
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
 from twind.observe.recording import open_recording
-from twind.observe.writing.record_folder import DiskQuota
-from twind.observe.writing.record_writer import RecordWriter
 
 pytest.importorskip("pyarrow", reason="make extras EXTRAS=dataset")
 
@@ -31,10 +29,10 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 def record(folder: Path, *answers: dict[str, Any]) -> Path:
     folder.mkdir(exist_ok=True)
-    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.tell(*answers)
-    told.writer.close()
-    return told.writer.tally.files[0]
+    rig = SteppedWriter(folder)
+    rig.take(*answers)
+    rig.writer.close()
+    return rig.writer.tally.files[0]
 
 
 def stretch(begin: float, end: float, **more: Any) -> list[dict[str, Any]]:
@@ -54,6 +52,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("recorded"), *answers)
 
 
+@pytest.fixture(scope="module")
+def made(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data set of that recording with the usual settings."""
+    out = tmp_path_factory.mktemp("made") / "set"
+    assert verb(out, recorded) == 0
+    return out
+
+
 def rows(pattern: Path | str, columns: str = "*") -> dict[str, list[Any]]:
     """Columns of parquet files by DuckDB, which shares no code with who wrote them."""
     with duckdb.connect() as reader:
@@ -67,9 +73,8 @@ def verb(out: Path, *words: str | Path) -> int:
     return main(["dataset", *map(str, words), "--out", str(out)])
 
 
-def test_every_value_of_every_frame_is_that_of_the_recording(recorded: Path, tmp_path: Path) -> None:
-    assert verb(tmp_path / "set", recorded) == 0
-    found = rows(tmp_path / "set/data/*/*.parquet")
+def test_every_value_of_every_frame_is_that_of_the_recording(recorded: Path, made: Path) -> None:
+    found = rows(made / "data/*/*.parquet")
     of = open_recording(recorded)
     columns = {"observation.state": of.measured, "observation.velocity": of.velocity}
     columns |= {"observation.effort": of.effort, "action": of.goal}
@@ -91,17 +96,13 @@ def test_every_value_of_every_frame_is_that_of_the_recording(recorded: Path, tmp
     assert found["task_index"] == [0] * 100 + [1] * 100 + [0] * 200
 
 
-def test_the_columns_have_the_types_declared_in_the_info_file(recorded: Path, tmp_path: Path) -> None:
+def test_the_columns_have_the_types_declared_in_the_info_file(made: Path) -> None:
     """LeRobot casts what it loads to these, and fails where it cannot."""
-    assert verb(tmp_path / "set", recorded) == 0
-    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    info = json.loads((made / "meta/info.json").read_text())
     assert info["codebase_version"] == "v3.0" and info["robot_type"] == "two" and info["fps"] == 50
     assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (4, 400, 2)
     assert info["splits"] == {"train": "0:4"} and info["video_path"] is None
-    kinds = rows(
-        tmp_path / "set/data/chunk-000/file-000.parquet",
-        "DISTINCT typeof(COLUMNS(*))",
-    )
+    kinds = rows(made / "data/chunk-000/file-000.parquet", "DISTINCT typeof(COLUMNS(*))")
     known = {"float32": "FLOAT", "int64": "BIGINT", "bool": "BOOLEAN"}
     assert list(kinds) == list(info["features"])
     for name, feature in info["features"].items():
@@ -111,53 +112,41 @@ def test_the_columns_have_the_types_declared_in_the_info_file(recorded: Path, tm
         assert feature["names"] == (list(JOINTS) if vector else None)
 
 
-def test_each_episode_row_gives_its_place_task_and_outcome(recorded: Path, tmp_path: Path) -> None:
-    assert verb(tmp_path / "set", recorded) == 0
-    found = rows(tmp_path / "set/meta/episodes/*/*.parquet")
+def test_each_episode_row_gives_its_place_task_and_outcome(made: Path) -> None:
+    found = rows(made / "meta/episodes/*/*.parquet")
     assert found["episode_index"] == [0, 1, 2, 3] and found["length"] == [100] * 4
     assert found["tasks"] == [["pick"], ["put"], ["pick"], ["pick"]]
     assert found["success"] == [True, False, None, True] and found["recording_time"] == [0.0, 3.0, 6.0, 9.0]
-    assert found["dataset_from_index"] == [0, 100, 200, 300] and found["dataset_to_index"] == [
-        100,
-        200,
-        300,
-        400,
-    ]
-    for name in (
-        "data/chunk_index",
-        "data/file_index",
-        "meta/episodes/chunk_index",
-        "meta/episodes/file_index",
-    ):
-        assert found[name] == [0] * 4
-    tasks = rows(tmp_path / "set/meta/tasks.parquet")
+    assert found["dataset_from_index"] == [0, 100, 200, 300]
+    assert found["dataset_to_index"] == [100, 200, 300, 400]
+    for name in ("data/chunk", "data/file", "meta/episodes/chunk", "meta/episodes/file"):
+        assert found[f"{name}_index"] == [0] * 4
+    tasks = rows(made / "meta/tasks.parquet")
     assert tasks == {"task_index": [0, 1], "task": ["pick", "put"]}
     with duckdb.connect() as reader:
-        said = reader.execute(f"SELECT value FROM parquet_kv_metadata('{tmp_path}/set/meta/tasks.parquet')")
+        said = reader.execute(f"SELECT value FROM parquet_kv_metadata('{made}/meta/tasks.parquet')")
         heads = [json.loads(bytes(row[0])) for row in said.fetchall() if bytes(row[0]).startswith(b"{")]
     assert heads[0]["index_columns"] == ["task"]  # by which LeRobot finds a task's name
 
 
-def test_success_is_a_column_only_if_every_episode_has_it(recorded: Path, tmp_path: Path) -> None:
-    assert verb(tmp_path / "some", recorded) == 0
-    assert "next.success" not in json.loads((tmp_path / "some/meta/info.json").read_text())["features"]
-    assert "next.success (of some episodes nobody said" in (tmp_path / "some/README.md").read_text()
+def test_success_is_a_column_only_if_every_episode_has_it(recorded: Path, made: Path, tmp_path: Path) -> None:
+    assert "next.success" not in json.loads((made / "meta/info.json").read_text())["features"]
+    assert "next.success (some episodes are marked neither" in (made / "README.md").read_text()
     assert verb(tmp_path / "all", recorded, "--only-success") == 0
     found = rows(tmp_path / "all/data/*/*.parquet")
     assert np.flatnonzero(found["next.success"]).tolist() == [99, 199]  # of both, the last frame
 
 
-def test_statistics_are_those_of_the_frames(recorded: Path, tmp_path: Path) -> None:
-    assert verb(tmp_path / "set", recorded) == 0
-    found = rows(tmp_path / "set/data/*/*.parquet")
-    told = json.loads((tmp_path / "set/meta/stats.json").read_text())
-    episodes = rows(tmp_path / "set/meta/episodes/*/*.parquet")
-    assert set(told) == set(found)
+def test_statistics_are_those_of_the_frames(made: Path) -> None:
+    found = rows(made / "data/*/*.parquet")
+    stats = json.loads((made / "meta/stats.json").read_text())
+    episodes = rows(made / "meta/episodes/*/*.parquet")
+    assert set(stats) == set(found)
     for name, column in found.items():
         whole = np.array(column, np.float64).reshape(400, -1)
         for part, said in (
-            (whole, told[name]),
-            (whole[100:200], {key: episodes[f"stats/{name}/{key}"][1] for key in told[name]}),
+            (whole, stats[name]),
+            (whole[100:200], {key: episodes[f"stats/{name}/{key}"][1] for key in stats[name]}),
         ):
             assert said["count"] == [len(part)]
             np.testing.assert_allclose(said["min"], part.min(axis=0))
@@ -186,15 +175,12 @@ def test_several_episodes_share_a_file_until_it_is_full(recorded: Path, tmp_path
     assert rows(tmp_path / "set/data/*/*.parquet")["index"] == list(range(400))
 
 
-def test_the_same_recordings_give_the_same_bytes(recorded: Path, tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        assert verb(tmp_path / name, recorded) == 0
-    files = [
-        each.relative_to(tmp_path / "one") for each in sorted((tmp_path / "one").rglob("*")) if each.is_file()
-    ]
+def test_the_same_recordings_give_the_same_bytes(recorded: Path, made: Path, tmp_path: Path) -> None:
+    assert verb(tmp_path / "two", recorded) == 0
+    files = [each.relative_to(made) for each in sorted(made.rglob("*")) if each.is_file()]
     assert len(files) == 6
     for each in files:
-        assert (tmp_path / "one" / each).read_bytes() == (tmp_path / "two" / each).read_bytes()
+        assert (made / each).read_bytes() == (tmp_path / "two" / each).read_bytes()
 
 
 def test_a_marked_episode_with_a_hole_is_left_out_and_a_recording_without_marks_is_parted(
@@ -256,12 +242,12 @@ def test_imu_columns_are_present_only_with_continuous_readings(tmp_path: Path) -
         "quaternion_w",
         "quaternion_z",
     ]
-    made = np.array(rows(tmp_path / "set/data/*/*.parquet")["observation.imu"], np.float32)
+    values = np.array(rows(tmp_path / "set/data/*/*.parquet")["observation.imu"], np.float32)
     times = np.array([round(k / 50, 2) for k in range(100)])
-    np.testing.assert_allclose(made, times[:, None] + np.arange(10), atol=1e-5)
+    np.testing.assert_allclose(values, times[:, None] + np.arange(10), atol=1e-5)
     silent = rows_of[:50] + stretch(100.5, 102.0)
     assert verb(tmp_path / "less", record(tmp_path / "b", status(100.0), *silent), "--task", "lean") == 0
-    assert "observation.imu (none, or not heard all the time)" in (tmp_path / "less/README.md").read_text()
+    assert "observation.imu (none, or not read all the time)" in (tmp_path / "less/README.md").read_text()
 
 
 def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, tmp_path: Path) -> None:
@@ -271,10 +257,10 @@ def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, 
     turned = [
         state(each["time"], goal=0.25) | {"joints": each["joints"][::-1]} for each in stretch(200.0, 202.0)
     ]
-    told = Told(lambda now: RecordWriter(second, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.scribe = type(told.scribe)(JOINTS[::-1], told.scribe.clocks)
-    told.tell(status(200.0), *turned)
-    told.writer.close()
+    rig = SteppedWriter(second)
+    rig.encoder = type(rig.encoder)(JOINTS[::-1], rig.encoder.clocks)
+    rig.take(status(200.0), *turned)
+    rig.writer.close()
     assert open_recording(second).joints == ("knee", "hip")
     assert verb(tmp_path / "set", recorded, second, "--task", "wave") == 0
     last = np.array(rows(tmp_path / "set/data/*/*.parquet")["observation.state"][400:], np.float32)

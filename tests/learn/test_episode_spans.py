@@ -1,4 +1,4 @@
-"""What of a recording can be learnt from: whole stretches, and for all else a reason in words."""
+"""Stretches of a recording that can be learnt from, and a reason for all others."""
 
 from dataclasses import replace
 from math import nan

@@ -18,11 +18,15 @@ def test_there_are_four_entries_a_joint_and_thirty_two_more(joints: int) -> None
     assert layout.size == 4 * joints + 32 == len(layout.names) == len(layout.most)
 
 
-def test_parts_follow_one_another_without_a_gap() -> None:
+def test_parts_follow_one_another_without_a_gap_and_the_base_lies_between_lag_and_command() -> None:
     places = [LAYOUT.places[part.name] for part in LAYOUT.parts]
     assert places[0].start == 0
     assert all(one.stop == next_.start for one, next_ in pairwise(places))
     assert places[-1].stop == LAYOUT.size
+    base = LAYOUT.places["base"]
+    assert (base.start, base.stop) == (LAYOUT.places["lag"].stop, LAYOUT.places["command"].start)
+    assert base.stop - base.start == 25
+    assert (LAYOUT.most >= 1.0).all() and np.isfinite(LAYOUT.most).all()
 
 
 def test_every_entry_has_a_name_of_its_own() -> None:
@@ -30,26 +34,6 @@ def test_every_entry_has_a_name_of_its_own() -> None:
     assert LAYOUT.names[1] == "position.r_knee"
     assert LAYOUT.names[LAYOUT.places["height"].start] == "height.z"
     assert LAYOUT.names[-4:] == ("phase.left.sin", "phase.left.cos", "phase.right.sin", "phase.right.cos")
-
-
-def test_the_base_is_all_between_the_lag_and_the_command() -> None:
-    base = LAYOUT.places["base"]
-    assert (base.start, base.stop) == (LAYOUT.places["lag"].stop, LAYOUT.places["command"].start)
-    assert base.stop - base.start == 25
-
-
-def test_bounds_are_finite() -> None:
-    assert np.isfinite(LAYOUT.most).all()
-    assert (LAYOUT.most >= 1.0).all()
-
-
-def test_a_card_gives_the_first_and_last_entry_of_each_part() -> None:
-    card = LAYOUT.card()
-    assert card["joints"] == ["l_knee", "r_knee"]
-    entries = card["entries"]
-    assert isinstance(entries, dict)
-    assert entries["velocity"] == [2, 3]
-    assert entries["phase"] == [LAYOUT.size - 4, LAYOUT.size - 1]
 
 
 def test_the_page_has_the_table_of_entries_as_the_code_has_it() -> None:

@@ -171,9 +171,17 @@ def test_armature_is_on_the_diagonal_of_the_mass_matrix() -> None:
     assert np.abs(np.diag(more)[:6]).max() < 1e-12
 
 
-def test_damping_brakes_in_proportion_to_speed() -> None:
-    was, now = (forward(model, qvel=1.0) for model in changed(only("damping")))
-    assert now.qfrc_passive[6:] == pytest.approx(2.0 * was.qfrc_passive[6:])
+@pytest.mark.parametrize(
+    ("quantity", "state", "force", "factor"),
+    [
+        ("damping", {"qvel": 1.0}, "qfrc_passive", 2.0),
+        ("stiffness", {"ctrl": 0.02}, "actuator_force", 1.2),
+        ("braking", {"qvel": 0.5}, "actuator_force", 1.3),
+    ],
+)
+def test_a_gain_scales_its_torque(quantity: str, state: dict[str, float], force: str, factor: float) -> None:
+    was, now = (getattr(forward(model, **state), force)[-JOINTS:] for model in changed(only(quantity)))
+    assert now == pytest.approx(factor * was)
 
 
 def test_frictionloss_is_how_much_a_joint_holds_by_itself() -> None:
@@ -183,16 +191,6 @@ def test_frictionloss_is_how_much_a_joint_holds_by_itself() -> None:
         for data in (was, now)
     ]
     assert rows[1] == pytest.approx(2.0 * rows[0])
-
-
-def test_stiffness_is_the_torque_for_an_angle() -> None:
-    was, now = (forward(model, ctrl=0.02) for model in changed(only("stiffness")))
-    assert now.actuator_force == pytest.approx(1.2 * was.actuator_force)
-
-
-def test_braking_is_the_torque_for_a_speed() -> None:
-    was, now = (forward(model, qvel=0.5) for model in changed(only("braking")))
-    assert now.actuator_force == pytest.approx(1.3 * was.actuator_force)
 
 
 def test_an_encoder_offset_changes_the_reported_angle_and_not_the_body() -> None:
@@ -278,13 +276,6 @@ def test_a_history_begins_as_if_it_had_always_been_so() -> None:
         assert np.array_equal(data.sensordata, np.arange(1.0, 11.0))
     mujoco.mj_step(model, data)
     assert not np.allclose(data.sensordata, np.arange(1.0, 11.0))
-
-
-def test_a_model_without_delays_has_no_history_to_fill() -> None:
-    model = body(0)
-    histories = DelayHistories(model)
-    histories.fill_controls(np.zeros(0), np.zeros(model.nu))
-    histories.fill_sensors(np.zeros(0), np.zeros(10))
 
 
 def test_a_model_without_room_for_the_delay_is_refused() -> None:

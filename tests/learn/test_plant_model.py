@@ -1,4 +1,4 @@
-"""The learner's model: free, on a floor, with the sensors of a reading; what it lacks is said."""
+"""The learner's model: free, on a floor, with the sensors of a reading; a refusal names what is missing."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -83,7 +83,7 @@ def test_a_reading_equals_the_ground_truth_of_the_base(plant: Plant) -> None:
 
 
 def test_only_the_accelerometer_is_where_the_robot_file_has_its_imu(tmp_path: Path) -> None:
-    """What else is told is of the base, wherever an IMU was screwed on."""
+    """All other readings are of the base, wherever the IMU is mounted."""
     was = '<site name="imu" pos="0 0 0"/>'
     robot = changed(tmp_path, was, was + '<site name="chest" pos="0.05 0 0.1"/>')
     standing = load_robot("h24-standing")

@@ -16,7 +16,7 @@ from tests.support.policy_files import TWO, written
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.learn.live.daemon_robot import plant_told, require_armed, require_mode, require_same
+from twind.learn.live.daemon_robot import plant_from_answer, require_armed, require_mode, require_same
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_run_command import _command, _figures
 from twind.learn.task.learning_tasks import task_of
@@ -96,11 +96,11 @@ def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
     with pytest.raises(InvalidInput, match="has changed since the daemon read it"):
         require_same(told(mjcf="<mujoco/>"), ROBOT)
     with pytest.raises(InvalidInput, match="cannot be read here"):
-        plant_told(told(path="/nowhere/robot.yaml"), 0.02)
+        plant_from_answer(told(path="/nowhere/robot.yaml"), 0.02)
 
 
 def test_the_robot_of_a_daemon_is_simulated_from_its_description() -> None:
-    assert plant_told(told(), 0.02).layout.joints == ROBOT.names
+    assert plant_from_answer(told(), 0.02).layout.joints == ROBOT.names
 
 
 def standing(state: str, *codes: str, mode: str = "live", armed: bool = False) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def test_an_unarmed_robot_is_refused_with_the_commands_that_arm_it() -> None:
 
 
 def ended(**changed: Any) -> dict[str, Any]:
-    """Of a drive: half of its periods were missed, unless said otherwise."""
+    """Return the figures of a drive in which half of the periods were missed, with changes."""
     rest: dict[str, Any] = dict.fromkeys(("late_p50_ms", "late_p99_ms", "inference_p99_ms"))
     rest |= {"way_p50_ms": 4.0, "way_p99_ms": 6.0, "refused": 0, "refusals": {}, "why_held": []}
     told = {"steps": 250, "seconds": 10.0, "missed": 250, "too_late": 0, "holds": 2, "held_s": 1.26}

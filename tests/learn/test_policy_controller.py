@@ -73,10 +73,10 @@ def test_an_old_state_holds(world: World, old: float) -> None:
 @pytest.mark.parametrize(
     ("age", "said"),
     [
-        (0.2, "the IMU was heard 200 ms ago, bound 50 ms"),
+        (0.2, "the IMU was read 200 ms ago, bound 50 ms"),
         (398.4, "the IMU is silent for 398 s: its cable and power"),
-        (np.inf, "the IMU has not been heard yet"),
-        (np.nan, "the IMU told no numbers"),
+        (np.inf, "the IMU has not been read yet"),
+        (np.nan, "the IMU gave no numbers"),
     ],
 )
 def test_a_stale_imu_gives_a_message_with_its_age(world: World, age: float, said: str) -> None:

@@ -43,7 +43,7 @@ def test_the_loop_commands_exactly_the_target_of_the_policy(rig: StandingRig, tm
         if step > 1:
             asked.append(pilot.shaper.target.copy())
             commanded.append(heard.goal.copy())
-            told = pilot._seeing.reading(heard)
+            told = rig.estimator.reading(heard)
             errors.append(told.base_velocity - truth(rig).base_velocity)
 
     assert rig.drive(4.0, look) is None
@@ -62,7 +62,7 @@ def test_a_silent_imu_holds_and_ends_the_drive(rig: StandingRig, tmp_path: Path)
     rig.virtual["main"].faults.silence(rig.robot.imu.id)
     before = rig.loop.executor.reference.position.copy()
     why = rig.drive(3.0)
-    assert why is not None and "the IMU was heard" in why
+    assert why is not None and "the IMU was read" in why
     assert np.abs(rig.loop.executor.reference.position - before).max() < 0.2  # braked, not on
     assert rig.loop.armed and rig.loop.executor.motion == "holding"
     assert not rig.base()["held"] and rig.base()["position"][2] > 0.4
@@ -94,7 +94,7 @@ def test_a_joint_with_a_stale_reading_causes_a_hold(rig: StandingRig, tmp_path: 
     assert rig.drive(0.5) is None
     rig.virtual["main"].faults.silence(rig.robot.joints[rig.names.index(joint)].id)
     rig.drive(0.3)
-    assert any(f"{joint} was heard" in why for why in rig.told)
+    assert any(f"{joint} was read" in why for why in rig.told)
 
 
 def test_a_policy_that_stops_sending_leaves_the_robot_holding_within_the_gate_bounds(

@@ -107,7 +107,7 @@ def test_the_first_delayed_imu_reading_is_that_of_a_robot_at_rest() -> None:
 
 
 def test_a_push_changes_the_base_speed_by_the_drawn_amount(plant: Plant) -> None:
-    """Of a robot in the air, which gains the speed that the range names."""
+    """A robot in the air gains the speed that the range names."""
     pushes = PushRanges(every=(0.02, 0.02), speed=(0.5, 0.5), lasting=(0.1, 0.1))
     body = SimBody(plant, RandomisationRanges(pushes=pushes), PERIOD)
     body.reset(np.random.default_rng(0))

@@ -46,7 +46,7 @@ STEPS = st.lists(
 
 @dataclass(slots=True)
 class Model:
-    """What a spool should hold: sequence -> (body, when, dead)."""
+    """Expected content of a spool: sequence -> (body, when, dead)."""
 
     rows: dict[int, tuple[bytes, float, bool]] = field(default_factory=dict)
     given: dict[int, bytes] = field(default_factory=dict)  # every number that ever was
@@ -212,17 +212,23 @@ def test_a_file_that_is_no_spool_is_set_aside_and_no_key_comes_back(place: Path)
     assert (place / BROKEN).read_bytes() == b"rubbish" * 1000
 
 
-def test_a_full_disk_changes_nothing_and_is_over_when_there_is_room(place: Path) -> None:
+def test_a_full_disk_changes_nothing_and_is_over_when_there_is_room(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+    connect = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: opened.append(connect(*a, **k)) or opened[-1])
     with Spool(place, WIDE, 0.0, 0.0) as spool:
         spool.append(carrying("a"), 0.0, 0.0)
-        pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
-        spool._base.execute(f"PRAGMA max_page_count={pages}")
+        (base,) = opened
+        pages = base.execute("PRAGMA page_count").fetchone()[0]
+        base.execute(f"PRAGMA max_page_count={pages}")
         before = spool.tally
         with pytest.raises(sqlite3.OperationalError, match="full"):
             spool.append(carrying("b" * 100_000), 0.0, 0.0)
         assert spool.tally == before
         assert waiting(spool) == [1]
-        spool._base.execute("PRAGMA max_page_count=1000000")
+        base.execute("PRAGMA max_page_count=1000000")
         assert spool.append(carrying("b" * 100_000), 0.0, 0.0) == 2
 
 

@@ -1,4 +1,4 @@
-"""What is heard of the robot: rows in joint order, NaN where nobody knows, and what is too old to act on."""
+"""States of the robot: rows in joint order, NaN for unknown values, and which are too old to act on."""
 
 from dataclasses import replace
 from typing import Any
@@ -46,13 +46,13 @@ def test_an_unknown_value_is_nan_and_infinitely_old() -> None:
 @pytest.mark.parametrize(
     ("changed", "now", "said"),
     [
-        ({}, 9.999 + STALE, "hip was heard 52 ms ago, bound 50 ms"),
+        ({}, 9.999 + STALE, "hip was read 52 ms ago, bound 50 ms"),
         ({}, 10.0 + STALE + 0.001, "the state is 51 ms old"),
         ({}, 9.99, "the state is -10 ms old"),
         ({}, float("nan"), "the state is"),
         ({"imu": None}, 10.0, "no IMU"),
-        ({"imu": IMU | {"age_ms": 60.0}}, 10.0, "the IMU was heard 60 ms ago"),
-        ({"imu": IMU | {"age_ms": None}}, 10.0, "the IMU has not been heard yet"),
+        ({"imu": IMU | {"age_ms": 60.0}}, 10.0, "the IMU was read 60 ms ago"),
+        ({"imu": IMU | {"age_ms": None}}, 10.0, "the IMU has not been read yet"),
         ({"imu": IMU | {"gyro": [0.1, None, 0.0]}}, 10.0, "the IMU"),
         ({"imu": IMU | {"gyro": [0.1]}}, 10.0, "no IMU"),
         ({"imu": IMU | {"quaternion": [0, 0, 0, 0]}}, 10.0, "size 0.00"),
@@ -69,4 +69,4 @@ def test_an_unknown_joint_value_names_its_joint(row: str) -> None:
     values = getattr(found, row).copy()
     values[1] = np.nan
     said = replace(found, **{row: values}).stale(10.005, STALE, JOINTS)
-    assert said.startswith("knee told no numbers")
+    assert said.startswith("knee gave no numbers")

@@ -1,4 +1,4 @@
-"""What was sealed stays as it is, and what could still change is not read."""
+"""A sealed memfd cannot change, and one that could change is not read."""
 
 import fcntl
 import mmap

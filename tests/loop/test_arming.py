@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -118,31 +118,28 @@ def test_register_writes_that_wait_are_dropped_when_arming_begins() -> None:
         assert not rig.register("profile_velocity").any()
 
 
-def test_register_writes_that_wait_are_dropped_when_the_arming_client_is_gone() -> None:
+def test_register_writes_that_wait_are_dropped_when_the_arming_client_is_gone(make_rig: MakeRig) -> None:
     """Backing out of an arming that still waits for the first temperatures leaves nothing queued."""
-    rig = Rig()
-    try:
-        while rig.loop.state is not RobotState.CONNECTED:
-            rig.ticks(1)
-        assert not np.isfinite(rig.loop.hardware.slow.health_time).all()
-        rig.send(link.AcquireLease)
-        tickets = queue_writes(rig)
-        arming = rig.send(link.Arm)
+    rig = make_rig()
+    while rig.loop.state is not RobotState.CONNECTED:
         rig.ticks(1)
-        assert rig.loop.hardware.ports[0].busy
-        rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
-        rig.ticks(1)
-        assert not rig.loop.hardware.ports[0].busy
-        rig.ticks(60)
-        assert rig.replies(arming)[-1].error == "Busy"
-        assert all("dropped" in rig.replies(ticket)[-1].parameters["message"] for ticket in tickets)
-        assert not rig.register("profile_velocity").any()
-    finally:
-        rig.close()
+    assert not np.isfinite(rig.loop.hardware.slow.health_time).all()
+    rig.send(link.AcquireLease)
+    tickets = queue_writes(rig)
+    arming = rig.send(link.Arm)
+    rig.ticks(1)
+    assert rig.loop.hardware.ports[0].busy
+    rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
+    rig.ticks(1)
+    assert not rig.loop.hardware.ports[0].busy
+    rig.ticks(60)
+    assert rig.replies(arming)[-1].error == "Busy"
+    assert all("dropped" in rig.replies(ticket)[-1].parameters["message"] for ticket in tickets)
+    assert not rig.register("profile_velocity").any()
 
 
 def test_disarming_in_the_middle_of_arming_leaves_nothing_that_is_written_later() -> None:
-    """What arming had queued is dropped with it: torque is not on yet, so disarming itself writes nothing."""
+    """Disarming drops the queue of arming; torque is not on yet, so disarming itself writes nothing."""
     with connected() as rig:
         rig.send(link.Arm)
         rig.ticks(2)
@@ -225,11 +222,13 @@ def test_a_joint_beyond_either_hard_limit_is_named_with_the_limit() -> None:
             assert not rig.register("torque_enable").any()
 
 
-def test_torque_on_in_some_joints_only_refuses_arming_and_changes_none() -> None:
+def test_torque_on_in_some_joints_only_refuses_arming_and_changes_none_until_disarm() -> None:
     with connected(energised=[3]) as rig:
         finding = refusal(rig.call(link.Arm))
         assert (finding["code"], finding["joint"]) == ("ARM_FAILED", 3)
         assert np.flatnonzero(rig.register("torque_enable")).tolist() == [3]
+        assert rig.call(link.Disarm, ticks=900).error is None
+        assert not rig.register("torque_enable").any()
 
 
 def test_a_robot_that_swings_is_not_armed() -> None:

@@ -1,11 +1,10 @@
 """A simulated joint that something holds back does not reach its goal, and the contact is named."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.hull_robot import hull
 from twind import link
 from twind.config.robot_file import load_robot
@@ -19,8 +18,8 @@ INSIDE = -1.5  # rad: the hand would be inside the torso
 SIMULATED = [Mode.SIM, Mode.MIRROR]
 
 
-def ready(robot: str, mode: Mode) -> Rig:
-    rig = Rig(robot, mode)
+def ready(make_rig: MakeRig, robot: str, mode: Mode) -> Rig:
+    rig = make_rig(robot, mode)
     if mode is Mode.LIVE:
         rig.arm()
     else:
@@ -31,17 +30,13 @@ def ready(robot: str, mode: Mode) -> Rig:
 
 
 @pytest.fixture(params=SIMULATED)
-def simulated(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rig]:
-    rig = ready(str(hull(tmp_path).path), request.param)
-    yield rig
-    rig.close()
+def simulated(make_rig: MakeRig, request: pytest.FixtureRequest, tmp_path: Path) -> Rig:
+    return ready(make_rig, str(hull(tmp_path).path), request.param)
 
 
 @pytest.fixture
-def live(tmp_path: Path) -> Iterator[Rig]:
-    rig = ready(str(hull(tmp_path).path), Mode.LIVE)
-    yield rig
-    rig.close()
+def live(make_rig: MakeRig, tmp_path: Path) -> Rig:
+    return ready(make_rig, str(hull(tmp_path).path), Mode.LIVE)
 
 
 def move(rig: Rig, joint: str, goal: float, **more: object) -> link.Reply:
@@ -106,18 +101,15 @@ def test_a_tolerance_erased_for_another_joint_lets_no_blocked_motion_wait_withou
 
 
 @pytest.mark.parametrize("mode", SIMULATED)
-def test_a_motion_of_a_humanoid_ends_with_its_last_point(mode: Mode) -> None:
+def test_a_motion_of_a_humanoid_ends_with_its_last_point(make_rig: MakeRig, mode: Mode) -> None:
     """Lag and sag of honest motions are within the tolerance: no tick is added. A raised leg sags most."""
-    rig = ready("h24", mode)
-    try:
-        lowest = load_robot("h24").joints[rig.names.index("l_hip_pitch")].lower
-        ticket = rig.submit(rig.path("l_hip_pitch", [lowest], [1.5]), more=True)
-        rig.seconds(1.45)
-        assert [reply.parameters["phase"] for reply in rig.replies(ticket) if not reply.continues] == []
-        rig.seconds(0.1)
-        assert rig.replies(ticket)[-1].parameters["phase"] == "succeeded"
-    finally:
-        rig.close()
+    rig = ready(make_rig, "h24", mode)
+    lowest = load_robot("h24").joints[rig.names.index("l_hip_pitch")].lower
+    ticket = rig.submit(rig.path("l_hip_pitch", [lowest], [1.5]), more=True)
+    rig.seconds(1.45)
+    assert [reply.parameters["phase"] for reply in rig.replies(ticket) if not reply.continues] == []
+    rig.seconds(0.1)
+    assert rig.replies(ticket)[-1].parameters["phase"] == "succeeded"
 
 
 def test_a_drift_names_the_contact_that_blocks_the_simulated_joint(live: Rig) -> None:

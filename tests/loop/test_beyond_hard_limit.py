@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop.torque_release import SettleProfile, release
@@ -31,7 +31,7 @@ def found_on(robot: str = "h24", **more: float) -> Iterator[Rig]:
 
 
 def moved(rig: Rig, seconds: float) -> np.ndarray:
-    """How far each joint was from where it began, at most, rad (n,)."""
+    """Return the largest distance of each joint from its start, rad (n,)."""
     began = rig.truth
     most = np.zeros(len(rig.names))
     for _ in range(round(seconds / rig.loop.period)):
@@ -73,8 +73,8 @@ def test_a_full_takeover_fails_and_leaves_torque_on_where_a_joint_is_beyond_its_
         assert rig.register("torque_enable").all()
 
 
-def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged() -> None:
-    rig = Rig(rate_hz=50.0)
+def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged(make_rig: MakeRig) -> None:
+    rig = make_rig(rate_hz=50.0)
     rig.arm()
     rig.virtual["main"].faults.unplug()
     rig.seconds(1.0)
@@ -89,11 +89,14 @@ def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged(
     assert rig.loop.finished
     assert not rig.register("torque_enable").any()
     assert joint_codes(rig)
-    rig.close()
 
 
-def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others_come_down() -> None:
-    rig = Rig("h24-split", start={"head_yaw": 0.4, **load_robot("h24-split").poses["rest"]}, rate_hz=50.0)
+def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others_come_down(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig(
+        "h24-split", start={"head_yaw": 0.4, **load_robot("h24-split").poses["rest"]}, rate_hz=50.0
+    )
     rig.arm()
     name = next(joint.bus for joint in rig.robot.joints if joint.name == "l_knee")
     away = np.array([joint.bus == name for joint in rig.robot.joints])
@@ -107,7 +110,6 @@ def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others
     assert moved(rig, 6.0)[away].max() < 0.01
     assert not rig.register("torque_enable").any()
     assert any("not taken over" in message and "l_knee" in message for message in joint_codes(rig))
-    rig.close()
 
 
 def push(rig: Rig, joint: str, to: float) -> None:

@@ -39,7 +39,7 @@ def port(world: TwoBuses) -> BusPort:
 
 
 def pings(*ids: int) -> Script[list[int]]:
-    """Who of them answers."""
+    """Return the ids that answer."""
     found = []
     for id in ids:
         reply = yield PingRequest(id)

@@ -4,12 +4,10 @@ Fault matrix rows 1-4, 11, 12 (docs/safety.md) and its times: an unplugged port 
 port that is back is identified and disarmed within 1 s.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -30,14 +28,13 @@ def until_connected(rig: Rig, seconds: float = 3.0) -> float:
 
 
 @pytest.fixture
-def moving() -> Iterator[Rig]:
+def moving(make_rig: MakeRig) -> Rig:
     """Armed on two buses, a joint of the first on its way."""
-    rig = Rig("h24-split")
+    rig: Rig = make_rig("h24-split")
     rig.arm()
     rig.submit(rig.path("head_yaw", [0.6], [3.0]), more=True)
     rig.ticks(50)
-    yield rig
-    rig.close()
+    return rig
 
 
 @pytest.mark.parametrize("away", [0.05, 0.3, 0.72, 1.3, 4.0])
@@ -122,9 +119,11 @@ def power_on(rig: Rig, bus: str) -> None:
 
 
 @pytest.mark.parametrize("ticks", [230, 260, 290])
-def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(ticks: int) -> None:
+def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(
+    make_rig: MakeRig, ticks: int
+) -> None:
     """Not at the next of the tries of every second."""
-    rig = Rig()
+    rig = make_rig()
     power_off(rig, "main")
     rig.ticks(ticks)
     assert rig.loop.state is RobotState.IDENTIFYING
@@ -135,7 +134,6 @@ def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(tick
         rig.ticks(1)
         late += bool(rig.loop.measured.heard.any())
         assert late < 25
-    rig.close()
 
 
 @pytest.mark.parametrize("seconds", [0.15, 0.6, 1.5, 2.5, 4.2, 6.0])
@@ -160,8 +158,10 @@ def test_a_short_power_loss_is_detected_and_every_device_identified_within_a_sec
     assert np.abs(moving.counts[:12] - limp).max() <= 2
 
 
-def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_again() -> None:
-    rig = Rig("h24-split")
+def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_again(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig("h24-split")
     rig.connect()
     power_off(rig, "upper")
     rig.seconds(0.5)
@@ -171,18 +171,16 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     assert rig.loop.state is RobotState.CONNECTED
     rig.lease()
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
-def test_a_single_servo_without_replies_is_not_a_power_loss() -> None:
-    rig = Rig("h24-split")
+def test_a_single_servo_without_replies_is_not_a_power_loss(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-split")
     rig.connect()
     rig.virtual["upper"].faults.silence(3)
     rig.seconds(0.5)
     rig.virtual["upper"].faults.clear()
     rig.seconds(0.5)
     assert not rig.events("HW_DISCONNECTED")
-    rig.close()
 
 
 def test_a_deliberately_inhibited_loop_reports_no_lost_device(armed: Rig) -> None:
@@ -195,8 +193,8 @@ def test_a_deliberately_inhibited_loop_reports_no_lost_device(armed: Rig) -> Non
 # ------------------------------------------------------------------------------------- the port itself
 
 
-def test_a_port_warning_is_reported_once_with_its_remedy() -> None:
-    rig = Rig()
+def test_a_port_warning_is_reported_once_with_its_remedy(make_rig: MakeRig) -> None:
+    rig = make_rig()
     opened = rig.open_port
 
     def slow(name: str) -> BusReader:
@@ -211,34 +209,31 @@ def test_a_port_warning_is_reported_once_with_its_remedy() -> None:
     assert (event.level, event.message) == ("warning", "main: the adapter's latency timer is 16 ms")
     overview = rig.loop.publisher.overview(rig.clock.now())
     assert [bus.warning for bus in overview.buses] == ["the adapter's latency timer is 16 ms"]
-    rig.close()
 
 
 # ------------------------------------------------------------------------------------- two with one id
 
 
-def test_an_id_with_only_corrupt_replies_is_missing_with_the_likely_cause() -> None:
-    rig = Rig()
+def test_an_id_with_only_corrupt_replies_is_missing_with_the_likely_cause(make_rig: MakeRig) -> None:
+    rig = make_rig()
     rig.virtual["main"].faults.corrupt(1_000_000, id=5)
     rig.seconds(1.0)
     (finding,) = rig.loop.identity.troubles
     assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes arrive")
     assert "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows" in finding.message
     assert not rig.loop.hardware.connected
-    rig.close()
 
 
-def test_an_id_that_is_silent_is_just_missing() -> None:
-    rig = Rig()
+def test_an_id_that_is_silent_is_just_missing(make_rig: MakeRig) -> None:
+    rig = make_rig()
     rig.virtual["main"].faults.silence(5)
     rig.seconds(1.0)
     (finding,) = rig.loop.identity.troubles
     assert finding.message == "nothing answers as id 5 on bus main"
-    rig.close()
 
 
 def mute_readings(rig: Rig, place: int, count: int) -> None:
-    """Of the first `count` cyclic readings the one at `place` is not sound: two servos in two places."""
+    """Spoil the device at `place` in the first `count` cyclic readings, as two servos with one id do."""
     opened = rig.open_port
 
     def opener(name: str) -> BusReader:
@@ -259,9 +254,9 @@ def mute_readings(rig: Rig, place: int, count: int) -> None:
     rig.loop.hardware.ports[0].opener = opener
 
 
-def test_an_identified_device_without_a_valid_reading_is_not_connected() -> None:
+def test_an_identified_device_without_a_valid_reading_is_not_connected(make_rig: MakeRig) -> None:
     """Row 12 of the fault matrix: two of one model say the same, and are in two places."""
-    rig = Rig()
+    rig = make_rig()
     mute_readings(rig, 4, 150)
     rig.seconds(1.0)
     (finding,) = rig.loop.identity.troubles
@@ -270,13 +265,11 @@ def test_an_identified_device_without_a_valid_reading_is_not_connected() -> None
     rig.seconds(2.0)  # one of the two was taken away
     assert rig.loop.hardware.connected
     assert rig.loop.identity.troubles == []
-    rig.close()
 
 
-def test_a_reading_that_is_lost_at_the_start_makes_no_duplicate() -> None:
-    rig = Rig()
+def test_a_reading_that_is_lost_at_the_start_makes_no_duplicate(make_rig: MakeRig) -> None:
+    rig = make_rig()
     mute_readings(rig, 4, 3)
     rig.seconds(0.5)
     assert rig.loop.hardware.connected
     assert not rig.events("DEVICE_MISSING")
-    rig.close()

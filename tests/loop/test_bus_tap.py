@@ -1,4 +1,4 @@
-"""What is written down is what went over the wires and the link, and nobody on them can tell."""
+"""The flight recorder keeps all bytes of buses and link, and changes none of them."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
@@ -56,8 +56,8 @@ def test_recording_changes_neither_events_nor_motion(ring: FlightRing, robot: st
     assert ring.refused == 0
 
 
-def test_the_news_of_the_link_are_those_that_were_sent(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_the_news_of_the_link_are_those_that_were_sent(ring: FlightRing, make_rig: MakeRig) -> None:
+    rig = make_rig(ring=ring)
     rig.arm()
     rig.ticks(20)
     told = [link.decode_news(each.data) for each in only(read(ring.fd), EntryKind.NEWS)]
@@ -69,11 +69,12 @@ def test_the_news_of_the_link_are_those_that_were_sent(ring: FlightRing) -> None
         each.bus == NO_BUS
         for each in only(read(ring.fd), EntryKind.NEWS, EntryKind.COMMAND, EntryKind.ARRAYS)
     )
-    rig.close()
 
 
-def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_them(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_them(
+    ring: FlightRing, make_rig: MakeRig
+) -> None:
+    rig = make_rig(ring=ring)
     rig.arm()
     path = rig.path(rig.names[0], [0.0, 0.1], [0.2, 0.6])
     rig.front.outer.send(link.encode(link.Heartbeat()))
@@ -94,35 +95,32 @@ def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_t
     again = link.unpack_path(found[place].data, submit, len(rig.names))
     assert np.array_equal(again.position, path.position)
     assert found[place].time <= rig.clock.now()
-    rig.close()
 
 
-def test_a_check_is_recorded_without_its_arrays(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_a_check_is_recorded_without_its_arrays(ring: FlightRing, make_rig: MakeRig) -> None:
+    rig = make_rig(ring=ring)
     rig.arm()
     for check_only in (True, False):
         rig.submit(rig.path(rig.names[0], [0.0, 0.1], [0.2, 0.6]), check_only=check_only)
         rig.ticks(2)
     found = only(read(ring.fd), EntryKind.COMMAND, EntryKind.ARRAYS)[-3:]
     assert [each.kind for each in found] == [EntryKind.COMMAND, EntryKind.COMMAND, EntryKind.ARRAYS]
-    rig.close()
 
 
-def test_times_are_those_of_the_loop_and_never_go_back(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_times_are_those_of_the_loop_and_never_go_back(ring: FlightRing, make_rig: MakeRig) -> None:
+    rig = make_rig(ring=ring)
     before = rig.clock.now()
     rig.ticks(50)
     times = [each.time for each in read(ring.fd).entries]
     assert times == sorted(times)
     assert before <= times[0] <= times[-1] <= rig.clock.now()
     assert {round((time - before) / 0.01) for time in times} == set(range(50))
-    rig.close()
 
 
 def test_both_directions_of_a_bus_are_there_byte_for_byte(
-    ring: FlightRing, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = Rig(ring=ring)
+    rig = make_rig(ring=ring)
     bus = rig.virtual["main"]
     out = []
     back = []
@@ -142,11 +140,10 @@ def test_both_directions_of_a_bus_are_there_byte_for_byte(
     assert b"".join(each.data for each in only(contents, EntryKind.OUT, bus=0)) == b"".join(out)
     assert b"".join(each.data for each in only(contents, EntryKind.IN, bus=0)) == b"".join(back)
     assert [each.data for each in only(contents, EntryKind.OUT)] == out  # once a write
-    rig.close()
 
 
-def test_frames_of_a_can_bus_are_there_as_their_records(ring: FlightRing) -> None:
-    rig = Rig("h24-mixed", ring=ring)
+def test_frames_of_a_can_bus_are_there_as_their_records(ring: FlightRing, make_rig: MakeRig) -> None:
+    rig = make_rig("h24-mixed", ring=ring)
     rig.connect()
     place = [port.name for port in rig.loop.hardware.ports].index(
         next(bus.name for bus in rig.robot.buses if bus.kind == "can")
@@ -159,7 +156,6 @@ def test_frames_of_a_can_bus_are_there_as_their_records(ring: FlightRing) -> Non
         assert (frames["size"] <= 8).all()
     assert set(contents.kept) == {0, 1, 2}
     assert {each.kind for each in contents.kept[place]} == {EntryKind.OUT, EntryKind.IN}
-    rig.close()
 
 
 def test_the_opening_and_loss_of_a_port_are_recorded(ring: FlightRing) -> None:
@@ -179,22 +175,21 @@ def test_the_opening_and_loss_of_a_port_are_recorded(ring: FlightRing) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_every_mode_is_written_down(ring: FlightRing, mode: Mode) -> None:
-    rig = Rig(mode=mode, ring=ring)
+def test_every_mode_is_written_down(ring: FlightRing, make_rig: MakeRig, mode: Mode) -> None:
+    rig = make_rig(mode=mode, ring=ring)
     rig.lease()
     rig.ticks(20)
     contents = read(ring.fd)
     assert len(only(contents, EntryKind.NEWS)) > 20
     assert len(only(contents, EntryKind.COMMAND)) == 1
     assert bool(only(contents, EntryKind.OUT)) == (mode is Mode.MIRROR)
-    rig.close()
 
 
 # --------------------------------------------------------------------------------------- identification
 
 
-def test_the_last_identification_of_a_bus_is_kept_whole(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_the_last_identification_of_a_bus_is_kept_whole(ring: FlightRing, make_rig: MakeRig) -> None:
+    rig = make_rig(ring=ring)
     rig.connect()
     rig.ticks(100)
     first = read(ring.fd).kept[0]
@@ -208,11 +203,12 @@ def test_the_last_identification_of_a_bus_is_kept_whole(ring: FlightRing) -> Non
     rig.loop.hardware.ports[0].identify()
     rig.ticks(100)
     assert read(ring.fd).kept[0][0].time > first[-1].time
-    rig.close()
 
 
-def test_an_incomplete_identification_does_not_replace_a_complete_one_in_the_ring(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_an_incomplete_identification_does_not_replace_a_complete_one_in_the_ring(
+    ring: FlightRing, make_rig: MakeRig
+) -> None:
+    rig = make_rig(ring=ring)
     rig.connect()
     whole = read(ring.fd).kept[0]
     rig.virtual["main"].faults.silence(3)
@@ -220,11 +216,12 @@ def test_an_incomplete_identification_does_not_replace_a_complete_one_in_the_rin
     rig.seconds(2.0)
     assert rig.loop.identity.missing["main"]
     assert read(ring.fd).kept[0] == whole
-    rig.close()
 
 
-def test_an_identification_incomplete_from_the_start_is_kept_in_the_ring(ring: FlightRing) -> None:
-    rig = Rig(ring=ring)
+def test_an_identification_incomplete_from_the_start_is_kept_in_the_ring(
+    ring: FlightRing, make_rig: MakeRig
+) -> None:
+    rig = make_rig(ring=ring)
     rig.virtual["main"].faults.silence(3)
     rig.seconds(2.0)
     assert rig.loop.identity.missing["main"]
@@ -233,7 +230,6 @@ def test_an_identification_incomplete_from_the_start_is_kept_in_the_ring(ring: F
     rig.seconds(2.0)
     connected = next(event.time for event in rig.events("connected"))
     assert connected - rig.loop.period <= read(ring.fd).kept[0][-1].time <= connected
-    rig.close()
 
 
 def test_a_transcript_that_a_babbler_made_too_long_is_not_kept(ring: FlightRing) -> None:

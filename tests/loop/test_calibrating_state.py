@@ -1,11 +1,11 @@
 """`calibrating`: begun by who holds the lease, ended with it; EEPROM is written then and at no other time."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
 from twind.loop import requests
@@ -26,11 +26,10 @@ def codes(reply: link.Reply) -> set[str]:
 
 
 @pytest.fixture(params=[Mode.MIRROR, Mode.LIVE])
-def either(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    rig = Rig(mode=request.param)
+def either(make_rig: MakeRig, request: pytest.FixtureRequest) -> Rig:
+    rig: Rig = make_rig(mode=request.param)
     rig.connect()
-    yield rig
-    rig.close()
+    return rig
 
 
 @pytest.fixture
@@ -62,18 +61,17 @@ def test_without_the_lease_it_is_refused(connected: Rig) -> None:
     assert connected.loop.state is RobotState.CALIBRATING
 
 
-def test_in_sim_and_while_armed_it_is_refused_with_what_it_needs(armed: Rig) -> None:
+def test_in_sim_and_while_armed_it_is_refused_with_what_it_needs(make_rig: MakeRig, armed: Rig) -> None:
     armed.lease()
     reply = armed.call(link.Calibrate, on=True)
     assert (reply.error, reply.parameters) == (
         "WrongState",
         {"state": "armed", "allowed": ["connected", "identifying"]},
     )
-    sim = Rig(mode=Mode.SIM)
+    sim = make_rig(mode=Mode.SIM)
     sim.lease()
     reply = sim.call(link.Calibrate, on=True)
     assert (reply.error, reply.parameters["allowed"]) == ("WrongState", ["mode mirror", "mode live"])
-    sim.close()
 
 
 def test_while_torque_was_found_on_it_is_refused(live: Rig) -> None:
@@ -167,8 +165,8 @@ def test_calibrating_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> No
 
 
 @pytest.mark.parametrize("bus", ["left", "right", None])
-def test_calibrating_ends_when_a_port_is_lost(bus: str | None) -> None:
-    rig = Rig("h24-split")
+def test_calibrating_ends_when_a_port_is_lost(make_rig: MakeRig, bus: str | None) -> None:
+    rig = make_rig("h24-split")
     rig.connect()
     names = [each.name for each in rig.robot.buses]
     calibrate(rig)
@@ -176,7 +174,6 @@ def test_calibrating_ends_when_a_port_is_lost(bus: str | None) -> None:
         rig.virtual[name].faults.unplug()
     rig.ticks(5)
     assert rig.loop.state in (RobotState.DISCONNECTED, RobotState.IDENTIFYING)
-    rig.close()
 
 
 def test_an_e_stop_ends_it_and_latches(connected: Rig) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.modes import RobotState
 from twind.safety.guard import Guard
@@ -62,20 +62,19 @@ def latched(rig: Rig) -> set[str]:
     return {str(code) for code in rig.loop.latches}
 
 
-def test_a_passive_line_is_reported_and_the_motion_continues() -> None:
-    rig = Can()
+def test_a_passive_line_is_reported_and_the_motion_continues(make_rig: MakeRig) -> None:
+    rig = make_rig(kind=Can)
     rig.line = PASSIVE
     rig.seconds(0.5)
     assert len(rig.events("CAN_BUS_STATE")) == 1
     assert rig.loop.state is RobotState.ARMED
     assert not rig.loop.latches
     assert rig.loop.executor.motion.value == "active"
-    rig.close()
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry"])
-def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(support: str) -> None:
-    rig = Can(support)
+def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(make_rig: MakeRig, support: str) -> None:
+    rig = make_rig(support, kind=Can)
     rig.line, before = OFF, rig.goals("upper")
     rig.ticks(2)
     told = rig.goals("upper")
@@ -89,11 +88,10 @@ def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(support: str) -
     assert all(rig.virtual["lower"].servos["torque_enable"])
     assert rig.loop.hardware.connected  # opened anew, everybody identified, nothing moves by itself
     assert not rig.port.holding
-    rig.close()
 
 
-def test_a_lost_line_recovers_only_by_disarm_reset_and_arm() -> None:
-    rig = Can()
+def test_a_lost_line_recovers_only_by_disarm_reset_and_arm(make_rig: MakeRig) -> None:
+    rig = make_rig(kind=Can)
     rig.line = OFF
     rig.ticks(3)
     rig.line = ACTIVE
@@ -105,34 +103,31 @@ def test_a_lost_line_recovers_only_by_disarm_reset_and_arm() -> None:
     rig.call(link.Reset)
     rig.lease()
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
-def test_a_robot_that_stands_freely_is_lowered_by_the_others_and_let_go() -> None:
-    rig = Can("free")
+def test_a_robot_that_stands_freely_is_lowered_by_the_others_and_let_go(make_rig: MakeRig) -> None:
+    rig = make_rig("free", kind=Can)
     rig.line = OFF
     rig.seconds(10.0)
     assert rig.loop.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     assert "CAN_BUS_STATE" in latched(rig)
-    rig.close()
 
 
 @pytest.mark.parametrize("support", ["gantry", "free"])
-def test_a_bus_that_stays_silent_is_given_up_once(support: str) -> None:
+def test_a_bus_that_stays_silent_is_given_up_once(make_rig: MakeRig, support: str) -> None:
     """Given up again and again it would stop the way down of the others each time."""
-    rig = Can(support)
+    rig = make_rig(support, kind=Can)
     for id in rig.virtual["upper"].servos["id"]:
         rig.virtual["upper"].faults.silence(int(id))
     rig.seconds(11.0 if support == "free" else 2.0)
     assert len(rig.events("PORT_LOST")) == 1
     assert rig.port.reader is not None  # open again, and asked
     assert any(rig.virtual["lower"].servos["torque_enable"]) is (support == "gantry")
-    rig.close()
 
 
-def test_silence_of_a_whole_bus_is_the_same_after_100_ms() -> None:
-    rig = Can()
+def test_silence_of_a_whole_bus_is_the_same_after_100_ms(make_rig: MakeRig) -> None:
+    rig = make_rig(kind=Can)
     for id in rig.virtual["upper"].servos["id"]:
         rig.virtual["upper"].faults.silence(int(id))
     begun = rig.clock.now()
@@ -140,11 +135,10 @@ def test_silence_of_a_whole_bus_is_the_same_after_100_ms() -> None:
         rig.ticks(1)
     assert 0.09 <= rig.clock.now() - begun <= 0.121
     assert rig.port.reader is None
-    rig.close()
 
 
-def test_a_line_that_is_off_bars_arming() -> None:
-    rig = Can()
+def test_a_line_that_is_off_bars_arming(make_rig: MakeRig) -> None:
+    rig = make_rig(kind=Can)
     rig.call(link.Disarm, ticks=1200)
     rig.line = OFF
     rig.ticks(3)
@@ -157,11 +151,10 @@ def test_a_line_that_is_off_bars_arming() -> None:
     rig.ticks(2)
     rig.lease()
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
-def test_a_line_that_goes_off_while_arming_ends_the_arming() -> None:
-    rig = Can()
+def test_a_line_that_goes_off_while_arming_ends_the_arming(make_rig: MakeRig) -> None:
+    rig = make_rig(kind=Can)
     rig.call(link.Disarm, ticks=1200)
     rig.lease()
     rig.send(link.Arm)
@@ -174,4 +167,3 @@ def test_a_line_that_goes_off_while_arming_ends_the_arming() -> None:
     rig.seconds(12.0)
     assert rig.loop.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
-    rig.close()

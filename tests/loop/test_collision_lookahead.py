@@ -1,6 +1,5 @@
 """The way just ahead: what is near is seen in time, a stream can always stop clear, a hold costs nothing."""
 
-from collections.abc import Iterator
 from math import inf, isnan
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.clearance_rig import Oracle, arm, arm_file, at, h24
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import read_robot
 from twind.loop.collision_lookahead import LEAST, CollisionLookahead
@@ -239,12 +238,11 @@ INTO_ITSELF = {"l_elbow": -1.5, "l_shoulder_yaw": -1.4}  # the left forearm into
 
 
 @pytest.fixture
-def rig() -> Iterator[Rig]:
-    made = Rig(mode=Mode.SIM)
+def rig(make_rig: MakeRig) -> Rig:
+    made: Rig = make_rig(mode=Mode.SIM)
     made.ticks(5)
     made.call(link.AcquireLease)
-    yield made
-    made.close()
+    return made
 
 
 def clearance(rig: Rig, bodies: CollisionModel) -> float:
@@ -266,9 +264,11 @@ def test_a_setpoint_into_the_robot_itself_is_refused_by_the_loop(rig: Rig) -> No
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_a_self_colliding_path_without_a_gate_refusal_is_held_before_contact(mode: Mode) -> None:
+def test_a_self_colliding_path_without_a_gate_refusal_is_held_before_contact(
+    make_rig: MakeRig, mode: Mode
+) -> None:
     """Without the front's verdict: the second guard alone."""
-    rig = Rig(mode=mode)
+    rig = make_rig(mode=mode)
     rig.ticks(5)
     rig.call(link.AcquireLease)
     bodies = CollisionModel(rig.one.binding)
@@ -284,4 +284,3 @@ def test_a_self_colliding_path_without_a_gate_refusal_is_held_before_contact(mod
     assert rig.events("LOOKAHEAD_COLLISION")
     assert rig.loop.executor.motion is Motion.HOLDING
     assert 0.0 < least < 0.03
-    rig.close()

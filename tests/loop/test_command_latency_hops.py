@@ -1,12 +1,11 @@
-"""What a whole daemon tells of the way of its commands, in every mode: real bytes, fake time."""
+"""Command latency of a whole daemon in every mode: real bytes, fake time."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
@@ -19,16 +18,15 @@ JUDGED = {"received": 1, "gated": 1}
 
 
 @pytest.fixture(params=[Mode.LIVE, Mode.MIRROR, Mode.SIM])
-def ready(request: pytest.FixtureRequest) -> Iterator[Rig]:
+def ready(make_rig: MakeRig, request: pytest.FixtureRequest) -> Rig:
     """One that takes commands: armed in live; elsewhere the simulation follows."""
-    rig = Rig(mode=request.param)
+    rig: Rig = make_rig(mode=request.param)
     if request.param is Mode.LIVE:
         rig.arm()
     else:
         rig.ticks(30)
         rig.lease()
-    yield rig
-    rig.close()
+    return rig
 
 
 def bent(rig: Rig, by: float, time: float = 1.0) -> Trajectory:
@@ -107,8 +105,8 @@ def test_a_motion_below_the_visible_threshold_has_no_figure(ready: Rig) -> None:
     assert figures(ready) == {name: 1 for name in COMMAND if name != "moved"}
 
 
-def test_a_change_of_mode_ends_what_was_looked_for() -> None:
-    rig = Rig(mode=Mode.MIRROR)
+def test_a_change_of_mode_ends_what_was_looked_for(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.MIRROR)
     rig.ticks(30)
     rig.lease()
     rig.submit(bent(rig, 0.3), **called(rig))
@@ -117,7 +115,6 @@ def test_a_change_of_mode_ends_what_was_looked_for() -> None:
     rig.call(link.SetMode, mode="sim")
     rig.seconds(1.0)
     assert "moved" not in figures(rig)
-    rig.close()
 
 
 # ------------------------------------------------------------------------------------- alerts
@@ -144,8 +141,8 @@ def test_a_late_setpoint_stream_is_reported_once_and_its_recovery_once(ready: Ri
     assert warning.findings[0].value > 0.08
 
 
-def test_latency_reports_end_when_the_robot_is_no_longer_read() -> None:
-    rig = Rig(mode=Mode.MIRROR)
+def test_latency_reports_end_when_the_robot_is_no_longer_read(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.MIRROR)
     rig.ticks(30)
     rig.lease()
     rig.loop.health.hop("reply", 0.08, rig.clock.now())
@@ -154,7 +151,6 @@ def test_latency_reports_end_when_the_robot_is_no_longer_read() -> None:
         "reply is above its threshold",
         "reply is not measured any longer: no robot is read",
     ]
-    rig.close()
 
 
 def test_a_trajectory_that_was_long_judged_is_no_alarm(ready: Rig) -> None:

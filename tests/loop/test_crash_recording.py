@@ -1,4 +1,4 @@
-"""What a daemon before us left is let go when it is written, or when two fronts died of it, and once."""
+"""A former daemon's recording is released once: when it is written, or after two fronts died of it."""
 
 import os
 

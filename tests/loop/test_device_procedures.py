@@ -1,27 +1,23 @@
 """Calls on single devices: who there is, what is in a register, and a clear answer where that cannot be."""
 
-from collections.abc import Iterator
-
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.eeprom_access import calibrate
 from twind import link
 from twind.robot.modes import Mode
 
 
 @pytest.fixture
-def split() -> Iterator[Rig]:
-    rig = Rig("h24-split")
-    yield rig
-    rig.close()
+def split(make_rig: MakeRig) -> Rig:
+    rig: Rig = make_rig("h24-split")
+    return rig
 
 
 @pytest.fixture
-def mirror() -> Iterator[Rig]:
-    rig = Rig(mode=Mode.MIRROR)
-    yield rig
-    rig.close()
+def mirror(make_rig: MakeRig) -> Rig:
+    rig: Rig = make_rig(mode=Mode.MIRROR)
+    return rig
 
 
 def scan(rig: Rig, bus: str | None = None) -> list[link.Reply]:
@@ -81,11 +77,10 @@ def test_a_scan_reports_the_registers_read_by_identification(mirror: Rig) -> Non
     assert all(each | wanted == each for each in told)
 
 
-def test_in_sim_no_bus_is_open() -> None:
-    rig = Rig(mode=Mode.SIM)
+def test_in_sim_no_bus_is_open(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.SIM)
     reply = rig.call(link.Scan)
     assert reply.error == "BusFailed"
-    rig.close()
 
 
 # ------------------------------------------------------------------------------------- registers

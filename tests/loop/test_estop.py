@@ -1,99 +1,90 @@
 """E-stops that meet another e-stop, on real bytes under a fake clock: what each answer rests on."""
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig
 from twind import link
 
 
-def test_a_cut_after_a_settling_stop_is_not_answered_before_torque_is_read_back() -> None:
+def test_a_cut_after_a_settling_stop_is_not_answered_before_torque_is_read_back(make_rig: MakeRig) -> None:
     """The first stop's confirmation is not the second's: one servo is silent by then."""
-    rig = Rig()
-    try:
-        rig.arm()
-        rig.submit(rig.path("head_yaw", [0.4], [1.0]))
-        rig.ticks(50)
-        first = rig.call(link.EStop)
-        assert (first.parameters["torque_off"], first.parameters["done"]) == (False, False)
-        rig.virtual["main"].faults.silence(5)
-        second = rig.send(link.EStop, client=9, level="cut")
-        rig.ticks(50)
-        assert not rig.replies(second)
-        rig.seconds(2.0)
-        reply = rig.replies(second)[-1]
-        assert reply.parameters["torque_off"] is not True
-        assert rig.events("TORQUE_MISMATCH")
-    finally:
-        rig.close()
+    rig = make_rig()
+    rig.arm()
+    rig.submit(rig.path("head_yaw", [0.4], [1.0]))
+    rig.ticks(50)
+    first = rig.call(link.EStop)
+    assert (first.parameters["torque_off"], first.parameters["done"]) == (False, False)
+    rig.virtual["main"].faults.silence(5)
+    second = rig.send(link.EStop, client=9, level="cut")
+    rig.ticks(50)
+    assert not rig.replies(second)
+    rig.seconds(2.0)
+    reply = rig.replies(second)[-1]
+    assert reply.parameters["torque_off"] is not True
+    assert rig.events("TORQUE_MISMATCH")
 
 
-def test_a_settling_stop_after_a_reset_is_not_answered_before_its_own_goals_are_read_back() -> None:
-    rig = Rig()
-    try:
-        rig.arm()
-        rig.call(link.EStop, level="settle")
-        rig.seconds(6.0)
-        assert not rig.register("torque_enable").any()
-        assert rig.call(link.Reset).error is None
-        rig.lease()
-        assert rig.call(link.Arm).error is None
-        rig.virtual["main"].faults.silence(5)
-        second = rig.send(link.EStop, level="settle")
-        rig.ticks(20)
-        assert not rig.replies(second)
-        rig.seconds(8.0)
-        assert rig.replies(second)[-1].parameters["torque_off"] is not True
-    finally:
-        rig.close()
+def test_a_settling_stop_after_a_reset_is_not_answered_before_its_own_goals_are_read_back(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig()
+    rig.arm()
+    rig.call(link.EStop, level="settle")
+    rig.seconds(6.0)
+    assert not rig.register("torque_enable").any()
+    assert rig.call(link.Reset).error is None
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.virtual["main"].faults.silence(5)
+    second = rig.send(link.EStop, level="settle")
+    rig.ticks(20)
+    assert not rig.replies(second)
+    rig.seconds(8.0)
+    assert rig.replies(second)[-1].parameters["torque_off"] is not True
 
 
-def test_a_second_settling_stop_is_answered_at_once_by_what_the_first_has_read_back() -> None:
-    rig = Rig()
-    try:
-        rig.arm()
-        rig.submit(rig.path("head_yaw", [0.4], [1.0]))
-        rig.ticks(50)
-        assert rig.call(link.EStop, level="settle").parameters["done"] is False
-        second = rig.send(link.EStop, client=9, level="settle")
-        rig.ticks(2)
-        assert rig.replies(second)[0].parameters["torque_off"] is False
-    finally:
-        rig.close()
+def test_a_second_settling_stop_is_answered_at_once_by_what_the_first_has_read_back(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig()
+    rig.arm()
+    rig.submit(rig.path("head_yaw", [0.4], [1.0]))
+    rig.ticks(50)
+    assert rig.call(link.EStop, level="settle").parameters["done"] is False
+    second = rig.send(link.EStop, client=9, level="settle")
+    rig.ticks(2)
+    assert rig.replies(second)[0].parameters["torque_off"] is False
 
 
-def test_a_settling_stop_after_a_cut_leaves_the_cut_for_a_bus_that_comes_back() -> None:
+def test_a_settling_stop_after_a_cut_leaves_the_cut_for_a_bus_that_comes_back(make_rig: MakeRig) -> None:
     """The joints of that bus are let go where they are: a way to the rest pose would move them."""
-    rig = Rig("h24-split")
-    try:
-        rig.arm()
-        rig.submit(rig.path("head_yaw", [0.4], [0.5]))
-        rig.seconds(1.0)
-        upper = rig.virtual["upper"]
-        upper.faults.unplug()
-        rig.ticks(3)
-        rig.call(link.EStop, level="cut")
-        rig.call(link.EStop, level="settle")
-        before = rig.truth
-        assert upper.servos["torque_enable"].any()
-        upper.faults.replug()
-        rig.seconds(4.0)
-        assert not rig.register("torque_enable").any()
-        assert abs(rig.truth - before).max() < 0.02
-    finally:
-        rig.close()
+    rig = make_rig("h24-split")
+    rig.arm()
+    rig.submit(rig.path("head_yaw", [0.4], [0.5]))
+    rig.seconds(1.0)
+    upper = rig.virtual["upper"]
+    upper.faults.unplug()
+    rig.ticks(3)
+    rig.call(link.EStop, level="cut")
+    rig.call(link.EStop, level="settle")
+    before = rig.truth
+    assert upper.servos["torque_enable"].any()
+    upper.faults.replug()
+    rig.seconds(4.0)
+    assert not rig.register("torque_enable").any()
+    assert abs(rig.truth - before).max() < 0.02
 
 
-def test_reset_and_disarm_during_the_lowering_of_an_estop_are_refused_with_the_remedy_to_wait() -> None:
-    rig = Rig()
-    try:
-        rig.arm()
-        rig.call(link.EStop, level="settle")
-        reset = rig.call(link.Reset)
-        assert reset.error == "WrongState"
-        assert "wait until torque is off" in reset.parameters["allowed"][0]
-        rig.lease()
-        disarm = rig.call(link.Disarm)
-        assert disarm.error == "Busy"
-        assert "wait until torque is off" in disarm.parameters["what"]
-        rig.seconds(6.0)
-        assert rig.call(link.Reset).error is None
-    finally:
-        rig.close()
+def test_reset_and_disarm_during_the_lowering_of_an_estop_are_refused_with_the_remedy_to_wait(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig()
+    rig.arm()
+    rig.call(link.EStop, level="settle")
+    reset = rig.call(link.Reset)
+    assert reset.error == "WrongState"
+    assert "wait until torque is off" in reset.parameters["allowed"][0]
+    rig.lease()
+    disarm = rig.call(link.Disarm)
+    assert disarm.error == "Busy"
+    assert "wait until torque is off" in disarm.parameters["what"]
+    rig.seconds(6.0)
+    assert rig.call(link.Reset).error is None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import failsafe
@@ -102,15 +102,14 @@ def test_the_fail_safe_lowers_at_a_quarter_of_every_velocity_limit() -> None:
         assert (fastest <= 0.25 * rig.loop.limits.velocity + 1e-9).all()
 
 
-def test_nothing_is_written_where_no_torque_is_on() -> None:
-    rig = Rig(start=RAISED, rate_hz=50.0)
+def test_nothing_is_written_where_no_torque_is_on(make_rig: MakeRig) -> None:
+    rig = make_rig(start=RAISED, rate_hz=50.0)
     before = rig.counts
     goals = rig.register("goal_position").copy()
     assert run(rig, 2.0).left == ""
     assert np.array_equal(rig.counts, before)
     assert np.array_equal(rig.register("goal_position"), goals)
     assert not rig.register("bus_watchdog").any()
-    rig.close()
 
 
 def test_the_fail_safe_in_mode_mirror_leaves_inherited_torque_and_reports_it() -> None:
@@ -122,10 +121,9 @@ def test_the_fail_safe_in_mode_mirror_leaves_inherited_torque_and_reports_it() -
         assert rig.loop.hardware.writers == []
 
 
-def test_mode_mirror_is_content_where_torque_is_off() -> None:
-    rig = Rig(mode=Mode.MIRROR)
+def test_mode_mirror_is_content_where_torque_is_off(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.MIRROR)
     assert run(rig, 2.0).left == ""
-    rig.close()
 
 
 @pytest.mark.parametrize("support", ["gantry", SLOW_FIXED])

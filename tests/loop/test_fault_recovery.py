@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.reaction_rig import injected_findings
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
@@ -70,7 +70,7 @@ CASES = [(SAMPLE, situation) for situation in SITUATIONS] + [
 
 
 def everything(rig: Rig) -> list[int]:
-    """What an impatient client sends: motion, setpoints, torque, registers, modes."""
+    """Send motion, setpoints, torque, registers and modes, as an impatient client does."""
     rig.send(link.AcquireLease, take=True)
     place = rig.names.index(JOINT)
     tickets = [rig.submit(rig.path(JOINT, [0.3], [1.0]))]
@@ -166,8 +166,10 @@ def test_harder_reactions_end_without_torque_or_without_a_word_and_stay_so(
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_without_a_bus_to_write_to_a_latch_stops_the_simulation_until_reset(mode: Mode) -> None:
-    rig = Rig(mode=mode)
+def test_without_a_bus_to_write_to_a_latch_stops_the_simulation_until_reset(
+    make_rig: MakeRig, mode: Mode
+) -> None:
+    rig = make_rig(mode=mode)
     rig.seconds(1.0)
     goals = rig.register("goal_position").copy()
     rig.lease()
@@ -181,7 +183,6 @@ def test_without_a_bus_to_write_to_a_latch_stops_the_simulation_until_reset(mode
     assert rig.loop.simulated.position == pytest.approx(place, abs=0.05)
     assert not torques(rig).any()
     assert np.array_equal(rig.register("goal_position"), goals)
-    rig.close()
 
 
 def test_a_robot_whose_joint_lost_a_turn_is_not_armed(live: Rig) -> None:

@@ -101,7 +101,7 @@ def front() -> Iterator[Front]:
 
 
 class Wreck:
-    """What was left by a daemon before."""
+    """Recording of a former daemon; `dones` counts its releases."""
 
     def __init__(self) -> None:
         self.dones = 0

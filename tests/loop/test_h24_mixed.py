@@ -1,14 +1,14 @@
 """The humanoid with legs on CAN and the rest on a serial bus, in process: real bytes, a fake clock."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
@@ -20,10 +20,9 @@ LEGS = ("l_leg", "r_leg")
 
 
 @pytest.fixture
-def mixed() -> Iterator[Rig]:
-    rig = Rig("h24-mixed")
-    yield rig
-    rig.close()
+def mixed(make_rig: MakeRig) -> Rig:
+    rig: Rig = make_rig("h24-mixed")
+    return rig
 
 
 class Body(Rig):
@@ -36,13 +35,13 @@ class Body(Rig):
 
 
 def nodes(rig: Rig, bus: str) -> list[dict[str, Any]]:
-    """What is true of the actuators of a leg."""
+    """Return the true state of a leg's actuators."""
     found: list[dict[str, Any]] = rig.virtual[bus].truth(rig.clock.now())
     return found
 
 
 def on(rig: Rig, bus: str) -> list[bool]:
-    """Whose torque is on."""
+    """Return the torque of each device."""
     if bus in LEGS:
         return [bool(node["torque"]) for node in nodes(rig, bus)]
     return [bool(torque) for torque in rig.virtual[bus].servos["torque_enable"]]
@@ -132,8 +131,8 @@ def test_a_leg_two_turns_off_has_no_goals_there_and_is_refused(mixed: Rig) -> No
     assert "2 turns from where it was calibrated; its goals there" in finding.message
 
 
-def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming() -> None:
-    rig = Rig("h24-mixed")
+def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-mixed")
     knee = rig.names.index("l_knee")
     rig.loop.joints = replace(rig.loop.joints, unwatched=(knee,))
     for count in (1, 2):
@@ -148,13 +147,14 @@ def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming() ->
     rig.call(link.AcquireLease)
     warnings = rig.call(link.Arm).parameters["warnings"]
     assert [(each["code"], each["joint"]) for each in warnings] == [("DEVICE_MISMATCH", knee)]
-    rig.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["reach", "squat", "wave"])
-def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(name: str) -> None:
-    rig = Body("h24-mixed")
+def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(
+    make_rig: MakeRig, name: str
+) -> None:
+    rig = make_rig("h24-mixed", kind=Body)
     rig.arm()
     path = demonstration(rig, name)
     ticket = rig.submit(path, more=True)
@@ -174,7 +174,6 @@ def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(nam
     assert worst.max() < 0.06, rig.names[int(worst.argmax())]
     if name == "squat":
         assert np.ptp(path.position[:, legs], axis=0).max() > 0.5
-    rig.close()
 
 
 def test_disarming_lowers_all_and_takes_all_torque(mixed: Rig) -> None:
@@ -221,20 +220,10 @@ def test_an_unplugged_leg_latches_and_the_others_hold_until_disarm(mixed: Rig) -
     assert mixed.call(link.Arm).error is None
 
 
-def test_a_mirror_of_it_reads_all_and_writes_no_leg() -> None:
-    rig = Rig("h24-mixed", Mode.MIRROR)
+def test_a_mirror_of_it_reads_all_and_writes_no_leg(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-mixed", Mode.MIRROR)
     rig.connect()
     rig.seconds(1.0)
     assert rig.loop.measured.heard.all()
     assert all(port.writer is None for port in rig.loop.hardware.ports)
     assert all(node["watchdog"] == 0 and not node["torque"] for bus in LEGS for node in nodes(rig, bus))
-    rig.close()
-
-
-def test_the_skew_between_buses_is_reported(mixed: Rig) -> None:
-    mixed.arm()
-    mixed.seconds(1.0)
-    assert 0.0 < mixed.loop.hardware.skew < 0.01
-    overview = [news for news in mixed.news if isinstance(news, link.Overview)][-1]
-    assert overview.skew_ms is not None
-    assert 0.0 < overview.skew_ms <= overview.skew_max_ms < 10.0

@@ -94,16 +94,6 @@ def test_homing_ends_with_torque_off_and_registers_restored_after_any_interrupti
         assert made.loop.homing.owed is None and not made.loop.energising
 
 
-def test_a_client_that_goes_ends_it() -> None:
-    with homed() as made:
-        made.ready()
-        made.powered(made.find())
-        made.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
-        made.seconds(3.0)
-        made.undone()
-        assert made.loop.state == "connected"
-
-
 @pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])
 def test_an_endstop_away_from_its_place_is_not_accepted(truth: tuple[float, float]) -> None:
     with homed(truth={"stops_rad": truth}) as made:

@@ -44,7 +44,7 @@ WRONG: dict[str, Order] = {
 
 
 def suffered(rig: Any, order: Order, ticks: int) -> Counter[str]:
-    """What the servos' bus had of it, tick by tick; the motion must go on."""
+    """Count the damage to the servos' readings, tick by tick; the motion must go on."""
     found: Counter[str] = Counter()
     hardware = rig.loop.hardware
     motion = rig.loop.executor.motion

@@ -47,7 +47,7 @@ def test_an_index_of_a_bus_names_its_joints_whatever_their_order(order: list[int
 
 
 def sample(position: int, heard: list[bool], at: float, error: int = 0) -> BusSample:
-    """Of the three devices of a bus, all `position` ticks from their zero."""
+    """Make a sample of a bus with three devices, all `position` ticks from their zero."""
     ears = np.array(heard)
     return BusSample(
         sent=at,

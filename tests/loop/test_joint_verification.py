@@ -1,4 +1,4 @@
-"""Who is verified, and what ends it; no turn is chosen while torque is ours, and torque that was found on."""
+"""Joints are verified and lose that; no turn is chosen under torque of this daemon."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.robot.finding import ReasonCode
@@ -25,20 +25,18 @@ def path() -> Iterator[str]:
         yield arm_in(Path(folder))
 
 
-def made(path: str, turns: tuple[int, int, int] = (0, 0, 0), **more: object) -> Rig:
+def made(make_rig: MakeRig, path: str, turns: tuple[int, int, int] = (0, 0, 0), **more: object) -> Rig:
     """The arm, each servo so many turns off."""
     truth = {
         name: JointTruth(zero_ticks=zero, turns=off)
         for (name, zero), off in zip(ZEROS.items(), turns, strict=True)
     }
-    return Rig(path, truth=Truth(truth), **more)  # type: ignore[arg-type]
+    return make_rig(path, truth=Truth(truth), **more)  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def arm(path: str) -> Iterator[Rig]:
-    rig = made(path, (0, -2, 2))
-    yield rig
-    rig.close()
+def arm(make_rig: MakeRig, path: str) -> Rig:
+    return made(make_rig, path, (0, -2, 2))
 
 
 def verified(rig: Rig) -> list[bool]:
@@ -72,17 +70,15 @@ def test_before_its_turn_is_known_no_joint_is_reported_out_of_its_limits(arm: Ri
     assert arm.events(ReasonCode.CALIB_MISMATCH) == []
 
 
-def test_joints_are_marked_verified_in_mirror_and_unmarked_in_sim(path: str) -> None:
-    rig = made(path, (0, 1, 0), mode=Mode.MIRROR)
+def test_joints_are_marked_verified_in_mirror_and_unmarked_in_sim(make_rig: MakeRig, path: str) -> None:
+    rig = made(make_rig, path, (0, 1, 0), mode=Mode.MIRROR)
     rig.connect()
     assert verified(rig) == [True] * 3
     assert stands_where_it_is(rig)
     assert np.abs(rig.loop.simulated.position - rig.truth).max() < 0.01  # it starts where the robot is
-    rig.close()
-    rig = made(path, mode=Mode.SIM)
+    rig = made(make_rig, path, mode=Mode.SIM)
     rig.ticks(20)
     assert [news for news in rig.news if isinstance(news, link.Overview)][-1].verified == b""
-    rig.close()
 
 
 def test_a_register_that_differs_leaves_its_joint_unverified(arm: Rig) -> None:
@@ -142,8 +138,10 @@ def test_a_hand_across_the_seam_and_a_power_cut_there_change_no_angle(arm: Rig) 
     assert stands_where_it_is(arm)
 
 
-def test_out_of_its_travel_it_is_refused_and_in_it_again_it_is_not(path: str) -> None:
-    rig = Rig(path, start={"capped": 1.4})  # beyond its travel: the horn has slipped, or it is another arm
+def test_out_of_its_travel_it_is_refused_and_in_it_again_it_is_not(make_rig: MakeRig, path: str) -> None:
+    rig = make_rig(
+        path, start={"capped": 1.4}
+    )  # beyond its travel: the horn has slipped, or it is another arm
     rig.connect()
     rig.lease()
     [finding] = rig.call(link.Arm).parameters["findings"]
@@ -154,14 +152,15 @@ def test_out_of_its_travel_it_is_refused_and_in_it_again_it_is_not(path: str) ->
     rig.ticks(3)
     assert verified(rig) == [True] * 3
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
 # ----------------------------------------------------------------------------------------------- torque
 
 
-def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(path: str) -> None:
-    rig = made(path, (0, 2, -1))
+def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(
+    make_rig: MakeRig, path: str
+) -> None:
+    rig = made(make_rig, path, (0, 2, -1))
     for row in range(3):
         servos(rig).torque(row, True)
         servos(rig).power.goal_is_present(row)
@@ -175,12 +174,11 @@ def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(
     assert rig.call(link.Arm).error is None
     assert np.abs(rig.counts - before).max() < 3
     assert rig.call(link.Disarm, ticks=900).error is None
-    rig.close()
 
 
-def test_position_mode_a_turn_off_gets_no_torque_until_it_has_restarted(path: str) -> None:
-    """Whether a firmware falls back to one turn at torque-on nobody has seen; a goal could be a turn away."""
-    rig = made(path, (1, 0, 0))
+def test_position_mode_a_turn_off_gets_no_torque_until_it_has_restarted(make_rig: MakeRig, path: str) -> None:
+    """A firmware may not fall back to one turn at torque-on; a goal could be a turn away."""
+    rig = made(make_rig, path, (1, 0, 0))
     rig.connect()
     before = rig.counts
     rig.lease()
@@ -197,7 +195,6 @@ def test_position_mode_a_turn_off_gets_no_torque_until_it_has_restarted(path: st
     assert rig.call(link.Arm).error is None
     rig.seconds(0.3)
     assert (np.abs(rig.counts - before) % 4096 <= 3).all()
-    rig.close()
 
 
 def test_a_restart_while_armed_changes_no_turn_until_torque_is_off(arm: Rig) -> None:

@@ -269,6 +269,25 @@ def test_a_listener_is_in_place_until_its_file_is_removed_or_replaced(
     assert listener.in_place
 
 
+@pytest.mark.parametrize("own", [True, False])
+def test_remove_deletes_the_file_of_an_own_socket_only(tmp_path: Path, own: bool) -> None:
+    listener = Listener.of(listen(tmp_path, "control"), own=own)
+    for _ in range(2):  # a second call does nothing
+        listener.remove()
+        assert (tmp_path / "control.sock").exists() is not own
+    assert listener.bound.fileno() == -1
+
+
+def test_remove_leaves_the_file_that_another_daemon_bound_in_its_place(
+    tmp_path: Path, keep: ExitStack
+) -> None:
+    listener = Listener.of(listen(tmp_path, "control"), own=True)
+    (tmp_path / "control.sock").unlink()
+    keep.enter_context(listen(tmp_path, "control"))
+    listener.remove()
+    assert (tmp_path / "control.sock").is_socket()
+
+
 def test_a_file_of_the_same_inode_number_cannot_follow_while_the_socket_is_open(
     tmp_path: Path, keep: ExitStack
 ) -> None:
@@ -338,7 +357,7 @@ print(json.dumps({
 
 
 def child(code: str, *arguments: str, cwd: Path | None = None) -> str:
-    """What a process of its own prints."""
+    """Return the output of a process."""
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=30, cwd=cwd
     )

@@ -1,4 +1,4 @@
-"""What the loop says of itself: nothing before the first tick, and the run's worst for ever."""
+"""Figures of the loop: none before the first tick, and the worst of the run is kept."""
 
 from itertools import repeat
 

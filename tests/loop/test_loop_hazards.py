@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from twind import link
-from twind.loop.front_link import FrontLink
-from twind.loop.front_process import FrontProcess
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import FINE
@@ -25,18 +23,17 @@ def energise(rig: Rig) -> None:
 
 @pytest.mark.parametrize("moment", [2, 5, 20, 60])
 @pytest.mark.parametrize("level", ["cut", "settle"])
-def test_an_e_stop_switches_off_torque_not_yet_read(moment: int, level: str) -> None:
-    rig = Rig()
+def test_an_e_stop_switches_off_torque_not_yet_read(make_rig: MakeRig, moment: int, level: str) -> None:
+    rig = make_rig()
     energise(rig)
     rig.ticks(moment)
     reply = rig.call(link.EStop, ticks=900, level=level, more=True)
     assert reply.parameters["torque_off"] is True
     assert not on(rig).any()
-    rig.close()
 
 
-def test_an_estop_by_settling_lowers_a_robot_that_was_found_energised() -> None:
-    rig = Rig(start={"head_yaw": 0.5})
+def test_an_estop_by_settling_lowers_a_robot_that_was_found_energised(make_rig: MakeRig) -> None:
+    rig = make_rig(start={"head_yaw": 0.5})
     energise(rig)
     rig.connect()
     ticket = rig.send(link.EStop, more=True)
@@ -47,7 +44,6 @@ def test_an_estop_by_settling_lowers_a_robot_that_was_found_energised() -> None:
     assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
     assert not on(rig).any()
     assert rig.replies(ticket)[-1].parameters["done"] is True
-    rig.close()
 
 
 def test_every_estop_is_answered_even_when_another_overtakes_it(armed: Rig) -> None:
@@ -92,31 +88,8 @@ def test_a_command_that_fails_internally_costs_no_other_command_its_reply(armed:
     assert armed.replies(good)[-1].error is None
 
 
-def test_an_e_stop_without_servo_replies_does_not_report_torque_off(armed: Rig) -> None:
-    for id in range(1, 25):
-        armed.virtual["main"].faults.silence(id)
-    reply = armed.call(link.EStop, ticks=300, level="cut")
-    assert reply.parameters["torque_off"] is not True
-    assert armed.events("TORQUE_MISMATCH")
-
-
-def test_a_bus_that_comes_back_while_the_rest_settles_is_not_driven() -> None:
-    rig = Rig("h24-split")
-    rig.arm()
-    rig.submit(rig.path("head_yaw", [0.6], [0.6]))
-    rig.seconds(0.8)
-    upper = rig.virtual["upper"]
-    upper.faults.unplug()
-    rig.ticks(3)
-    goals = np.asarray(upper.servos["goal_position"]).copy()
-    upper.faults.replug()
-    rig.seconds(3.0)
-    assert np.array_equal(np.asarray(upper.servos["goal_position"]), goals)
-    rig.close()
-
-
-def test_a_bus_with_other_servos_than_described_is_never_armed() -> None:
-    rig = Rig("h24-split")
+def test_a_bus_with_other_servos_than_described_is_never_armed(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-split")
     rig.arm()
     rig.virtual["upper"].faults.unplug()
     rig.seconds(6.0)
@@ -132,20 +105,6 @@ def test_a_bus_with_other_servos_than_described_is_never_armed() -> None:
     reply = rig.call(link.Arm)
     assert reply.error == "Refused"
     assert not on(rig).any()
-    rig.close()
-
-
-def test_a_robot_found_half_energised_is_not_armed_but_can_be_disarmed() -> None:
-    rig = Rig()
-    rig.virtual["main"].servos.torque(0, True)
-    rig.connect()
-    rig.lease()
-    reply = rig.call(link.Arm)
-    assert [f["code"] for f in reply.parameters["findings"]] == ["ARM_FAILED"]
-    assert on(rig).sum() == 1
-    assert rig.call(link.Disarm, ticks=900).error is None
-    assert not on(rig).any()
-    rig.close()
 
 
 def test_a_failing_tick_on_the_way_down_does_not_drop_the_robot(armed: Rig, monkeypatch) -> None:
@@ -188,16 +147,6 @@ def test_motion_does_not_outlive_the_lease_under_which_it_was_accepted(armed: Ri
     assert armed.loop.executor.motion is Motion.HOLDING
 
 
-def test_an_inhibited_daemon_goes_quiet_so_that_the_servos_watchdogs_end_the_motion(armed: Rig) -> None:
-    armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
-    armed.ticks(50)
-    armed.loop.inhibit(Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
-    armed.seconds(0.5)
-    assert (armed.register("bus_watchdog") == 255).all()
-    assert on(armed).all()
-    assert armed.loop.measured.heard.all()  # reading resumes
-
-
 def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_enough(armed: Rig) -> None:
     armed.loop.inhibit(Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
     armed.ticks(2)
@@ -207,15 +156,14 @@ def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_
     assert not on(armed).any()
 
 
-def test_an_e_stop_before_identification_still_leads_to_connected_after_a_reset() -> None:
-    rig = Rig()
+def test_an_e_stop_before_identification_still_leads_to_connected_after_a_reset(make_rig: MakeRig) -> None:
+    rig = make_rig()
     rig.ticks(5)
     rig.call(link.EStop, ticks=900)
     rig.seconds(1.0)
     rig.call(link.Reset)
     rig.seconds(1.0)
     assert rig.loop.state is RobotState.CONNECTED
-    rig.close()
 
 
 def test_torque_that_could_not_be_read_back_off_leaves_no_state_without_a_way_out(armed: Rig) -> None:
@@ -230,35 +178,6 @@ def test_torque_that_could_not_be_read_back_off_leaves_no_state_without_a_way_ou
     armed.call(link.Reset)
     armed.seconds(1.0)
     assert armed.loop.state is RobotState.CONNECTED
-
-
-def test_mirror_can_be_taken_to_live_when_torque_was_found_on() -> None:
-    rig = Rig(mode=Mode.MIRROR)
-    energise(rig)
-    rig.connect()
-    rig.seconds(0.2)
-    assert rig.loop.inherited
-    refused = rig.call(link.Disarm)
-    assert refused.parameters["findings"][0]["code"] == "MODE_DENIES"
-    assert rig.call(link.SetMode, mode="live").error is None
-    assert on(rig).all()
-    assert rig.call(link.Disarm, ticks=900).error is None
-    assert not on(rig).any()
-    rig.close()
-
-
-def test_a_front_that_cannot_be_started_does_not_stop_the_loop() -> None:
-    class NoProcess(FrontProcess):
-        def start(self, now: float) -> None:
-            raise BlockingIOError("no process to be had")
-
-    rig = Rig(mode=Mode.SIM)
-    front = NoProcess(0, {})
-    out = FrontLink(front)
-    for tick in range(50):
-        out.supervise_front(tick * 0.01)
-    assert not front.due(0.4)
-    rig.close()
 
 
 def test_a_second_trajectory_is_refused_at_once_while_one_is_judged_or_waits(armed: Rig) -> None:
@@ -292,8 +211,10 @@ def test_a_failed_script_keeps_no_frames_alive(live: Rig) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR, Mode.LIVE])
-def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_it(mode: Mode) -> None:
-    rig = Rig(mode=mode)
+def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_it(
+    make_rig: MakeRig, mode: Mode
+) -> None:
+    rig = make_rig(mode=mode)
     if mode is Mode.LIVE:
         rig.arm()
     elif mode is Mode.MIRROR:
@@ -311,4 +232,3 @@ def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_
     rig.ticks(30)
     assert (rig.loop.executor.motion is Motion.ACTIVE) == (mode is Mode.LIVE)
     assert len([event for event in rig.events("INTERNAL") if "simulation" in event.message]) == 1
-    rig.close()

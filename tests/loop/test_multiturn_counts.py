@@ -19,7 +19,7 @@ NONE = np.zeros(3, np.int64)
 
 
 def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> BusSample:
-    """Of the left bus."""
+    """Make a sample of the left bus."""
     ears = np.ones(3, np.bool_) if heard is None else heard
     return BusSample(
         sent=at,

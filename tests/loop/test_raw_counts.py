@@ -1,4 +1,4 @@
-"""What is on the wire is kept as it was answered, and nobody is given a number they did not say."""
+"""Raw counts are kept as the device sent them, and none is made up."""
 
 import numpy as np
 from hypothesis import given

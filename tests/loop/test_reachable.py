@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.scene_rig import ask, move, told
 from twind import link
 from twind.robot.finding import ReasonCode
@@ -13,7 +13,7 @@ BACK = link.Reachable()
 
 
 def report(rig: Rig, news: link.Reachable, ticks: int = 2) -> None:
-    """What the front found out about its sockets."""
+    """Send the front's report about its sockets."""
     rig.front.outer.send(link.encode(news))
     rig.ticks(ticks)
 
@@ -108,19 +108,16 @@ def test_a_way_to_the_rest_pose_goes_on(armed: Rig) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_a_loop_without_sockets_holds_in_every_mode(mode: Mode) -> None:
-    rig = Rig(mode=mode)
-    try:
-        if mode is Mode.MIRROR:
-            rig.connect()
-        move(rig)
-        report(rig, GONE, 100)
-        assert rig.loop.executor.motion is Motion.HOLDING
-        rig.lease()
-        ask(rig)
-        assert "SOCKETS_GONE" in told(rig)
-    finally:
-        rig.close()
+def test_a_loop_without_sockets_holds_in_every_mode(make_rig: MakeRig, mode: Mode) -> None:
+    rig = make_rig(mode=mode)
+    if mode is Mode.MIRROR:
+        rig.connect()
+    move(rig)
+    report(rig, GONE, 100)
+    assert rig.loop.executor.motion is Motion.HOLDING
+    rig.lease()
+    ask(rig)
+    assert "SOCKETS_GONE" in told(rig)
 
 
 def test_a_check_only_warns(armed: Rig) -> None:

@@ -1,4 +1,4 @@
-"""What the whole loop does about a judgement: the ladder HOLD, SETTLE, DAMP; pace; holding where measured."""
+"""Reactions of the whole loop to a decision: the ladder HOLD, SETTLE, DAMP; pace; holding where measured."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.config.robot_file import load_robot
@@ -366,19 +366,18 @@ def test_the_way_to_the_rest_pose_is_never_slowed(armed: Rig) -> None:
         pytest.param("fixed", False, marks=pytest.mark.slow),
     ],
 )
-def test_a_hold_of_thirty_seconds_lowers_what_stands_freely_alone(support: str, lowered: bool) -> None:
-    rig = Rig(support=support)
-    try:
-        rig.arm()
-        rig.submit(rig.path("l_shoulder_pitch", [-1.5], [3.0]), more=False)
-        rig.seconds(2.0)
-        assert rig.events("LEASE_LOST"), "nobody renewed it: held"
-        rig.seconds(29.0)
-        assert rig.loop.armed
-        assert rig.loop.executor.motion is Motion.HOLDING
-        rig.seconds(6.0)
-        assert rig.loop.torque_off is lowered
-        assert (rig.register("torque_enable") == (0 if lowered else 1)).all()
-        assert not rig.events("DAMP")
-    finally:
-        rig.close()
+def test_a_hold_of_thirty_seconds_lowers_what_stands_freely_alone(
+    make_rig: MakeRig, support: str, lowered: bool
+) -> None:
+    rig = make_rig(support=support)
+    rig.arm()
+    rig.submit(rig.path("l_shoulder_pitch", [-1.5], [3.0]), more=False)
+    rig.seconds(2.0)
+    assert rig.events("LEASE_LOST"), "nobody renewed it: held"
+    rig.seconds(29.0)
+    assert rig.loop.armed
+    assert rig.loop.executor.motion is Motion.HOLDING
+    rig.seconds(6.0)
+    assert rig.loop.torque_off is lowered
+    assert (rig.register("torque_enable") == (0 if lowered else 1)).all()
+    assert not rig.events("DAMP")

@@ -1,4 +1,4 @@
-"""What was asked of the kernel and what was really got, seen from outside, in a process of its own."""
+"""Realtime requests compared with what the kernel grants, seen from outside, in a process of its own."""
 
 import json
 import os

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.reload_changes import NARROW, YAW, codes, held
 from tests.support.scene_rig import move
 from twind import link
@@ -22,12 +22,11 @@ from twind_drivers.bus import WireClamp
 
 
 @pytest.fixture
-def quiet() -> Iterator[Rig]:
+def quiet(make_rig: MakeRig) -> Rig:
     """Live, connected, torque off."""
-    rig = Rig()
+    rig: Rig = make_rig()
     rig.connect()
-    yield rig
-    rig.close()
+    return rig
 
 
 # ------------------------------------------------------------------------------- everybody has it
@@ -45,6 +44,7 @@ def kept(thing: object, depth: int = 0) -> Iterator[np.ndarray]:
 
 def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None:
     loop = quiet.loop
+    guard = loop.parts.guard
     old = loop.limits
     old_reach = [ends.copy() for ends in loop.hardware.reach]
     reply = quiet.adopt(NARROW)
@@ -66,6 +66,7 @@ def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None
     assert bus.lower[row] > rig_map(quiet).buses[0].lower[row]
     assert loop.joints is loop.hardware.joints is loop.parts.joints is loop.parts.one.binding.joint_map
     assert loop.identity.judge == loop.parts.one.judge
+    assert loop.parts.guard is guard  # it keeps the memory of its rules
     bounds = GuardThresholds()
     fastest = bounds.overspeed * old.velocity + bounds.overspeed_slack
     highest = old.hard_upper + bounds.beyond_hard
@@ -128,14 +129,6 @@ def test_gains_are_those_that_the_next_arming_writes(quiet: Rig) -> None:
     assert set(quiet.register("position_d_gain").tolist()) == {7}
 
 
-def test_thermal_and_fault_history_survives_a_reload(quiet: Rig) -> None:
-    guard = quiet.loop.parts.guard
-    memory = (guard._heat, guard._currents, guard._volts, guard._devices, guard._buses, guard._reported_at)
-    quiet.adopt(NARROW)
-    now = quiet.loop.parts.guard
-    assert memory == (now._heat, now._currents, now._volts, now._devices, now._buses, now._reported_at)
-
-
 def test_thresholds_change_at_any_time_and_the_log_level_is_nothing_to_the_loop(armed: Rig) -> None:
     reply = armed.adopt({"thresholds.latency_warn_ms": 20.0, "log_level": "debug"}, reread=False)
     assert reply.error is None
@@ -145,8 +138,8 @@ def test_thresholds_change_at_any_time_and_the_log_level_is_nothing_to_the_loop(
     assert armed.loop.armed
 
 
-def test_a_simulated_robot_is_changed_too_and_holds_where_it_was() -> None:
-    rig = Rig(mode=Mode.SIM)
+def test_a_simulated_robot_is_changed_too_and_holds_where_it_was(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.SIM)
     rig.ticks(5)
     place = rig.loop.executor.reference.position.copy()
     assert rig.adopt(NARROW).error is None
@@ -156,7 +149,6 @@ def test_a_simulated_robot_is_changed_too_and_holds_where_it_was() -> None:
     ticket = rig.submit(rig.path("head_yaw", [0.35], [3.0]))
     rig.ticks(5)
     assert ReasonCode.POS_LIMIT in codes(rig.replies(ticket)[-1])
-    rig.close()
 
 
 # ------------------------------------------------------------------------------- or nobody
@@ -190,17 +182,16 @@ def test_limits_do_not_change_while_torque_is_on(armed: Rig) -> None:
     assert (armed.register("torque_enable") == 1).all()
 
 
-def test_limits_do_not_change_while_torque_was_found_on() -> None:
-    rig = Rig()
+def test_limits_do_not_change_while_torque_was_found_on(make_rig: MakeRig) -> None:
+    rig = make_rig()
     for row in range(len(rig.names)):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()
     assert codes(rig.adopt(NARROW)) == [ReasonCode.BUSY]
-    rig.close()
 
 
-def test_limits_do_not_change_while_a_bus_is_away_that_may_have_torque() -> None:
-    rig = Rig()
+def test_limits_do_not_change_while_a_bus_is_away_that_may_have_torque(make_rig: MakeRig) -> None:
+    rig = make_rig()
     for row in range(len(rig.names)):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()
@@ -216,11 +207,10 @@ def test_limits_do_not_change_while_a_bus_is_away_that_may_have_torque() -> None
     rig.connect()
     rig.call(link.Disarm)
     assert rig.adopt(NARROW).error is None
-    rig.close()
 
 
-def test_limits_do_not_change_while_a_simulated_robot_moves_or_brakes() -> None:
-    rig = Rig(mode=Mode.SIM)
+def test_limits_do_not_change_while_a_simulated_robot_moves_or_brakes(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.SIM)
     rig.ticks(5)
     slower = {"joints.l_elbow.velocity_limit_rad_s": 0.5}
     move(rig, to=1.0, seconds=1.5)
@@ -231,11 +221,10 @@ def test_limits_do_not_change_while_a_simulated_robot_moves_or_brakes() -> None:
     assert codes(rig.adopt(slower)) == [ReasonCode.BUSY], "it brakes still"
     rig.seconds(1.0)
     assert rig.adopt(slower).error is None
-    rig.close()
 
 
-def test_limits_do_not_change_while_a_long_path_is_judged() -> None:
-    rig = Rig(mode=Mode.SIM)
+def test_limits_do_not_change_while_a_long_path_is_judged(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.SIM)
     rig.ticks(5)
     rig.lease()
     count = 1500
@@ -245,7 +234,6 @@ def test_limits_do_not_change_while_a_long_path_is_judged() -> None:
     reply = rig.adopt(NARROW)
     assert codes(reply) == [ReasonCode.BUSY]
     assert "judged" in reply.parameters["findings"][0]["message"]
-    rig.close()
 
 
 def test_limits_do_not_change_during_a_device_procedure(quiet: Rig) -> None:
@@ -261,8 +249,8 @@ def test_limits_do_not_change_during_a_device_procedure(quiet: Rig) -> None:
     assert quiet.adopt(NARROW).error is None
 
 
-def test_a_joint_outside_the_new_limits_is_reported_and_the_change_refused() -> None:
-    rig = Rig(start={"head_yaw": 0.5})
+def test_a_joint_outside_the_new_limits_is_reported_and_the_change_refused(make_rig: MakeRig) -> None:
+    rig = make_rig(start={"head_yaw": 0.5})
     rig.connect()
     reply = rig.adopt(NARROW)
     assert codes(reply) == [ReasonCode.POS_LIMIT]
@@ -271,7 +259,6 @@ def test_a_joint_outside_the_new_limits_is_reported_and_the_change_refused() -> 
     assert (found["value"], found["bound"]) == (pytest.approx(0.5, abs=0.01), 0.3)
     other = {"joints.l_elbow.velocity_limit_rad_s": 0.5}
     assert rig.adopt(other).error is None, "whose place it is no fault of"
-    rig.close()
 
 
 def test_changes_that_others_overtook_are_refused(quiet: Rig) -> None:
@@ -294,8 +281,8 @@ def test_a_changeable_briefing_is_as_good_as_a_broken_front(quiet: Rig) -> None:
     assert all(one is other for one, other in zip(before, held(quiet), strict=True))
 
 
-def test_a_gain_that_a_can_actuator_s_frames_do_not_hold_changes_nothing() -> None:
-    rig = Rig("h24-mixed")
+def test_a_gain_that_a_can_actuator_s_frames_do_not_hold_changes_nothing(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-mixed")
     rig.connect()
     kind = next(joint.type for joint in rig.robot.joints if joint.type.BUS == "can")
     before = held(rig)
@@ -306,7 +293,6 @@ def test_a_gain_that_a_can_actuator_s_frames_do_not_hold_changes_nothing() -> No
     assert rig.adopt({f"types.{kind.name}.gains": stiff}).error is None
     writers = [port.writer for port in rig.loop.hardware.ports]
     assert not any(one is other for one, other in zip(writers, before[5::2], strict=True))
-    rig.close()
 
 
 # ------------------------------------------------------------------------------- verdicts of before

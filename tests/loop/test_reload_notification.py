@@ -1,4 +1,4 @@
-"""What a service manager hears of a reload, and of one that comes to no end; real datagrams."""
+"""Messages to a service manager about a reload, ended and endless; real datagrams."""
 
 import socket
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What the service manager is told, over a real datagram socket: ready, alive, the status, the end."""
+"""Messages to the service manager over a real datagram socket: ready, alive, the status, the end."""
 
 import os
 from collections.abc import Iterator
@@ -134,7 +134,7 @@ class Told:
         self.rig.loop.parts = replace(self.rig.loop.parts, notifier=self.notifier)
 
     def seconds(self, seconds: float) -> list[str]:
-        """What was told in that time."""
+        """Let time pass; return the messages of that time."""
         before = len(self.messages)
         for _ in range(round(seconds / 0.05)):
             self.rig.seconds(0.05)

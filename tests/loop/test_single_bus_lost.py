@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -11,9 +11,9 @@ from twind.robot.modes import RobotState
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
 
-def one_bus_lost(support: str | None = None) -> Rig:
+def one_bus_lost(make_rig: MakeRig, support: str | None = None) -> Rig:
     """A robot whose upper bus went away while its knee moved, ten seconds ago."""
-    rig = Rig("h24-split", support=support)
+    rig = make_rig("h24-split", support=support)
     rig.arm()
     rig.submit(rig.path("l_knee", [0.6], [1.0]))
     rig.seconds(0.5)
@@ -25,8 +25,10 @@ def one_bus_lost(support: str | None = None) -> Rig:
 
 
 @pytest.mark.parametrize("support", ["free", "unknown"])
-def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(support: str) -> None:
-    rig = one_bus_lost(support)
+def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(
+    make_rig: MakeRig, support: str
+) -> None:
+    rig = one_bus_lost(make_rig, support)
     assert rig.loop.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     rig.virtual["upper"].faults.replug()
@@ -38,12 +40,13 @@ def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(suppo
     rig.call(link.Reset)
     rig.lease()
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry"])
-def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(support: str) -> None:
-    rig = one_bus_lost(support)
+def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(
+    make_rig: MakeRig, support: str
+) -> None:
+    rig = one_bus_lost(make_rig, support)
     knee = rig.names.index("l_knee")
     upper = rig.virtual["upper"]
     lower = rig.virtual["lower"]
@@ -67,11 +70,10 @@ def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(support
     rig.call(link.Reset)
     rig.lease()
     assert rig.call(link.Arm).error is None
-    rig.close()
 
 
-def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold() -> None:
-    rig = one_bus_lost("gantry")
+def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold(make_rig: MakeRig) -> None:
+    rig = one_bus_lost(make_rig, "gantry")
     upper = rig.virtual["upper"]
     lower = rig.virtual["lower"]
     for row in range(len(upper.servos.registers.ids())):
@@ -83,11 +85,10 @@ def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold(
     assert rig.loop.soft_since is None
     assert "FOLLOW_ERR" not in rig.loop.latches
     assert all(lower.servos["torque_enable"])
-    rig.close()
 
 
-def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned() -> None:
-    rig = one_bus_lost("gantry")
+def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned(make_rig: MakeRig) -> None:
+    rig = one_bus_lost(make_rig, "gantry")
     rig.virtual["upper"].faults.replug()
     rig.seconds(2.0)
     upper = rig.virtual["upper"].servos
@@ -99,11 +100,10 @@ def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned() 
     assert rig.loop.state is RobotState.FAULT
     assert all(upper["torque_enable"])
     assert np.array_equal(upper["goal_position"], goals)
-    rig.close()
 
 
-def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other() -> None:
-    rig = Rig("h24-split")
+def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-split")
     rig.arm()
     rig.loop.inhibit(Finding(ReasonCode.INTERNAL), rig.clock.now())
     rig.seconds(0.5)
@@ -112,12 +112,13 @@ def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other() -> None:
     assert "PORT_LOST" in rig.loop.latches
     assert rig.loop.state is RobotState.INHIBITED
     assert all(rig.virtual["lower"].servos["torque_enable"])
-    rig.close()
 
 
 @pytest.mark.parametrize("how", ["estop", "shutdown"])
-def test_a_robot_holding_after_a_bus_loss_is_lowered_by_e_stop_or_sigterm(how: str) -> None:
-    rig = one_bus_lost("gantry")
+def test_a_robot_holding_after_a_bus_loss_is_lowered_by_e_stop_or_sigterm(
+    make_rig: MakeRig, how: str
+) -> None:
+    rig = one_bus_lost(make_rig, "gantry")
     if how == "estop":
         rig.send(link.EStop)
         rig.seconds(5.0)
@@ -127,12 +128,11 @@ def test_a_robot_holding_after_a_bus_loss_is_lowered_by_e_stop_or_sigterm(how: s
         assert rig.loop.finished
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     assert abs(rig.truth[rig.names.index("l_knee")]) < 0.05
-    rig.close()
 
 
 @pytest.mark.parametrize("again", ["lost", "mute"])
-def test_a_bus_lost_again_during_takeover_does_not_delay_the_other(again: str) -> None:
-    rig = one_bus_lost("gantry")
+def test_a_bus_lost_again_during_takeover_does_not_delay_the_other(make_rig: MakeRig, again: str) -> None:
+    rig = one_bus_lost(make_rig, "gantry")
     upper = rig.virtual["upper"]
     upper.faults.replug()
     rig.seconds(2.0)
@@ -151,4 +151,3 @@ def test_a_bus_lost_again_during_takeover_does_not_delay_the_other(again: str) -
             break
     assert not any(torque["torque_enable"])
     assert abs(rig.truth[knee]) < 0.05, "the other bus was dropped"
-    rig.close()

@@ -1,11 +1,9 @@
 """A bus whose servos answer as late as they are delivered (return delay 250, 500 us)."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
 from twind.loop.bus_port import PortState
@@ -13,8 +11,8 @@ from twind.loop.bus_port import PortState
 FACTORY = 250  # counts of 2 us (e-manual, "Return Delay Time (9)")
 
 
-def rig_of(delay: int, firmware: int | None = None) -> Rig:
-    rig = Rig()
+def rig_of(make_rig: MakeRig, delay: int, firmware: int | None = None) -> Rig:
+    rig = make_rig()
     for bus in rig.virtual.values():
         bus.servos["return_delay_time"][:] = delay
         if firmware is not None:
@@ -23,18 +21,14 @@ def rig_of(delay: int, firmware: int | None = None) -> Rig:
 
 
 @pytest.fixture
-def fresh() -> Iterator[Rig]:
-    rig = rig_of(FACTORY)
-    yield rig
-    rig.close()
+def fresh(make_rig: MakeRig) -> Rig:
+    return rig_of(make_rig, FACTORY)
 
 
 @pytest.fixture
-def old() -> Iterator[Rig]:
+def old(make_rig: MakeRig) -> Rig:
     """Without fast reads 24 such answers take 14 ms: more than a tick."""
-    rig = rig_of(FACTORY, firmware=44)
-    yield rig
-    rig.close()
+    return rig_of(make_rig, FACTORY, firmware=44)
 
 
 def messages(rig: Rig) -> list[str]:
@@ -60,16 +54,13 @@ def test_the_log_names_the_return_delay_and_nothing_else(fresh: Rig) -> None:
 
 
 @pytest.mark.parametrize("firmware", [46, 44])
-def test_no_tick_ends_late(firmware: int) -> None:
-    rig = rig_of(FACTORY, firmware)
-    try:
-        late = []
-        for _ in range(300):
-            rig.ticks(1)
-            late.append(rig.clock.now() - rig.next_tick)  # the next tick's
-        assert max(late) <= 0.0
-    finally:
-        rig.close()
+def test_no_tick_ends_late(make_rig: MakeRig, firmware: int) -> None:
+    rig = rig_of(make_rig, FACTORY, firmware)
+    late = []
+    for _ in range(300):
+        rig.ticks(1)
+        late.append(rig.clock.now() - rig.next_tick)  # the next tick's
+    assert max(late) <= 0.0
 
 
 def test_every_servo_is_read_again_after_a_missing_reply(fresh: Rig) -> None:
@@ -147,17 +138,14 @@ def test_a_register_is_not_written_while_torque_is_on(old: Rig) -> None:
     assert old.register("return_delay_time").tolist() == [FACTORY] * 24
 
 
-def test_a_missing_servo_is_not_waited_for_repeatedly() -> None:
+def test_a_missing_servo_is_not_waited_for_repeatedly(make_rig: MakeRig) -> None:
     """Else each second without readings: of the others a mirror shows the pose."""
-    rig = Rig()
+    rig = make_rig()
     rig.virtual["main"].servos["id"][4] = 99
-    try:
-        rig.seconds(2.0)
-        ages = []
-        for _ in range(300):
-            rig.ticks(1)
-            ages.append(np.delete(rig.loop.measured.age, 4).max())
-        assert rig.loop.state == "identifying"
-        assert max(ages) <= 0.05
-    finally:
-        rig.close()
+    rig.seconds(2.0)
+    ages = []
+    for _ in range(300):
+        rig.ticks(1)
+        ages.append(np.delete(rig.loop.measured.age, 4).max())
+    assert rig.loop.state == "identifying"
+    assert max(ages) <= 0.05

@@ -1,13 +1,12 @@
-"""What the loop tells: a state every tick, the rest ten times a second or at once, state before answer."""
+"""Published state: a tick each period, the overview ten times a second or at once, state before answer."""
 
 import itertools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.modes import Mode
 from twind.telemetry.timing_monitor import COMMAND, READING
@@ -16,10 +15,9 @@ N = 24
 
 
 @pytest.fixture
-def sim() -> Iterator[Rig]:
-    rig = Rig(mode=Mode.SIM)
-    yield rig
-    rig.close()
+def sim(make_rig: MakeRig) -> Rig:
+    rig: Rig = make_rig(mode=Mode.SIM)
+    return rig
 
 
 def of(rig: Rig, kind: type[Any]) -> list[Any]:
@@ -52,8 +50,8 @@ def test_the_arrays_of_a_tick_are_the_loops_own_in_joint_order(armed: Rig) -> No
     assert (tick.mode, tick.state, tick.motion, tick.armed) == ("live", "armed", "holding", True)
 
 
-def test_the_skew_of_two_buses_is_in_every_tick_and_its_maximum_in_the_overview() -> None:
-    rig = Rig("h24-split")
+def test_the_skew_of_two_buses_is_in_every_tick_and_its_maximum_in_the_overview(make_rig: MakeRig) -> None:
+    rig = make_rig("h24-split")
     rig.connect()
     rig.ticks(20)
     tick = of(rig, link.Tick)[-1]
@@ -61,7 +59,6 @@ def test_the_skew_of_two_buses_is_in_every_tick_and_its_maximum_in_the_overview(
     assert tick.skew == rig.loop.hardware.skew >= 0.0
     assert overview.skew_ms is not None
     assert overview.skew_max_ms == pytest.approx(rig.loop.hardware.worst_skew * 1e3)
-    rig.close()
 
 
 def test_a_robot_of_one_bus_has_no_skew(live: Rig) -> None:
@@ -145,6 +142,7 @@ def test_slow_registers_are_published_in_joint_order(live: Rig) -> None:
     place = next(at for at, joint in enumerate(live.robot.joints) if joint.id == 5)
     faults = np.frombuffer(overview.fault_bits, np.int16)
     assert np.flatnonzero(faults).tolist() == [place]
+    assert faults[place] == 0x104  # the alert of the reading and the bit of the register
     assert (floats(overview.temperature) > 0).all()
     assert np.frombuffer(overview.torque, np.int8).tolist() == [0] * N
 
@@ -161,13 +159,6 @@ def test_ticks_that_a_slow_front_missed_are_counted_in_the_next(live: Rig) -> No
     assert lost > 100
     assert lost < first.dropped <= 1.2 * lost  # overviews too
     assert second.dropped == 0
-
-
-def test_the_service_manager_status_gives_mode_state_joints_and_rate(live: Rig) -> None:
-    live.connect()
-    live.virtual["main"].faults.silence(3)
-    live.ticks(3)
-    assert live.loop.publisher.status() == "live, connected, 23 of 24 joints fresh, 100 Hz"
 
 
 def test_every_hop_is_published_with_its_figures(live: Rig) -> None:

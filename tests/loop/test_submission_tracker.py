@@ -124,19 +124,6 @@ def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
     assert reply.error is None
 
 
-def test_while_one_is_judged_another_is_refused_as_busy(armed: Rig) -> None:
-    count = 2000
-    n = len(armed.names)
-    rows = np.tile(armed.loop.measured.position, (count, 1))
-    long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
-    first = armed.submit(long)
-    second = armed.submit(path(armed, 0.05))
-    (reply,) = last(armed, second)
-    assert reply.error == "Refused"
-    assert "BUSY" in codes(reply)
-    assert last(armed, first)[-1].error is None
-
-
 def test_a_state_change_during_a_long_check_is_checked_again(armed: Rig) -> None:
     count = 2000
     n = len(armed.names)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.loop_stand_in import NAMES, briefing, overview, tick
 from twind import link
 from twind.briefing import JointInfo
@@ -15,7 +15,7 @@ from twind.robot.modes import Mode
 
 
 def raw_of(news: link.Tick, joints: list[JointInfo]) -> dict[str, Any]:
-    """What the front makes of a tick."""
+    """Return the front's raw message of a tick."""
     told = briefing(len(joints))
     world = StateCache(
         type(told)(**{**{f: getattr(told, f) for f in told.__struct_fields__}, "joints": joints})
@@ -41,8 +41,8 @@ def shafts(rig: Rig) -> dict[str, float]:
 
 @pytest.mark.parametrize("mode", [Mode.MIRROR, Mode.LIVE])
 @pytest.mark.parametrize("robot", ["h24", "h24-split"])
-def test_the_counts_are_the_servos_own_whatever_the_zero(robot: str, mode: Mode) -> None:
-    rig = Rig(robot, mode)
+def test_the_counts_are_the_servos_own_whatever_the_zero(make_rig: MakeRig, robot: str, mode: Mode) -> None:
+    rig = make_rig(robot, mode)
     rig.connect()
     raw = last(rig)
     truth = shafts(rig)
@@ -50,18 +50,16 @@ def test_the_counts_are_the_servos_own_whatever_the_zero(robot: str, mode: Mode)
     for name, count, age in zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True):
         assert count == pytest.approx(truth[name], abs=1.0)
         assert 0.0 <= age < 10.0
-    rig.close()
 
 
-def test_a_count_beyond_a_turn_and_below_zero_comes_as_it_is() -> None:
-    rig = Rig()
+def test_a_count_beyond_a_turn_and_below_zero_comes_as_it_is(make_rig: MakeRig) -> None:
+    rig = make_rig()
     rig.connect()
     muscles = rig.virtual["main"].servos.muscles
     muscles.position[:] = np.where(np.arange(24) % 2, 9000.0, -5000.0)
     rig.ticks(3)
     raw = last(rig)
     assert set(raw["ticks"]) == {9000, -5000}
-    rig.close()
 
 
 def test_a_servo_without_replies_keeps_its_last_count_with_a_growing_age(live: Rig) -> None:
@@ -76,12 +74,11 @@ def test_a_servo_without_replies_keeps_its_last_count_with_a_growing_age(live: R
     assert max(age for place, age in enumerate(now["age_ms"]) if place != row) < 30.0
 
 
-def test_raw_counts_are_null_in_sim() -> None:
-    rig = Rig(mode=Mode.SIM)
+def test_raw_counts_are_null_in_sim(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.SIM)
     rig.ticks(5)
     raw = last(rig)
     assert raw["ticks"] == raw["effort"] == raw["age_ms"] == [None] * 24
-    rig.close()
 
 
 def test_the_time_of_a_message_is_that_of_its_reading(live: Rig) -> None:

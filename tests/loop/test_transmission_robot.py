@@ -1,6 +1,6 @@
 """A robot whose waist and ankle several actuators turn together: the whole daemon, and the virtual body."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support import transmission_robot_file as linked
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.config_files import ConfigSources, describe
 from twind.config.file_changes import fingerprint
@@ -43,10 +43,9 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def rig(path: Path) -> Iterator[Rig]:
-    made = Rig(str(path))
-    yield made
-    made.close()
+def rig(make_rig: MakeRig, path: Path) -> Rig:
+    made: Rig = make_rig(str(path))
+    return made
 
 
 def bent(rig: Rig) -> Floats:
@@ -82,20 +81,21 @@ def test_a_robot_with_transmissions_arms_moves_reads_true_positions_and_disarms(
 
 
 @pytest.mark.slow
-def test_an_ankle_of_can_actuators_goes_where_it_is_sent_too(tmp_path: Path) -> None:
-    rig = Rig(str(linked.write(tmp_path, linked.CAN_ROBOT)))
+def test_an_ankle_of_can_actuators_goes_where_it_is_sent_too(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig(str(linked.write(tmp_path, linked.CAN_ROBOT)))
     rig.arm()
     move(rig, bent(rig))
     assert rig.truth == pytest.approx(bent(rig), abs=5e-3)
     assert rig.loop.measured.position == pytest.approx(rig.truth, abs=2e-3)
     assert rig.call(link.Disarm, ticks=2000).error is None
-    rig.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", [linked.ROBOT, linked.CAN_ROBOT], ids=["servos", "can"])
-def test_a_body_behind_its_transmissions_goes_where_it_is_sent(tmp_path: Path, text: str) -> None:
-    rig = Body(str(linked.write(tmp_path, text)))
+def test_a_body_behind_its_transmissions_goes_where_it_is_sent(
+    make_rig: MakeRig, tmp_path: Path, text: str
+) -> None:
+    rig = make_rig(str(linked.write(tmp_path, text)), kind=Body)
     rig.arm()
     worst = move(rig, bent(rig))
     assert worst < 2e-3
@@ -104,7 +104,6 @@ def test_a_body_behind_its_transmissions_goes_where_it_is_sent(tmp_path: Path, t
     sag = np.abs(rig.truth - bent(rig))
     assert sag[rig.names.index("knee")] < 0.1  # a position loop without I hangs a little
     assert np.delete(sag, rig.names.index("knee")).max() < 0.01
-    rig.close()
 
 
 @pytest.mark.parametrize(("silent", "joints", "bus"), [(3, WAIST, "main"), (5, ANKLE, "leg")])
@@ -139,15 +138,16 @@ def test_a_goal_out_of_reach_is_held_at_the_hard_limits_of_the_joints(rig: Rig) 
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_another_individual_robot_of_the_type_reads_true_positions(path: Path, seed: int) -> None:
+def test_another_individual_robot_of_the_type_reads_true_positions(
+    make_rig: MakeRig, path: Path, seed: int
+) -> None:
     """Zeros anywhere, whole turns off, play: none of it is seen from the joints."""
     robot = linked.read_robot(path)
-    rig = Rig(str(path), truth=random_truth(robot, seed))
+    rig = make_rig(str(path), truth=random_truth(robot, seed))
     rig.arm()
     move(rig, bent(rig))
     assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.02)  # play of its gears
     assert rig.truth == pytest.approx(bent(rig), abs=0.02)
-    rig.close()
 
 
 def test_a_table_that_was_written_anew_waits_for_a_restart(path: Path, tmp_path: Path) -> None:

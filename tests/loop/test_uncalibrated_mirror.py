@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
@@ -11,8 +11,8 @@ from twind.virtual.truth import JointTruth, Truth
 WOUND = ("head_yaw", "l_shoulder_yaw", "r_hip_yaw", "l_ankle_roll", "r_knee")
 
 
-def test_the_simulation_begins_inside_the_limits_and_stays_sound() -> None:
-    rig = Rig(mode=Mode.MIRROR, truth=Truth(dict.fromkeys(WOUND, JointTruth(turns=3))))
+def test_the_simulation_begins_inside_the_limits_and_stays_sound(make_rig: MakeRig) -> None:
+    rig = make_rig(mode=Mode.MIRROR, truth=Truth(dict.fromkeys(WOUND, JointTruth(turns=3))))
     rig.loop.close()
     rig.one = BoundRobot(rig.robot, None, bind(rig.robot, None))
     rig.loop = rig.born(Mode.MIRROR)
@@ -25,4 +25,3 @@ def test_the_simulation_begins_inside_the_limits_and_stays_sound() -> None:
     assert loop.twin.resets == 0
     assert (loop.simulated.position > limits.hard_lower - 0.05).all()
     assert (loop.simulated.position < limits.hard_upper + 0.05).all()
-    rig.close()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.daemon_rig import Rig
+from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.loop.joint_readings import JointReadings
@@ -30,9 +30,9 @@ def path() -> Iterator[str]:
         yield arm_in(Path(folder))
 
 
-def inherited(path: str, turns: int, spoil: Callable[[Rig], None]) -> Rig:
+def inherited(make_rig: MakeRig, path: str, turns: int, spoil: Callable[[Rig], None]) -> Rig:
     """Armed, then its daemon dies and another one begins; meanwhile `spoil`."""
-    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=turns)}), start=OUT)
+    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=turns)}), start=OUT)
     rig.arm()
     rig.seconds(0.3)
     rig.front.end(0.0)
@@ -72,9 +72,11 @@ def let_go(rig: Rig, what: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("turns", [0, pytest.param(1, marks=pytest.mark.slow), -2])
 @pytest.mark.parametrize("what", STOPS)
-def test_a_joint_never_read_gets_no_goal_and_the_others_are_lowered(path: str, turns: int, what: Any) -> None:
+def test_a_joint_never_read_gets_no_goal_and_the_others_are_lowered(
+    make_rig: MakeRig, path: str, turns: int, what: Any
+) -> None:
     """Its turn is anybody's guess: the rest pose could be a turn away."""
-    rig = inherited(path, turns, mute(EXTENDED))
+    rig = inherited(make_rig, path, turns, mute(EXTENDED))
     assert rig.loop.inherited
     goal = int(rig.register("goal_position")[EXTENDED])
     far = let_go(rig, what)
@@ -86,12 +88,13 @@ def test_a_joint_never_read_gets_no_goal_and_the_others_are_lowered(path: str, t
         "the position of extended is unknown" in event.message
         for event in rig.events(ReasonCode.CALIB_MISMATCH)
     )
-    rig.close()
 
 
 @pytest.mark.parametrize("what", STOPS)
-def test_a_turn_is_determined_though_another_servo_is_missing(path: str, what: Any) -> None:
-    rig = inherited(path, 1, gone(CAPPED))
+def test_a_turn_is_determined_though_another_servo_is_missing(
+    make_rig: MakeRig, path: str, what: Any
+) -> None:
+    rig = inherited(make_rig, path, 1, gone(CAPPED))
     assert not rig.loop.hardware.connected
     assert rig.loop.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
     assert np.isnan(rig.loop.measured.position[CAPPED])
@@ -100,11 +103,12 @@ def test_a_turn_is_determined_though_another_servo_is_missing(path: str, what: A
     far = let_go(rig, what)
     assert np.abs(rig.truth[:2]).max() < 0.02, "lowered, not let go where they stood"
     assert far[CAPPED] < 0.005
-    rig.close()
 
 
-def test_a_release_of_the_whole_robot_fails_without_motion_and_torque_stays(path: str) -> None:
-    rig = inherited(path, 1, mute(EXTENDED))
+def test_a_release_of_the_whole_robot_fails_without_motion_and_torque_stays(
+    make_rig: MakeRig, path: str
+) -> None:
+    rig = inherited(make_rig, path, 1, mute(EXTENDED))
     raised = []
 
     def procedure() -> Any:
@@ -121,11 +125,12 @@ def test_a_release_of_the_whole_robot_fails_without_motion_and_torque_stays(path
     assert raised == ["the position of extended is unknown"]
     assert rig.register("torque_enable").all()
     assert np.abs(rig.truth - before).max() < 0.005
-    rig.close()
 
 
-def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(path: str) -> None:
-    rig = inherited(path, 1, lambda rig: None)
+def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(
+    make_rig: MakeRig, path: str
+) -> None:
+    rig = inherited(make_rig, path, 1, lambda rig: None)
     rig.front.end(0.0)
     rig.front = rig.new_front()
     rig.loop = rig.born(Mode.LIVE)
@@ -137,11 +142,12 @@ def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(path:
     let_go(rig, link.Disarm)
     assert np.abs(rig.truth).max() < 0.02
     assert not rig.register("torque_enable").any()
-    rig.close()
 
 
-def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(path: str) -> None:
-    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(
+    make_rig: MakeRig, path: str
+) -> None:
+    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
     rig.connect()
     rig.virtual["main"].faults.brown_out(EXTENDED + 1)
     places = []
@@ -152,13 +158,12 @@ def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(path: 
     assert np.isnan(places).any() and not np.isnan(places[-1])
     assert np.nanmax(np.abs(np.array(places) - rig.truth[EXTENDED])) < 0.01
     assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
-    rig.close()
 
 
 def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
-    path: str, monkeypatch: pytest.MonkeyPatch
+    make_rig: MakeRig, path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
     take = JointReadings.take
     until = 0.3
 
@@ -172,13 +177,13 @@ def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     rig.seconds(0.8)
     assert rig.loop.identity.troubles == []
     assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
-    rig.close()
 
 
 def test_a_limp_joint_one_turn_off_after_its_return_is_reported_and_then_corrected(
+    make_rig: MakeRig,
     path: str,
 ) -> None:
-    rig = Rig(path, start=OUT)
+    rig = make_rig(path, start=OUT)
     rig.connect()
     faults = rig.virtual["main"].faults
     faults.silence(EXTENDED + 1)
@@ -193,4 +198,3 @@ def test_a_limp_joint_one_turn_off_after_its_return_is_reported_and_then_correct
     rig.seconds(1.0)
     assert rig.loop.identity.troubles == []
     assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
-    rig.close()

@@ -1,4 +1,4 @@
-"""When a search for a stop goes on and when it ends: to the count, the reading and the tick."""
+"""End of a search for a stop: exact to the count, the reading and the tick."""
 
 from dataclasses import replace
 

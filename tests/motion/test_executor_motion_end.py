@@ -1,4 +1,4 @@
-"""How motions end before their time: tolerances, stops, and the stream of setpoints that runs dry."""
+"""Motions that end before their time: tolerances, stops, and a stream of setpoints that runs dry."""
 
 from itertools import pairwise
 from math import inf, nan

@@ -1,4 +1,4 @@
-"""What a recording tells of its servos: what only they write, what they changed by themselves, silence."""
+"""Timeline of recorded servos: registers of their own, values changed without a write, silence."""
 
 from collections.abc import Sequence
 

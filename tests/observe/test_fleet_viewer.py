@@ -51,9 +51,9 @@ BUS = {"name": "main", "port": "", "connected": False}
         ((status(state="estop", faults=[FAULT]), state(h24())), HealthLevel.STOPPED, "live, estop, holding"),
         ((status(), state(h24()), DaemonLost("gone")), HealthLevel.LOST, "lost"),
         ((DaemonLost("never there"),), HealthLevel.LOST, "not reached"),
-        ((), HealthLevel.LOST, "nothing was heard yet"),
-        ((status(),), HealthLevel.LOST, "nothing was heard yet"),
-        ((state(h24()),), HealthLevel.LOST, "nothing was heard yet"),
+        ((), HealthLevel.LOST, "no message yet"),
+        ((status(),), HealthLevel.LOST, "no message yet"),
+        ((state(h24()),), HealthLevel.LOST, "no message yet"),
     ],
 )
 def test_the_status_of_a_robot_shows_its_most_urgent_condition(
@@ -124,7 +124,7 @@ def test_a_lost_robot_shows_only_its_last_state_marked_as_old() -> None:
     robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), DaemonLost("the link is cut"))
     said = page(robot.now(), standing(robot.now()), "")
     assert status_html.row("now", "the link is cut", status_html.RED) in said
-    assert status_html.row("said last", "live, armed, holding", status_html.GREY) in said
+    assert status_html.row("last state", "live, armed, holding", status_html.GREY) in said
     assert "heard" not in said and "FOLLOW_ERR" in said
 
 
@@ -148,7 +148,7 @@ def test_robots_stand_at_least_the_given_distance_apart_and_all_are_in_view(coun
 
 
 class Heard:
-    """An errand that is answered when the test says so."""
+    """An action that the test answers later."""
 
     def __init__(self) -> None:
         self.tell: Tell | None = None

@@ -25,7 +25,6 @@ from twind.observe.recording.recording_columns import (
     RecordedMessage,
     RobotRecording,
     SlowColumns,
-    open_recording,
 )
 
 ALL = (-inf, inf)
@@ -33,7 +32,7 @@ ROWS = ("measured", "velocity", "effort", "goal", "simulated")
 
 
 def recording(seconds: float = 2.0, joints: int = 24) -> RobotRecording:
-    """At 100 Hz; joint k follows a sine with an error of k mrad; joint 0 was not heard from 0.5 to 0.8 s."""
+    """A recording at 100 Hz: joint k has an error of k mrad, joint 0 is missing from 0.5 to 0.8 s."""
     time = np.arange(0.0, seconds, 0.01)
     goal = np.sin(time)[:, None] * np.ones(joints)
     measured = goal - 1e-3 * np.arange(joints)
@@ -58,7 +57,7 @@ def recording(seconds: float = 2.0, joints: int = 24) -> RobotRecording:
 
 
 def drawn(page: Figure, label: str, name: str) -> tuple[Floats, Floats]:
-    """Times and values of the line `name` in the panel whose axis says `label`."""
+    """Times and values of the line `name` in the panel whose axis label contains `label`."""
     (panel,) = [each for each in page.axes if label in each.get_ylabel()]
     (found,) = [each for each in panel.get_lines() if each.get_label() == name]
     return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
@@ -297,13 +296,6 @@ def test_a_recording_becomes_a_page_of_a4_beside_it(
     assert pixels.shape[:2] == (int(PAGE[1] * DOTS), int(PAGE[0] * DOTS))
     assert 0.01 < float((pixels[..., :3].min(axis=2) < 0.9).mean()) < 0.5, "an empty page, or a black one"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["short.mcap", "short.mcap.png"]
-
-
-def test_the_lines_equal_the_values_of_the_file(tmp_path: Path) -> None:
-    whole = open_recording(recorded.write(tmp_path / "short.mcap", 2.0))
-    time, value = drawn(figure(whole, None, ALL), "measured —", "knee -")
-    assert np.array_equal(time, whole.time)
-    assert np.allclose(value, np.sin(100.0 + np.arange(200) / 100.0 + 1.0), atol=1e-6)
 
 
 def test_an_invalid_plot_request_is_refused_and_leaves_no_file(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What `twindctl record` is told, and how its run goes: sizes, folders, a clock that is set."""
+"""Options and run of `twindctl record`: sizes, folders, a clock that is set."""
 
 import argparse
 import json
@@ -9,17 +9,15 @@ from typing import Any
 
 import pytest
 
-from tests.support.sample_recordings import CLOCKS, SESSION, Told
+from tests.support.sample_recordings import CLOCKS, SESSION, SteppedWriter
 from twind.client.clock_pair import ClockPair
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import UsageError
 from twind.observe import record
-from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recording.recording_topics import NOTES
 from twind.observe.writing import recorder as record_run
-from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_schemas import json_schemas
-from twind.observe.writing.record_writer import OpenEpisode, RecordCounts, RecordWriter
+from twind.observe.writing.record_writer import OpenEpisode, RecordCounts
 from twind.observe.writing.recorder import Recorder, line, summary
 
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
@@ -81,17 +79,16 @@ def test_the_usual_folder_is_the_daemons_where_we_may_write_there(
 def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_were(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
-    course = Recorder(options(), told.writer, threading.Event())
+    rig = SteppedWriter(tmp_path)
+    course = Recorder(options(), rig.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     jump = 3_600_000_000_000
     for _ in range(5):
-        told.run(1.0)
-        now = ClockPair(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
+        rig.run(1.0)
+        now = ClockPair(rig.time, CLOCKS.wall(rig.time) + (jump if rig.time > 102.5 else 0))
         monkeypatch.setattr(record_run, "clocks", lambda now=now: now)
         course.check_clock(listening)
-    told.writer.close()
-    found = open_recording(told.writer.tally.files[0])
+    (found,) = rig.finish()
     assert found.duration == pytest.approx(4.99) and found.start_ns == CLOCKS.wall(100.01)
     (note,) = [each.what for each in found.notes]
     assert note["kind"] == "clock_step" and note["wall_ns"] - note["expected_ns"] == jump
@@ -104,18 +101,16 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
     jump = 3_600_000_000_000
 
     def clocks() -> ClockPair:
-        return ClockPair(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
+        return ClockPair(rig.time, CLOCKS.wall(rig.time) + (jump if rig.time > 102.5 else 0))
 
-    short = DiskQuota(1 << 40, 0, 1 << 40, longest=5.0)
-    told = Told(lambda now: RecordWriter(tmp_path, short, now, clocks=clocks))
+    rig = SteppedWriter(tmp_path, {"longest": 5.0}, clocks=clocks)
     monkeypatch.setattr(record_run, "clocks", clocks)
-    course = Recorder(options(), told.writer, threading.Event())
+    course = Recorder(options(), rig.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     for _ in range(8):
-        told.run(1.0)
+        rig.run(1.0)
         course.check_clock(listening)
-    told.writer.close()
-    first, second = (open_recording(path) for path in told.writer.tally.files)
+    first, second = rig.finish()
     assert [each.what["kind"] for each in first.notes] == ["clock_step"] and not second.notes
     assert second.start_ns > first.start_ns + jump
 
@@ -123,14 +118,13 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
 def test_an_episode_the_daemon_cannot_receive_is_recorded_in_the_schema_format(
     tmp_path: Path,
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.writer.start()
-    course = Recorder(options(task="pick", socket=str(tmp_path)), told.writer, threading.Event())
+    rig = SteppedWriter(tmp_path)
+    rig.writer.start()
+    course = Recorder(options(task="pick", socket=str(tmp_path)), rig.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     course.send_mark(listening, "begin")
     course.send_mark(listening, "end")
-    told.writer.close()
-    found = open_recording(told.writer.tally.files[0])
+    (found,) = rig.finish()
     assert [each.task for each in found.episodes] == ["pick"]
     schema = json.loads(json_schemas()[NOTES])["properties"]
     for each in found.notes:
@@ -141,17 +135,16 @@ def test_an_episode_the_daemon_cannot_receive_is_recorded_in_the_schema_format(
 def test_every_file_is_named_as_soon_as_it_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40, longest=2.0), now))
-    course = Recorder(options(), told.writer, threading.Event())
+    rig = SteppedWriter(tmp_path, {"longest": 2.0})
+    course = Recorder(options(), rig.writer, threading.Event())
     with ProgressLine(options(), "record") as progress:
         for _ in range(3):
             course.name_files(progress, "two")
-            told.run(1.5)
+            rig.run(1.5)
         course.name_files(progress, "two")
-    told.writer.close()
-    assert len(told.writer.tally.files) == 3
+    assert len(rig.finish()) == 3
     assert capsys.readouterr().err.splitlines() == [
-        f"recording two into {each}" for each in told.writer.tally.files
+        f"recording two into {each}" for each in rig.writer.tally.files
     ]
 
 

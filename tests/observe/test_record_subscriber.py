@@ -1,4 +1,4 @@
-"""The daemon that is recorded: what is done about one that says what nobody understands, or reloads."""
+"""Subscriber to the recorded daemon: unreadable messages and reloads."""
 
 import argparse
 import threading
@@ -23,7 +23,7 @@ RUBBISH = {"topic": "state", "time": 101.0, "dropped": 0, "joints": [{"name": "h
 
 
 class Robot:
-    """What stands in for a daemon. `says`: by topic, what a stream gives; then it waits until `over`."""
+    """Stand-in for a daemon. `says`: messages of streams by topic; each stream then waits for `over`."""
 
     def __init__(self) -> None:
         self.robot: dict[str, Any] = {"name": "two", "limit": 1}
@@ -76,7 +76,7 @@ def test_an_unreadable_message_ends_the_subscription_and_counts_as_lost(tmp_path
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
     until(lambda: listening.ended, 5.0, "the end of the subscription")
-    assert listening.ended == "what it says cannot be understood: KeyError: 'position'"
+    assert listening.ended == "a message is unreadable: KeyError: 'position'"
     assert isinstance(listening.failure, KeyError)
     into.close()
     assert into.tally.missed == 1 and open_recording(into.tally.files[0]).time.size == 1

@@ -1,4 +1,4 @@
-"""Who writes recordings: files that end in time, bounded disks, counted losses."""
+"""Writer of recordings: files that end in time, bounded disks, counted losses."""
 
 import errno
 import fcntl
@@ -11,7 +11,16 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from tests.support.sample_recordings import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
+from tests.support.sample_recordings import (
+    CLOCKS,
+    JOINTS,
+    SESSION,
+    FullDisk,
+    SteppedWriter,
+    event,
+    mark,
+    state,
+)
 from twind.client.clock_pair import ClockPair
 from twind.command_line.verb import Rejected
 from twind.observe.recording.recording_columns import open_recording
@@ -32,27 +41,27 @@ def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
 
 
 @pytest.fixture
-def told(tmp_path: Path) -> Told:
-    return Told(lambda now: RecordWriter(tmp_path, WIDE, now))
+def rig(tmp_path: Path) -> SteppedWriter:
+    return SteppedWriter(tmp_path)
 
 
-def test_a_message_is_in_the_file_within_half_a_second(told: Told) -> None:
+def test_a_message_is_in_the_file_within_half_a_second(rig: SteppedWriter) -> None:
     worst = 0.0
     for _ in range(300):
-        told.run(0.01)
-        path = told.writer.tally.path
+        rig.run(0.01)
+        path = rig.writer.tally.path
         assert path is not None
-        found = open_recording(path) if told.time > 100.6 else None
+        found = open_recording(path) if rig.time > 100.6 else None
         if found is not None:
-            worst = max(worst, told.time - 100.0 - (found.start_ns - CLOCKS.wall_ns) / 1e9 - found.time[-1])
+            worst = max(worst, rig.time - 100.0 - (found.start_ns - CLOCKS.wall_ns) / 1e9 - found.time[-1])
     assert 0.4 < worst < 0.6  # by that a kill at any moment loses less than a second
 
 
-def test_a_session_is_one_file_with_its_description(told: Told) -> None:
-    told.run(1.0)
-    told.writer.end()
-    told.writer.step()
-    (path,) = told.writer.tally.files
+def test_a_session_is_one_file_with_its_description(rig: SteppedWriter) -> None:
+    rig.run(1.0)
+    rig.writer.end()
+    rig.writer.step()
+    (path,) = rig.writer.tally.files
     assert path.name == "twind-20261118T110640Z-two.mcap"
     found = open_recording(path)
     assert found.joints == JOINTS and found.time.size == 100 and not found.damage
@@ -66,24 +75,24 @@ def test_a_session_is_one_file_with_its_description(told: Told) -> None:
     ]
 
 
-def test_between_two_daemons_nothing_is_written_and_the_next_has_a_file_of_its_own(told: Told) -> None:
-    told.run(0.5)
-    told.writer.end()
-    told.tell(state(200.0))
-    told.writer.begin(SESSION)
-    told.run(0.5)
-    told.writer.close()
-    assert [open_recording(path).time.size for path in told.writer.tally.files] == [50, 50]
+def test_between_two_daemons_nothing_is_written_and_each_has_its_own_file(
+    rig: SteppedWriter,
+) -> None:
+    rig.run(0.5)
+    rig.writer.end()
+    rig.take(state(200.0))
+    rig.writer.begin(SESSION)
+    rig.run(0.5)
+    assert [found.time.size for found in rig.finish()] == [50, 50]
 
 
 def test_a_file_ends_at_its_hour(tmp_path: Path) -> None:
-    minute = DiskQuota(keep=1 << 40, free=0, file=1 << 40, longest=60.0)
-    told = Told(lambda now: RecordWriter(tmp_path, minute, now))
-    told.run(100.0, rate=2.0)
-    told.writer.close()
-    first, second = told.writer.tally.files
-    assert WIDE.longest == 3600.0 and dict(metadata(first))["end"]["reason"] == "an hour"
-    rows = open_recording(first).time.size, open_recording(second).time.size
+    rig = SteppedWriter(tmp_path, {"longest": 60.0})
+    rig.run(100.0, rate=2.0)
+    rows = [found.time.size for found in rig.finish()]
+    ends = [dict(metadata(path))["end"]["reason"] for path in rig.writer.tally.files]
+    assert rig.writer.quota.longest == 60.0 and DiskQuota(1, 1, 1).longest == 3600.0
+    assert ends == ["an hour", "stopped"]
     assert sum(rows) == 200 and 119 <= rows[0] <= 121
 
 
@@ -93,10 +102,10 @@ def test_the_oldest_own_recordings_are_removed_and_no_other_files(tmp_path: Path
         path.write_bytes(bytes(100_000))
     old = tmp_path / "twind-20200101T000000Z-two.mcap"
     old.write_bytes(bytes(100_000))
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=60_000, free=0, file=1 << 40), now))
-    told.run(60.0)
-    told.writer.close()
-    tally = told.writer.tally
+    rig = SteppedWriter(tmp_path, {"keep": 60_000})
+    rig.run(60.0)
+    rig.writer.close()
+    tally = rig.writer.tally
     assert not old.exists() and all(path.exists() for path in others)
     left = [path for path in tally.files if path.exists()]
     assert (
@@ -124,13 +133,12 @@ def test_names_are_of_the_robot_and_never_taken_twice(tmp_path: Path) -> None:
     assert make_room(tmp_path, -1) == [first]
 
 
-def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(tmp_path: Path) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now))
-    told.run(1.0)
-    told.writer.quota = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
-    told.run(1.0)
-    assert "MiB are free, 1099511627776 MiB are to stay so; make room" in told.writer.stopped
-    (path,) = told.writer.tally.files
+def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(rig: SteppedWriter) -> None:
+    rig.run(1.0)
+    rig.writer.quota = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
+    rig.run(1.0)
+    assert "MiB are free, 1099511627776 MiB are to stay so; make room" in rig.writer.stopped
+    (path,) = rig.writer.tally.files
     found = open_recording(path)
     assert not found.damage and 100 <= found.time.size < 200
 
@@ -140,10 +148,10 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
     def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
         return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, room))
 
-    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, open_file=on))
-    told.run(20.0)
-    told.writer.close()
-    assert told.writer.stopped.endswith("No space left on device")
+    rig = SteppedWriter(tmp_path, open_file=on)
+    rig.run(20.0)
+    rig.writer.close()
+    assert rig.writer.stopped.endswith("No space left on device")
     (path,) = tmp_path.iterdir()
     if room < 9_000:
         with pytest.raises(Rejected, match="no message is in it"):
@@ -152,7 +160,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
         with path.open("rb") as file:
             rows = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
         assert rows.count("/hw/joint_states") == open_recording(path).time.size >= 49
-        tally = told.writer.tally
+        tally = rig.writer.tally
         assert tally.messages == len(rows) and tally.dropped > 0
     assert path.stat().st_size <= room
 
@@ -189,24 +197,23 @@ def test_a_slow_disk_loses_counted_messages_without_delaying_the_caller(
     assert dict(metadata(writer.tally.files[0]))["end"]["dropped"] == str(lost)
 
 
-def test_messages_dropped_by_the_daemon_are_noted_in_the_file(told: Told) -> None:
-    told.run(0.3)
-    told.writer.missed(7)
-    told.run(0.5)
-    told.writer.close()
-    found = open_recording(told.writer.tally.files[0])
+def test_messages_dropped_by_the_daemon_are_noted_in_the_file(rig: SteppedWriter) -> None:
+    rig.run(0.3)
+    rig.writer.missed(7)
+    rig.run(0.5)
+    (found,) = rig.finish()
     assert [note.what for note in found.notes] == [{"kind": "dropped", "count": 7}]
-    assert dict(metadata(told.writer.tally.files[0]))["end"]["dropped_by_daemon"] == "7"
+    assert dict(metadata(rig.writer.tally.files[0]))["end"]["dropped_by_daemon"] == "7"
 
 
-def test_episodes_stand_in_the_file_with_task_times_and_success(told: Told) -> None:
-    told.tell(mark(99.0, "end", "before", success=True))
-    told.tell(mark(101.0, "begin"), mark(103.0, "end", success=True))
-    told.tell(mark(104.0, "begin", "place"), mark(105.0, "begin", "pour"), mark(106.0, "end", success=False))
-    told.tell(mark(107.0, "begin", "wipe"))
-    told.run(1.0)
-    told.writer.close()
-    (path,) = told.writer.tally.files
+def test_episodes_stand_in_the_file_with_task_times_and_success(rig: SteppedWriter) -> None:
+    rig.take(mark(99.0, "end", "before", success=True))
+    rig.take(mark(101.0, "begin"), mark(103.0, "end", success=True))
+    rig.take(mark(104.0, "begin", "place"), mark(105.0, "begin", "pour"), mark(106.0, "end", success=False))
+    rig.take(mark(107.0, "begin", "wipe"))
+    rig.run(1.0)
+    (recorded,) = rig.finish()
+    (path,) = rig.writer.tally.files
     ns = {"": "", **{time: str(CLOCKS.wall(float(time))) for time in range(99, 108)}}
     kept = [each for name, each in metadata(path) if name == "episode"]
     rows = [("before", "true", "", 99), ("pick", "true", 101, 103), ("place", "", 104, 105)]
@@ -215,82 +222,77 @@ def test_episodes_stand_in_the_file_with_task_times_and_success(told: Told) -> N
         {"task": task, "success": success, "begin": ns[begin], "end": ns[end]}
         for task, success, begin, end in rows
     ]
-    found = open_recording(path).episodes
+    found = recorded.episodes
     assert [each.task for each in found] == ["before", "pick", "place", "pour", "wipe"]
     assert [each.success for each in found] == [True, True, None, False, None]
     assert (found[1].begin, found[1].end) == (2.0, 4.0)
-    assert told.writer.tally.episodes == 4
+    assert rig.writer.tally.episodes == 4
 
 
 def test_an_episode_may_have_a_file_of_its_own_and_nothing_else_does(tmp_path: Path) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
-    told.run(1.0)
+    rig = SteppedWriter(tmp_path, per_episode=True)
+    rig.run(1.0)
     for task in ("pick", "place"):
-        told.tell(mark(told.time, "begin", task))
-        told.run(1.0)
-        told.tell(mark(told.time, "end", task, success=True))
-        told.run(1.0)
-    told.writer.close()
-    names = [path.name.split("Z-")[1] for path in told.writer.tally.files]
+        rig.take(mark(rig.time, "begin", task))
+        rig.run(1.0)
+        rig.take(mark(rig.time, "end", task, success=True))
+        rig.run(1.0)
+    recorded = rig.finish()
+    names = [found.path.name.split("Z-")[1] for found in recorded]
     assert names == ["two-pick.mcap", "two-place.mcap"] and len(list(tmp_path.iterdir())) == 2
-    for path in told.writer.tally.files:
-        found = open_recording(path)
+    for found in recorded:
         assert found.time.size == 100 and [each.success for each in found.episodes] == [True]
 
 
 @pytest.mark.parametrize("why", ["its size", "another daemon"])
 def test_an_episode_goes_on_in_the_next_file_where_its_own_ended_before_it(tmp_path: Path, why: str) -> None:
-    half = DiskQuota(keep=1 << 40, free=0, file=20_000 if why == "its size" else 1 << 40)
-    told = Told(lambda now: RecordWriter(tmp_path, half, now, per_episode=True))
-    told.run(1.0)
-    told.tell(mark(told.time, "begin"))
-    told.run(2.0)
+    rig = SteppedWriter(tmp_path, {"file": 20_000} if why == "its size" else {}, per_episode=True)
+    rig.run(1.0)
+    rig.take(mark(rig.time, "begin"))
+    rig.run(2.0)
     if why == "another daemon":
-        told.writer.end()
-        told.writer.begin(SESSION)
-    told.run(2.0)
-    told.tell(mark(told.time, "end", success=True))
-    told.run(1.0)
-    told.writer.close()
-    files = told.writer.tally.files
-    assert len(files) > 1 and sum(open_recording(path).time.size for path in files) == 400
+        rig.writer.end()
+        rig.writer.begin(SESSION)
+    rig.run(2.0)
+    rig.take(mark(rig.time, "end", success=True))
+    rig.run(1.0)
+    recorded = rig.finish()
+    files = rig.writer.tally.files
+    assert len(files) > 1 and sum(found.time.size for found in recorded) == 400
     assert all(path.name.split("Z-")[1].startswith("two-pick.") for path in files)
     ends = [dict(metadata(path))["episode"] for path in files]
     assert [each["success"] for each in ends] == [""] * (len(files) - 1) + ["true"]
     assert {each["begin"] for each in ends} == {ends[0]["begin"]} and ends[0]["end"] == ""
-    assert told.writer.tally.episodes == 1 and told.writer.tally.episode is None
+    assert rig.writer.tally.episodes == 1 and rig.writer.tally.episode is None
 
 
 def test_an_episode_is_over_though_its_end_is_in_no_file(tmp_path: Path) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
-    told.tell(mark(100.0, "begin"))
-    told.writer.end()
-    told.tell(mark(101.0, "end"))
-    assert told.writer.tally.episode is None
-    told.writer.begin(SESSION)
-    told.run(1.0)
-    told.writer.close()
-    assert len(told.writer.tally.files) == 1
+    rig = SteppedWriter(tmp_path, per_episode=True)
+    rig.take(mark(100.0, "begin"))
+    rig.writer.end()
+    rig.take(mark(101.0, "end"))
+    assert rig.writer.tally.episode is None
+    rig.writer.begin(SESSION)
+    rig.run(1.0)
+    assert len(rig.finish()) == 1
 
 
 def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path) -> None:
     years = 5 * 365 * 86_400 * 10**9
-    minute = DiskQuota(1 << 40, 0, 1 << 40, longest=60.0)
 
     def clocks() -> ClockPair:
-        at = told.time
+        at = rig.time
         return ClockPair(at, CLOCKS.wall(at) + (years if at > 130.0 else 10_000_000))
 
-    told = Told(lambda now: RecordWriter(tmp_path, minute, now, clocks=clocks))
-    told.run(100.0, rate=2.0)
+    rig = SteppedWriter(tmp_path, {"longest": 60.0}, clocks=clocks)
+    rig.run(100.0, rate=2.0)
     path = {"joint_names": ["hip"], "points": [{"positions": [1.0], "time_from_start": 1.0}], "start_in": 2.0}
-    accepted = {"topic": "trajectories", "time": told.time, "dropped": 0}
-    told.tell(accepted | {"accepted": {"id": "a", "holder": "me", "trajectory": path}})
-    told.writer.missed(1)
-    told.run(1.0)
-    told.writer.close()
-    files = told.writer.tally.files
-    first, second = (open_recording(path) for path in files)
+    accepted = {"topic": "trajectories", "time": rig.time, "dropped": 0}
+    rig.take(accepted | {"accepted": {"id": "a", "holder": "me", "trajectory": path}})
+    rig.writer.missed(1)
+    rig.run(1.0)
+    first, second = rig.finish()
+    files = rig.writer.tally.files
     assert first.start_ns == CLOCKS.wall(100.5)
     assert second.start_ns == CLOCKS.wall(100.5 + first.time.size / 2) + years
     assert "-2026" in files[0].name and "-2031" in files[1].name
@@ -330,12 +332,12 @@ def test_recovered_or_renamed_recordings_are_kept(tmp_path: Path) -> None:
 
 def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:
     place = tmp_path / "run.mcap"
-    told = Told(lambda now: RecordWriter(place, WIDE, now))
-    told.run(0.5)
-    told.writer.begin(SESSION)
-    told.run(0.5)
-    told.writer.close()
-    assert told.writer.tally.files == (place, tmp_path / "run.2.mcap")
+    rig = SteppedWriter(place)
+    rig.run(0.5)
+    rig.writer.begin(SESSION)
+    rig.run(0.5)
+    rig.writer.close()
+    assert rig.writer.tally.files == (place, tmp_path / "run.2.mcap")
     assert recover(place).out is None
 
 
@@ -346,17 +348,17 @@ def test_without_file_locks_recording_works_and_keeps_its_own_file(
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=8, free=0, file=1 << 40), now))
+    rig = SteppedWriter(tmp_path, {"keep": 8})
     old = tmp_path / "twind-20200101T000000Z-two.mcap"
     old.write_bytes(bytes(9))
-    told.run(0.3)
-    told.writer.close()
-    assert not old.exists() and open_recording(told.writer.tally.files[0]).time.size == 30
+    rig.run(0.3)
+    (found,) = rig.finish()
+    assert not old.exists() and found.time.size == 30
 
 
-def test_a_message_after_the_end_starts_no_file(told: Told) -> None:
-    told.run(0.3)
-    told.writer.close()
-    told.run(0.3)
-    told.writer.close()
-    assert len(told.writer.tally.files) == 1
+def test_a_message_after_the_end_starts_no_file(rig: SteppedWriter) -> None:
+    rig.run(0.3)
+    rig.writer.close()
+    rig.run(0.3)
+    rig.writer.close()
+    assert len(rig.writer.tally.files) == 1

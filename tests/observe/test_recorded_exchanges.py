@@ -1,4 +1,4 @@
-"""Recorded bytes as exchanges: who said what, what was late, what was noise."""
+"""Recorded bytes as exchanges: requests, late replies, noise."""
 
 import pytest
 

@@ -13,26 +13,24 @@ from rosbags.highlevel import AnyReader
 
 from tests.support.doc_pages_text import ROOT
 from tests.support.replay_rig import flight, recording
-from tests.support.sample_recordings import CLOCKS, JOINTS, Told, event, mark, state, status
+from tests.support.sample_recordings import CLOCKS, JOINTS, SteppedWriter, event, mark, state, status
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
 from twind.observe.recording.mcap_records import McapScanner
 from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked, open_recording
 from twind.observe.recording.recording_topics import WIRE
-from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_schemas import json_schemas
-from twind.observe.writing.record_writer import RecordWriter
 from twind.ros import JOINT_STATE, definition_text, encode, stamp
 
 START = 1_700_000_000_000_000_000
 
 
 def record(folder: Path, *answers: dict[str, Any]) -> RobotRecording:
-    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.tell(*answers)
-    told.writer.close()
-    return open_recording(told.writer.tally.files[0])
+    rig = SteppedWriter(folder)
+    rig.take(*answers)
+    (found,) = rig.finish()
+    return found
 
 
 def foreign(path: Path, *rows: tuple[str, float, dict[str, Any]]) -> Path:
@@ -162,9 +160,9 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_cut_recording_is_read_up_to_its_end_and_reported_as_damaged(tmp_path: Path) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
-    told.run(2.0)
-    path = told.writer.tally.path
+    rig = SteppedWriter(tmp_path)
+    rig.run(2.0)
+    path = rig.writer.tally.path
     assert path is not None
     found = open_recording(path)
     assert 100 < found.time.size < 200 and "without its index" in found.damage
@@ -263,46 +261,42 @@ def test_nothing_is_written_over_by_an_export(flight_file: Path, tmp_path: Path)
     assert out.read_text() == "mine"
 
 
-ODD = [
-    ("/twind/joints", b'{"joints": [1, 2]}'),
-    ("/twind/joints", b'{"joints": [{"name": "hip", "temperature": "warm"}]}'),
-    ("/twind/latency", b'{"hops": 7}'),
-    ("/twind/events", b'{"annotation": "begin"}'),
-    ("/twind/recording", b'{"annotation": [1]}'),
-]
-
-
-@pytest.mark.parametrize(("topic", "data"), ODD)
-def test_a_file_with_other_message_formats_on_our_topics_is_refused(
-    tmp_path: Path, topic: str, data: bytes
-) -> None:
-    path = tmp_path / "a.mcap"
+def with_state(path: Path, when: int, *more: tuple[str, bytes]) -> Path:
+    """A recording of one JointState at `when` (ns), and of JSON messages."""
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start()
         schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        message = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
         states = writer.register_channel("/joint_states", "cdr", schema)
-        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
-        writer.add_message(states, START, encode(JOINT_STATE, said), START)
-        writer.add_message(writer.register_channel(topic, "json", 0), START, data, START)
+        writer.add_message(states, when, encode(JOINT_STATE, message), when)
+        for topic, data in more:
+            writer.add_message(writer.register_channel(topic, "json", 0), START, data, START)
         writer.finish()
-    with pytest.raises(Rejected, match=r"a\.mcap: what it says on our topics, .* is not as we write it"):
-        open_recording(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("topic", "data"),
+    [
+        ("/twind/joints", b'{"joints": [1, 2]}'),
+        ("/twind/joints", b'{"joints": [{"name": "hip", "temperature": "warm"}]}'),
+        ("/twind/latency", b'{"hops": 7}'),
+        ("/twind/events", b'{"annotation": "begin"}'),
+        ("/twind/recording", b'{"annotation": [1]}'),
+    ],
+)
+def test_a_file_with_other_message_formats_on_our_topics_is_refused(
+    tmp_path: Path, topic: str, data: bytes
+) -> None:
+    with pytest.raises(Rejected, match=r"a\.mcap: .* is not in our format"):
+        open_recording(with_state(tmp_path / "a.mcap", START, (topic, data)))
 
 
 @pytest.mark.parametrize("when", [1 << 63, (1 << 64) - 1])
 def test_an_impossible_time_is_refused(tmp_path: Path, when: int) -> None:
-    path = tmp_path / "b.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
-        states = writer.register_channel("/joint_states", "cdr", schema)
-        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
-        writer.add_message(states, when, encode(JOINT_STATE, said), when)
-        writer.finish()
-    with pytest.raises(Rejected, match="is not as we write it"):
-        open_recording(path)
+    with pytest.raises(Rejected, match="is not in our format"):
+        open_recording(with_state(tmp_path / "b.mcap", when))
 
 
 def test_a_model_attachment_that_is_no_text_is_refused(tmp_path: Path) -> None:

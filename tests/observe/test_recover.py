@@ -11,15 +11,13 @@ from mcap.records import Message
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
-from tests.support.sample_recordings import FullDisk, Told, write
+from tests.support.sample_recordings import FullDisk, SteppedWriter, write
 from twind.command_line.verb import Rejected
 from twind.observe import recover as verb
 from twind.observe.recording.mcap_records import McapScanner
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing.record_file import RecordFile
-from twind.observe.writing.record_folder import DiskQuota
-from twind.observe.writing.record_writer import RecordWriter
 
 
 def count(path: Path) -> int:
@@ -101,9 +99,9 @@ def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_pat
     def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
         return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, 20_000))
 
-    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now, open_file=on))
-    told.run(20.0)
-    tally = told.writer.tally
+    rig = SteppedWriter(tmp_path, open_file=on)
+    rig.run(20.0)
+    tally = rig.writer.tally
     (path,) = tally.files
     assert tally.dropped > 0
     assert "it has no index: a full disk may have ended it" in open_recording(path).damage

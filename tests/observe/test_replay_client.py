@@ -90,7 +90,7 @@ class Line:
 def played(
     monkeypatch: pytest.MonkeyPatch, late: float, heard: Heard
 ) -> tuple[list[str], list[tuple[float, str]]]:
-    """What came of the calls, and what the daemon heard: s since the beginning."""
+    """Results of the calls, and the received calls with their times (s since the beginning)."""
     clock = FakeClock(500.0)
     daemon = Daemon(clock, late)
     monkeypatch.setattr(replay_client, "ReplayConnection", lambda _: Line(daemon))

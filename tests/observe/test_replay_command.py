@@ -1,4 +1,4 @@
-"""What `twindctl replay` refuses and says: files from anybody, and nothing of the user's is touched."""
+"""Refusals and reports of `twindctl replay`: untrusted files, no access to files of the user."""
 
 import json
 from dataclasses import replace
@@ -34,7 +34,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
 def told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, **changes: Any
 ) -> tuple[int, str]:
-    """What the verb makes of a replay in which nothing differs."""
+    """Exit code and text of a replay in which nothing differs."""
     asked = score(load(HERE / "limit.flight"))
     verbatim = changes.pop("verbatim", 0.7)
     missed = changes.pop("missed", 0)
@@ -93,7 +93,7 @@ def test_the_files_of_a_recording_stay_in_their_folder(tmp_path: Path) -> None:
 
 
 def with_buses(briefing: Briefing, *names: str) -> Briefing:
-    """Told to have had these buses, whatever its robot file says."""
+    """A briefing that names these buses, whatever its robot file contains."""
     (bus,) = briefing.description["buses"]
     described = {**briefing.description, "buses": [{**bus, "name": name} for name in names]}
     return msgspec.structs.replace(briefing, description=described)
@@ -212,13 +212,6 @@ def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path
         folder.mkdir()
         with pytest.raises(OperationFailed, match="cannot be laid out"):
             lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
-
-
-def test_the_replay_help_states_that_no_port_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["replay", "--help"])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "No port of this machine is opened" in told and "CAN buses" in told
 
 
 def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None:

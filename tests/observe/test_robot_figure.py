@@ -1,4 +1,4 @@
-"""Where the viewer draws bodies, and which."""
+"""Bodies that the viewer draws, and their places."""
 
 import numpy as np
 import pytest

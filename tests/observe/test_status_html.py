@@ -1,4 +1,4 @@
-"""The viewer's words and plots, and what it says without its libraries."""
+"""Text and plots of the viewer, and its error without its libraries."""
 
 import re
 from argparse import Namespace

@@ -1,4 +1,4 @@
-"""What the viewer is told: what it keeps of it, how old that is, and that nothing said ends the telling."""
+"""State of the viewer: what it keeps, the age of the state, and invalid messages."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""What Python's JSON parser lets pass is refused, and what JSON allows is not."""
+"""Strict JSON: extensions of Python's parser are refused, all valid JSON is accepted."""
 
 import contextlib
 import json

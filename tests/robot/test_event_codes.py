@@ -4,8 +4,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from twind.bridge.motion_session import LEASE_LOST, MOTION
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
@@ -41,19 +39,6 @@ def test_program_emits_no_bare_event_code() -> None:
     files = sorted(PROGRAM.rglob("*.py"))
     found = [f"{path.name}:{line}" for path in files for line in _bare_codes(path.read_text("utf-8"))]
     assert not found, "use a member of EventCode, ReasonCode or RobotState"
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        'self.say.event("info", "DOOR_OPEN", message)',
-        'front.log.write(level, "DOOR_OPEN", now)',
-        'loop.say.event("info", EventCode.START if first else "DOOR_OPEN", message)',
-        'link.Event(time=now, code="DOOR_OPEN")',
-    ],
-)
-def test_planted_bare_code_is_found(call: str) -> None:
-    assert list(_bare_codes(call)) == [1]
 
 
 def test_enumerations_share_no_code() -> None:

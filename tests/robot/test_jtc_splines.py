@@ -1,4 +1,4 @@
-"""The reference cases of joint_trajectory_controller: curves, fill, whole turns, and what is accepted.
+"""The reference cases of joint_trajectory_controller: curves, and which messages are accepted.
 
 Where our gate is stricter, or lets something through that the controller does not, the test names the rule.
 The cases of the executor are in test_jtc_executor.py.
@@ -13,7 +13,7 @@ import pytest
 
 from tests.support import gate_rig as w
 from twind.robot.finding import ReasonCode
-from twind.robot.splines import fill, integrate, interpolate, nearest_turn, passed
+from twind.robot.splines import interpolate, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import TrajectoryRequest
 from twind.safety.trajectory_validation import PointRow, form
@@ -27,30 +27,22 @@ def named(group: str) -> Any:
 
 
 def reference(point: dict[str, float]) -> Reference:
-    """What a point does not say counts as 0 in the state before."""
+    """Return the state before a trajectory; a value that the point lacks counts as 0."""
     return Reference(*(np.array([float(point.get(key, 0.0))]) for key in "pva"))
 
 
-def drawn(points: list[dict[str, float]], before: Reference) -> Trajectory:
-    """One joint's points as a path; what is missing is summed up."""
+def drawn(points: list[dict[str, float]]) -> Trajectory:
+    """Return the points of one joint as a path."""
     time = np.array([point["t"] for point in points])
-    rows = {
-        key: np.array([[point.get(key, np.nan)] for point in points])
-        if any(key in point for point in points)
-        else None
-        for key in "pva"
-    }
-    if rows["p"] is not None and not np.isnan(rows["p"]).any():
-        return Trajectory(time, rows["p"], np.ones(1, np.bool_), rows["v"], rows["a"])
-    return integrate(time, before, rows["v"], rows["a"], rows["p"])
+    position, velocity, acceleration = (
+        np.array([[point[key]] for point in points]) if key in points[0] else None for key in "pva"
+    )
+    return Trajectory(time, position, np.ones(1, np.bool_), velocity, acceleration)
 
 
 def test_every_group_of_curves_is_run_here() -> None:
-    sizes = {
-        key: len(CASES[key]) for key in ("interpolate_segment", "sample_trajectory", "cubic_spline_fill")
-    }
-    assert sizes == {"interpolate_segment": 1, "sample_trajectory": 5, "cubic_spline_fill": 4}
-    assert len(CASES["wraparound"]) == 2
+    sizes = {key: len(CASES[key]) for key in ("interpolate_segment", "sample_trajectory")}
+    assert sizes == {"interpolate_segment": 1, "sample_trajectory": 3}
     assert len(CASES["validate"]["cases"]) == 10
 
 
@@ -73,7 +65,7 @@ def test_a_segment_follows_its_polynomial(case: dict[str, Any]) -> None:
 @named("sample_trajectory")
 def test_a_trajectory_is_sampled_as_expected(case: dict[str, Any]) -> None:
     before = reference(case["before"])
-    path = drawn(case["points"], before)
+    path = drawn(case["points"])
     spline = interpolate(path, before)
     for expected in case["expect"]:
         t = expected["t"]
@@ -101,102 +93,6 @@ def test_a_knot_belongs_to_both_of_its_segments() -> None:
     assert spline.inside(0, 1.0).position[0] == spline.sample(1.0).position[0] == 1.0
 
 
-def test_integrated_goals_that_are_skipped_still_give_the_summed_position() -> None:
-    (case,) = [case for case in CASES["sample_trajectory"] if case["id"].startswith("last_segment_skipped")]
-    before = reference(case["before"])
-    path = drawn(case["points"], before)
-    assert path.position[:, 0] == pytest.approx([0.0, 1.0, 1.001])
-    assert interpolate(path, before).sample(3.0).position[0] == pytest.approx(1.001)
-
-
-def test_accelerations_alone_are_summed_up_twice() -> None:
-    path = integrate(np.array([1.0, 2.0]), w.at_rest([0.5]), acceleration=np.array([[2.0], [0.0]]))
-    assert path.velocity[:, 0].tolist() == [1.0, 2.0]  # (0 + 2) / 2, then + (2 + 0) / 2
-    assert path.position[:, 0].tolist() == [1.0, 2.5]
-    assert path.acceleration[:, 0].tolist() == [2.0, 0.0]
-
-
-def test_a_segment_without_a_position_raises_an_error() -> None:
-    before = w.at_rest([0.0])
-    time = np.array([1.0, 2.0])
-    nothing = np.array([[0.1], [np.nan]])
-    with pytest.raises(ValueError, match="neither"):
-        integrate(time, before, nothing)
-    with pytest.raises(ValueError, match="neither"):
-        integrate(time, before)
-    for bad in ([2.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], []):
-        with pytest.raises(ValueError, match="times"):
-            integrate(np.array(bad), before, np.zeros((len(bad), 1)))
-
-
-def test_joints_that_are_not_commanded_need_nothing_to_be_summed_up_from() -> None:
-    given = np.array([[1.0, np.nan]])
-    path = integrate(np.array([1.0]), w.at_rest([0.0, 7.0]), given, commanded=np.array([True, False]))
-    assert path.position[0, 0] == 0.5
-    assert path.velocity is not None
-
-
-@named("cubic_spline_fill")
-def test_a_position_chunk_is_filled_smoothly(case: dict[str, Any]) -> None:
-    if case["id"] == "smooth_not_staircase":
-        return _smooth(case)
-    position = np.array(case["p"], np.float64)[:, None]
-    time = case.get("dt", 0.1) * np.arange(len(position))
-    untouched = position.copy()
-    if case.get("ok", True):
-        assert fill(time, position)[:, 0] == pytest.approx(case["expect_v"], abs=case["tol"])
-    else:
-        with pytest.raises(ValueError, match="smooth fill"):
-            fill(time, position)
-    assert np.array_equal(position, untouched)
-    return None
-
-
-def _smooth(case: dict[str, Any]) -> None:
-    """In the case's words: peak second difference at 2 ms < 2 analytic + 1; the unfilled one > 3 filled."""
-    s = np.arange(case["n"]) / (case["n"] - 1)
-    time = case["dt"] * np.arange(case["n"])
-    position = (0.1 + 0.5 * np.sin(np.pi * s) ** 2)[:, None]
-    both = np.ones(1, np.bool_)
-    before = w.at_rest(position[0])
-
-    def peak(path: Trajectory) -> float:
-        spline = interpolate(path, before)
-        step = 0.002
-        row = [spline.sample(t).position[0] for t in np.arange(0.0, time[-1], step)]
-        return float(np.abs(np.diff(row, 2)).max() / step**2)
-
-    filled = peak(Trajectory(time, position, both, fill(time, position)))
-    unfilled = peak(Trajectory(time, position, both))
-    analytic = 0.5 * 2.0 * np.pi**2 / (case["dt"] * (case["n"] - 1)) ** 2
-    assert filled < 2.0 * analytic + 1.0
-    assert unfilled > 3.0 * filled
-
-
-def test_a_fill_has_no_step_in_acceleration_and_rests_at_both_ends() -> None:
-    rng = np.random.default_rng(7)
-    time = np.cumsum(rng.uniform(0.05, 0.5, 9))
-    position = rng.uniform(-1.0, 1.0, (9, 3))
-    velocity = fill(time, position)
-    spline = interpolate(
-        Trajectory(time - time[0], position, np.ones(3, np.bool_), velocity), w.at_rest(position[0])
-    )
-    for i in range(1, len(time) - 1):
-        t = spline.time[i]
-        assert spline.inside(i - 1, t).acceleration == pytest.approx(
-            spline.inside(i, t).acceleration, abs=1e-9
-        )
-    assert not velocity[[0, -1]].any()
-    assert fill(np.array([0.0, 1.0]), np.array([[0.0], [1.0]])).tolist() == [[0.0], [0.0]]
-
-
-@named("wraparound")
-def test_continuous_joints_start_from_the_nearest_turn(case: dict[str, Any]) -> None:
-    mask = np.array(case["mask"])
-    moved = nearest_turn(np.array(case["current"], np.float64), np.array(case["next"]), mask)
-    assert moved == pytest.approx(case["expect"], abs=EPS)
-
-
 # ------------------------------------------------------------------------------------------ what is accepted
 
 GROUP = CASES["validate"]
@@ -206,7 +102,7 @@ STRICTER = {
     # END_NOT_AT_REST: a moving end needs append_stop; the group runs without that check
     "good": ReasonCode.END_NOT_AT_REST,
     "ends_in_the_future": ReasonCode.END_NOT_AT_REST,  # END_NOT_AT_REST, as above
-    # BAD_SHAPE: the socket takes positions; `integrate` makes them
+    # BAD_SHAPE: the socket takes positions
     "integration_no_positions": ReasonCode.BAD_SHAPE,
 }
 
@@ -247,15 +143,6 @@ def test_messages_are_accepted_as_by_the_controller_or_more_strictly(case: dict[
 def test_with_a_stop_appended_the_good_ones_pass(id: str) -> None:
     (case,) = [case for case in GROUP["cases"] if case["id"] == id]
     assert answers(message(case), TrajectoryRequest(append_stop=True)) == set()
-
-
-def test_goals_without_positions_pass_once_they_are_summed_up() -> None:
-    velocity = np.array([GROUP["good"]["points"][0]["velocities"]], np.float64)
-    path = integrate(np.array([0.25]), w.at_rest(np.zeros(3)), velocity, np.zeros((1, 3)))
-    rows = [
-        PointRow(0.25, *(block[0].tolist() for block in (path.position, path.velocity, path.acceleration)))
-    ]
-    assert answers(rows, TrajectoryRequest(append_stop=True)) == set()
 
 
 def test_a_last_velocity_below_what_counts_as_rest_passes_here_and_not_upstream() -> None:

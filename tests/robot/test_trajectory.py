@@ -39,15 +39,3 @@ def test_stretching_keeps_what_is_commanded_and_leaves_the_original_alone() -> N
     assert longer.commanded.tolist() == path.commanded.tolist()
     assert path.time.tolist() == [1.0, 2.0]
     assert longer.acceleration is None
-
-
-def test_a_factor_of_one_changes_nothing() -> None:
-    path = w.path([1.0, 2.0], [0.1, 0.2], [0.3, 0.0], [0.5, 0.0])
-    same = path.stretched(1.0)
-    for one, other in (
-        (same.time, path.time),
-        (same.position, path.position),
-        (same.velocity, path.velocity),
-        (same.acceleration, path.acceleration),
-    ):
-        assert np.array_equal(one, other)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Differentials and linkage tables: there and back, no power lost, and what cannot be inverted is told."""
+"""Differentials and linkage tables: there and back, no power lost, and the refusal of what has no inverse."""
 
 import math
 

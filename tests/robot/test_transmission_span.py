@@ -1,4 +1,4 @@
-"""How far actuators go while their joints stay in a box: nothing in the box leads beyond, or nobody knows."""
+"""Span of actuators while their joints stay in a box: no place in the box leads beyond it, or it is NaN."""
 
 import math
 from collections.abc import Callable

@@ -139,6 +139,20 @@ def test_bus_errors_the_fault_leaves_torque_and_names_the_bus() -> None:
     assert (judgement.findings[0].value, judgement.findings[0].bound) == (20.0, 20.0)
 
 
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ([BAD, GOOD], "bus left: 1 % of the exchanges of the last second failed (bound 1 %); on a robot"),
+        ([BAD, GOOD] * 5, "bus left: 5 % of the exchanges of the last second failed (bound 5 %); on a robot"),
+        ([GOOD] + [BAD] * 20, "bus left: 20 exchanges in a row failed (bound 20); on a robot check wiring"),
+    ],
+)
+def test_bus_errors_message_names_bus_value_bound_and_remedy(row: list[BusTraffic], message: str) -> None:
+    watch = Watch()
+    finding = [finding for judgement in watch.all(row) for finding in judgement.findings][-1]
+    assert finding.message.startswith(message)
+
+
 def test_bus_errors_one_good_exchange_ends_a_row_and_a_tick_without_question_does_not() -> None:
     watch = Watch(0.001)
     watch.all([BAD] * 4)

@@ -1,4 +1,4 @@
-"""How a CAN bus is with its wire (CAN_BUS_STATE): dense around 100 ms, in every state, each bus by itself."""
+"""State of a CAN bus (CAN_BUS_STATE): dense around 100 ms, in every state, each bus by itself."""
 
 from collections.abc import Sequence
 

@@ -57,7 +57,7 @@ def test_lookahead_collision_nearer_is_slower_then_held(
 @pytest.mark.parametrize("clearance", [nan, -inf, -0.05, 0.001])
 @pytest.mark.parametrize("ahead", [0.0, -0.1, nan])
 def test_lookahead_collision_too_close_is_too_close_whenever_that_is(clearance: float, ahead: float) -> None:
-    """What leads out of a bad place is not among what the outlook names."""
+    """The look-ahead does not report motion that leads out of a bad place."""
     assert judge(outlook=outlook(clearance, ahead)).reaction is Reaction.HOLD
 
 

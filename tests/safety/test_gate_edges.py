@@ -150,7 +150,7 @@ def test_a_place_that_is_left_by_little_is_seen_behind_many_that_only_seem_to_be
 
 
 def looked_at(monkeypatch: pytest.MonkeyPatch, *asked: Any) -> list[int]:
-    """How many segments, of all joints, are decided at each go."""
+    """Return the number of segments, of all joints, that each step decides."""
     counts: list[int] = []
 
     def counting(alternatives: Any) -> np.ndarray:

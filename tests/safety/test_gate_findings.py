@@ -1,4 +1,4 @@
-"""What the gate tells, to whom, and how much: findings, pauses, what was retimed, what was not known."""
+"""Findings of the gate, with retiming and unknown positions, and the pauses of its work."""
 
 from dataclasses import replace
 from math import nan

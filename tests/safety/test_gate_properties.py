@@ -1,4 +1,4 @@
-"""What holds of the gate whatever it is given: tighter limits, slower paths, other orders of the joints."""
+"""Properties of the gate for any input: tighter limits, slower paths, other orders of the joints."""
 
 from dataclasses import replace
 

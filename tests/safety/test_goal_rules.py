@@ -1,4 +1,4 @@
-"""What may be written: a step no further than the velocity limit, and a number at all (STEP_LIMIT, NaN)."""
+"""Writable goals: a step within the velocity limit, and finite numbers (STEP_LIMIT, NaN)."""
 
 from itertools import product
 from math import inf, nan

@@ -1,4 +1,4 @@
-"""What the guard says of what it sees: once while it lasts, and a latch until it is latched."""
+"""Reports of the guard: once while a condition lasts, and a latch until it is latched."""
 
 from dataclasses import replace
 from math import inf, nan

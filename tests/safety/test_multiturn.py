@@ -1,4 +1,4 @@
-"""Of a count and the turns beside it exactly one is taken, and must be in the travel; else nobody arms."""
+"""Exactly one of a count and its neighbouring turns fits the travel; otherwise arming is refused."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ MANY = 1_048_575
 def turns(
     first: int = FIRST, last: int = LAST, *, whole: int = WHOLE, falls: bool = False, begin: int = 0
 ) -> TurnRange:
-    """Of one joint, in a mode of many turns unless it `falls`."""
+    """Choose the turns of one joint, in a multi-turn mode unless it `falls`."""
     numbers = {
         "whole": whole,
         "band": turn_band((first, last), whole)[0],
@@ -40,7 +40,7 @@ def turns(
 
 
 def refusal_message(raw: int, of: TurnRange, *, on: bool = False) -> str:
-    """What is said of that reading; empty: nothing."""
+    """Return the message about that reading; empty: none."""
     shift = chosen(np.array([raw]), of)
     found = unfit(np.array([raw]), shift, of, np.array([on]))
     assert all(each.code is ReasonCode.CALIB_MISMATCH and each.joint == 0 for each in found)

@@ -362,7 +362,7 @@ def test_voltage_one_low_reading_between_good_ones_is_none() -> None:
 def test_voltage_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
     apart: float, reaction: Reaction
 ) -> None:
-    """Of a bus that sags, each slice of servos is read at its own time."""
+    """On a bus that sags, each slice of servos is read at its own time."""
     watch = Supply()
     start = watch.now
     read = joints(start, start, start)

@@ -1,4 +1,4 @@
-"""What the gate may change: a path slowed down as a whole, a ramp to rest; both judged again, both told."""
+"""Changes by the gate: a path slowed down as a whole, a ramp to rest; both judged and reported again."""
 
 from dataclasses import replace
 from math import nan

@@ -77,7 +77,7 @@ def test_another_threshold_is_that_of_all_but_the_motors() -> None:
 
 
 def latency_alerts(latencies: list[float]) -> list[LatencyAlert]:
-    """What is told, when the latency at the start of each tick of 10 ms is this."""
+    """Return the alerts for these latencies, one at the start of each tick of 10 ms."""
     health = TimingMonitor(2)
     for tick, latency in enumerate(latencies):
         now = tick * 0.01

@@ -43,8 +43,8 @@ def test_a_wrong_name_is_answered_with_the_nearest() -> None:
     assert finding.code is ReasonCode.UNKNOWN_JOINT
     assert "'l_kne'" in finding.message
     assert "nearest: l_knee" in finding.message
-    (finding,) = form(["xyz"], [PointRow(1.0, [0.0])], NAMES)[1]
-    assert "l_hip, l_knee, r_knee" in finding.message
+    (finding,) = form(["xyz"], [PointRow(1.0, [0.0])], [f"joint_{place}" for place in range(24)])[1]
+    assert finding.message.count("joint_") == 3
 
 
 def test_missing_wrong_and_repeated_names_are_all_reported() -> None:

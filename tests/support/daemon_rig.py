@@ -5,7 +5,7 @@ Only the front is missing: its end of the link is in the test's hands, over a re
 
 import os
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -43,6 +43,7 @@ from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 CLIENT = 7
+MakeRig = Callable[..., Any]  # the fixture `make_rig`: arguments as for `Rig`
 
 
 @cache

@@ -3,6 +3,8 @@
 import argparse
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -137,3 +139,17 @@ def copy_h24(tmp_path: Path) -> Path:
     for suffix in ("yaml", "xml"):
         shutil.copy(BUILT_IN / f"h24.{suffix}", folder)
     return folder / "h24.yaml"
+
+
+def run_with_own_mounts(script: str, folder: Path) -> str:
+    """Output of a shell script whose mounts only its processes see; `$1` is the folder, `$2` is Python.
+
+    Skips where there are no mount namespaces; a script ends with 77 where it may not mount.
+    """
+    if shutil.which("unshare") is None:
+        pytest.skip("no unshare here")
+    command = ["unshare", "--mount", "--propagation", "private", "sh", "-c", script, "sh", str(folder)]
+    done = subprocess.run([*command, sys.executable], capture_output=True, text=True, timeout=60, check=False)
+    if done.returncode in (77, 1) and not done.stdout:
+        pytest.skip(f"no mount namespace here: {done.stderr}")
+    return done.stdout

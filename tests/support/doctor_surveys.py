@@ -8,7 +8,7 @@ from twind.doctor import can_bus, report, runner, serial_bus, servo_settings
 from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import SerialBusInspector
+from twind.doctor.inspectors import DaemonInspector, SerialBusInspector
 from twind.doctor.serial_survey import SerialBusSurvey, SurveyedServo
 from twind_drivers.clock import MonotonicClock
 
@@ -52,13 +52,22 @@ def servo(joint: JointSpec, **changed: int | None) -> SurveyedServo:
     return SurveyedServo("main", joint.id, joint, 1020, "XM430-W350", 47, values, "", 1e-4)
 
 
-def survey_findings(*servos: SurveyedServo, calibration: Calibration | None = None) -> list[DoctorFinding]:
+def survey_findings(
+    *servos: SurveyedServo,
+    calibration: Calibration | None = None,
+    daemon: DaemonInspector | None = None,
+) -> list[DoctorFinding]:
     """Findings about a bus whose other servos are well."""
     others = {each.id for each in servos}
     rest = [servo(joint) for joint in ROBOT.joints if joint.id not in others]
     survey = SerialBusSurvey(ROBOT.buses[0], "/dev/ttyUSB0", (*servos, *rest), ())
     seen = CheckContext(
-        HostInspector(), "twind.service", robot=ROBOT, calibration=calibration, surveys={"main": survey}
+        HostInspector(),
+        "twind.service",
+        daemon=daemon,
+        robot=ROBOT,
+        calibration=calibration,
+        surveys={"main": survey},
     )
     outcome = runner.run(seen, CHECKS, ROWS)
     assert "CHECK_BROKEN" not in {each.code for each in outcome.found}, outcome.found

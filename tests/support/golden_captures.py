@@ -26,7 +26,7 @@ from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, loa
 from twind.link import Overview, Tick, decode_news
 from twind.observe.recording.flight_messages import news
 from twind.observe.replaying.replay_calls import INTERFACE, ReplayConnection, wait
-from twind.observe.replaying.replay_outcome import RunOutcome, outcome_of
+from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome
 from twind.observe.replaying.replay_script import score
 
 HERE = Path(__file__).parents[1] / "data" / "captures"
@@ -257,6 +257,26 @@ def keep(flight: FlightFile, name: str, why: str) -> None:
     path.chmod(0o644)
     assert path.stat().st_size < LARGEST, f"{path}: {path.stat().st_size} bytes, at most {LARGEST}: cut it"
     expect(name)
+
+
+def outcome_of(plain: Mapping[str, Any]) -> RunOutcome:
+    """Return the outcome that `RunOutcome.plain` wrote. Raises KeyError."""
+    return RunOutcome(
+        tuple(
+            CommandOutcome(
+                each["method"],
+                each["error"],
+                tuple((found["code"], found["joint"]) for found in each["findings"]),
+                each["phase"],
+                each["answered"],
+            )
+            for each in plain["answers"]
+        ),
+        {(each["code"], each["joint"]): each["time"] for each in plain["faults"]},
+        plain["state"],
+        plain["mode"],
+        plain["armed"],
+    )
 
 
 def expected(name: str) -> RunOutcome:

@@ -1,4 +1,4 @@
-"""A robot as the daemon tells of it, for pictures: 24 joints, two buses, and whatever a test wants wrong."""
+"""Messages of a daemon for pictures: 24 joints, two buses, and any difference that a test wants."""
 
 from typing import Any
 
@@ -78,7 +78,7 @@ def bus(name: str, **other: Any) -> dict[str, Any]:
 
 
 def status(**other: Any) -> dict[str, Any]:
-    """Armed and moving, held by somebody."""
+    """Status of an armed, moving robot with a lease holder."""
     return {
         "version": "1.2.3",
         "robot": "h24",
@@ -135,13 +135,13 @@ def told(watched: MonitorCollector, topic: str, what: Any, now: float) -> None:
 
 
 def robot() -> dict[str, Any]:
-    """Fields of the robot's file that the picture uses."""
+    """Fields of the robot file that the picture uses."""
     kind = {"heat": {"warn": 60.0, "settle": 70.0}, "supply": {"warn": 11.1, "settle": 10.5}}
     return {"joints": [{"name": name, "lower": -3.0, "upper": 3.0, "type": kind} for name in NAMES]}
 
 
 def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
-    """Somebody who has seen it all; `joints=`: other joints, the rest goes into the status."""
+    """A collector with messages of every topic; `joints=`: other joints; other keywords: the status."""
     shown = other.pop("joints", None) or joints()
     one = MonitorCollector()
     one.robot(robot())
@@ -158,7 +158,7 @@ def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
 
 
 def view(now: float = 100.0, **other: Any) -> PictureState:
-    """Picture of all these messages."""
+    """The state of `watched` at `now`."""
     return watched(now, **other).view(now)
 
 

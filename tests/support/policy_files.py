@@ -53,6 +53,21 @@ def _layer(rng: np.random.Generator, width: int, count: int, activation: str, sc
     return NetworkLayer(weight.astype(np.float32), rng.normal(0.0, 0.1, count).astype(np.float32), activation)
 
 
+def onnx_model(
+    nodes: list[Any], arrays: dict[str, Any], batch: Any = "batch", count: Any = 7, element: int = 1
+) -> Any:
+    """An ONNX model of these nodes; `count` of its observations, `element`: type of its ends (1: float)."""
+    from onnx import helper, numpy_helper
+
+    ends = [
+        helper.make_tensor_value_info(name, element, [batch, each])
+        for name, each in (("observation", count), ("action", 2))
+    ]
+    given = [numpy_helper.from_array(np.asarray(array), name) for name, array in arrays.items()]
+    graph = helper.make_graph(nodes, "g", ends[:1], ends[1:], given)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
 def looping(card: PolicyCard, *, always: bool = False) -> Any:
     """A model that loops for days at an observation above 0, or `always`, in short rounds."""
     import onnx

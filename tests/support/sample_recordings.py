@@ -2,17 +2,20 @@
 
 import errno
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from twind.client.clock_pair import ClockPair
+from twind.observe.recording.recording_columns import RobotRecording, open_recording
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_file import BufferedFile, RecordFile
+from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_schemas import clock_words
 from twind.observe.writing.record_writer import RecordSession, RecordWriter
 
 JOINTS = ("hip", "knee")
+UNLIMITED = {"keep": 1 << 40, "free": 0, "file": 1 << 40}  # bytes
 CLOCKS = ClockPair(100.0, 1_795_000_000_000_000_000)
 SESSION = RecordSession(
     "two",
@@ -52,27 +55,35 @@ def status(time: float, mode: str = "live") -> dict[str, Any]:
     return {"topic": "status", "time": time, "dropped": 0, "status": {"mode": mode, "state": "armed"}}
 
 
-class Told:
-    """A writer that is told answers and stepped by hand; its clock is moved by the test."""
+class SteppedWriter:
+    """A recording writer that the test steps by hand, with a clock that the test moves.
 
-    def __init__(self, make: Callable[[Callable[[], float]], RecordWriter]) -> None:
+    `quota`: fields of `DiskQuota`, unlimited where missing; `options`: of `RecordWriter`.
+    """
+
+    def __init__(self, place: Path, quota: Mapping[str, Any] = UNLIMITED, **options: Any) -> None:
         self.time = 100.0
-        self.writer = make(lambda: self.time)
-        self.scribe = RecordEncoder(JOINTS, CLOCKS)
+        self.writer = RecordWriter(place, DiskQuota(**{**UNLIMITED, **quota}), lambda: self.time, **options)
+        self.encoder = RecordEncoder(JOINTS, CLOCKS)
         self.writer.begin(SESSION)
 
-    def tell(self, *answers: dict[str, Any]) -> None:
-        """Answers, and a step of the writer."""
+    def take(self, *answers: dict[str, Any]) -> None:
+        """Pass answers of the daemon to the writer, and step it."""
         for answer in answers:
-            for line in self.scribe.take(answer):
+            for line in self.encoder.take(answer):
                 self.writer.put(line)
         self.writer.step()
 
     def run(self, seconds: float, rate: float = 100.0) -> None:
-        """So much of a robot."""
+        """Record states for `seconds` at `rate` Hz."""
         for _ in range(round(seconds * rate)):
             self.time = round(self.time + 1.0 / rate, 9)
-            self.tell(state(self.time))
+            self.take(state(self.time))
+
+    def finish(self) -> list[RobotRecording]:
+        """Close the writer; return what its files contain."""
+        self.writer.close()
+        return [open_recording(path) for path in self.writer.tally.files]
 
 
 def write(path: Path, seconds: float = 1.0, rate: float = 100.0) -> Path:

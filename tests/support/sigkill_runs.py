@@ -25,6 +25,7 @@ from twind.client import Client, ClientError, Disconnected, NoDaemon, Refused
 
 TRIP = 0.120  # s from the last packet, by the servo's own clock (W11)
 COUNTS = 2  # that a joint may move where nothing may move (X5)
+ARMED = 20  # counts that a joint may move when arming makes its loaded position the goal
 NEAR = 40  # counts between the goal of a motion that succeeded and the joint, with its load
 # who moves, and its place among the servos
 JOINT = "head_pitch"
@@ -197,6 +198,9 @@ class Kills:
         assert kill.moved <= COUNTS, kill
         with self.running.client() as client:
             self.arm(client)
+            assert not any(servo["tripped"] for servo in self.virtual.servos()), kill
+            shift = max(abs(now - then) for now, then in zip(self.places(), rest, strict=True))
+            assert shift <= ARMED, (kill, shift)
             self.run(client)
             client.call("Disarm")
         assert not any(servo["torque"] for servo in self.virtual.servos()), kill

@@ -65,9 +65,10 @@ class StandingRig(Rig):
         """The policy, at the reins of this robot."""
         plant = plant_of(self.robot, period=policy.card.shaping.period)
         task = task_of(policy.card.task)
+        self.estimator = BaseEstimator(plant)
         self.pilot = PolicyController(
             policy,
-            BaseEstimator(plant),
+            self.estimator,
             RewardFunction(task, plant).fallen,
             task.phases(policy.card.shaping.period),
             np.zeros(3),

@@ -63,7 +63,7 @@ class World:
         self.now += TICK
 
     def told(self) -> dict[str, int]:
-        """How many figures there are of each hop."""
+        """Return the number of figures of each hop."""
         return {name: self.health.hops[name].count for name in COMMAND if self.health.hops[name].count}
 
     def last(self, hop: str) -> float:

@@ -1,4 +1,4 @@
-"""How long something took: the last hundred values, and the whole run."""
+"""Durations: the last hundred values, and the whole run."""
 
 from math import inf, isnan, nan
 

@@ -1,4 +1,4 @@
-"""Does a free-standing robot stand (UNSTABLE_POSE)? The feet, the hull of their corners, and what is told."""
+"""Balance of a free-standing robot (UNSTABLE_POSE): the feet, the hull of their corners, and the warnings."""
 
 from math import nan
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How the base of a virtual robot is held: gravity turned in its frame, and a bench under what lies."""
+"""Pose of a held base of a virtual robot: gravity turned in its frame, and a bench below a lying robot."""
 
 import numpy as np
 import pytest

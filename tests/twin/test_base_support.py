@@ -1,4 +1,4 @@
-"""Somebody holds a robot that stands freely until its legs do: h24-standing in MuJoCo, torque told."""
+"""Support of a freely standing robot until its legs carry it: h24-standing in MuJoCo."""
 
 from math import hypot
 from typing import Any

@@ -1,6 +1,7 @@
 """A robot file bound to its model: every joint mapped or passive, limits the tightest there are."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind.config.calibration_file import Calibration, fitting
+from twind.config.calibration_file import Calibration, JointCalibration, fitting
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
@@ -134,35 +135,32 @@ def test_the_gate_accepts_the_robot_files_limits_and_the_hard_ones_are_beyond() 
     assert knee(bind(H24, calibrated(H24))) == pytest.approx((-0.15, -0.1, 2.2, 2.25), abs=1e-9)
 
 
-def test_hard_limits_end_at_the_measured_travel() -> None:
+def with_knee(change: Callable[[JointCalibration], JointCalibration]) -> Binding:
+    """Bind h24 with a changed calibration entry of its left knee."""
     calibration = calibrated(H24)
-    joints = tuple(
-        replace(entry, sweep_ticks=(2048 - 70, 2048 + 1450)) if entry.name == "l_knee" else entry
-        for entry in calibration.joints
-    )
-    expected = (-70 * TICK, -0.1, 2.2, 1450 * TICK)
-    assert knee(bind(H24, replace(calibration, joints=joints))) == pytest.approx(expected, abs=1e-9)
+    joints = tuple(change(entry) if entry.name == "l_knee" else entry for entry in calibration.joints)
+    return bind(H24, replace(calibration, joints=joints))
 
 
-def test_travel_shorter_than_the_description_tightens_what_the_gate_accepts() -> None:
-    calibration = calibrated(H24)
-    joints = tuple(
-        replace(entry, sweep_ticks=(2048 - 30, 2048 + 1400)) if entry.name == "l_knee" else entry
-        for entry in calibration.joints
-    )
-    expected = (-30 * TICK, -30 * TICK, 1400 * TICK, 1400 * TICK)
-    assert knee(bind(H24, replace(calibration, joints=joints))) == pytest.approx(expected, abs=1e-9)
+@pytest.mark.parametrize(
+    ("sweep", "expected"),
+    [
+        ((-70, 1450), (-70 * TICK, -0.1, 2.2, 1450 * TICK)),
+        ((-30, 1400), (-30 * TICK, -30 * TICK, 1400 * TICK, 1400 * TICK)),
+    ],
+)
+def test_hard_limits_end_at_the_measured_travel_and_what_the_gate_accepts_within_it(
+    sweep: tuple[int, int], expected: tuple[float, ...]
+) -> None:
+    ends = (2048 + sweep[0], 2048 + sweep[1])
+    binding = with_knee(lambda entry: replace(entry, sweep_ticks=ends))
+    assert knee(binding) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_servos_own_limits_tighten_too() -> None:
-    calibration = calibrated(H24)
-    joints = tuple(
-        replace(entry, device=replace(entry.device, min_ticks=2019, max_ticks=3419))
-        if entry.name == "l_knee"
-        else entry
-        for entry in calibration.joints
+    binding = with_knee(
+        lambda entry: replace(entry, device=replace(entry.device, min_ticks=2019, max_ticks=3419))
     )
-    binding = bind(H24, replace(calibration, joints=joints))
     hard_lower, lower, upper, hard_upper = knee(binding)
     place = H24.names.index("l_knee")
     assert (binding.joint_map.buses[0].lower[place], binding.joint_map.buses[0].upper[place]) == (2019, 3419)

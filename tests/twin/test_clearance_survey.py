@@ -1,4 +1,4 @@
-"""What `check robot` finds about clearances, and what it proposes."""
+"""Clearances that `check robot` finds, and its proposal for `allow`."""
 
 from pathlib import Path
 

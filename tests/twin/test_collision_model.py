@@ -1,4 +1,4 @@
-"""How far apart bodies are: which pairs are judged, and that no distance is overstated."""
+"""Distances of bodies: the judged pairs, and that no distance is overstated."""
 
 from pathlib import Path
 

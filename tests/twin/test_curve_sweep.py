@@ -28,6 +28,18 @@ def named(bodies: CollisionModel, found: SweepResult) -> list[tuple[str, str]]:
     return [bodies.pairs[close.pair].bodies for close in found.refused]
 
 
+def folded(bodies: CollisionModel, clearance: float) -> np.ndarray:
+    """Return the pose in which the elbow leaves `clearance` m between tip and base."""
+    pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
+    low = 0.0
+    high = 2.9
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        bodies.place(np.array([0.0, middle, 0.0]))
+        low, high = (middle, high) if bodies.between(pair, 1.0) > clearance else (low, middle)
+    return np.array([0.0, 0.5 * (low + high), 0.0])
+
+
 def against_the_oracle(seed: int, count: int, share: float) -> tuple[int, int, int]:
     """Accepted, refused, refused although clear by more than the band: never accepted although not clear."""
     binding = h24()
@@ -98,16 +110,7 @@ def test_two_boxes_are_checked_although_contacts_do_not_cover_them(tmp_path: Pat
 def test_a_small_clearance_is_reported_and_not_refused(tmp_path: Path) -> None:
     """The tip goes straight at the base's top until 5 mm are left."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    start = np.array([0.0, 0.0, 0.0])
-    far = np.array([0.0, 2.9, 0.0])
-    low = 0.0
-    high = 1.0
-    for _ in range(40):  # where 5 mm are left
-        middle = 0.5 * (low + high)
-        bodies.place(start + middle * (far - start))
-        low, high = (middle, high) if bodies.between(pair, 1.0) > 0.005 else (low, middle)
-    found = swept(bodies, line(start, start + low * (far - start)))
+    found = swept(bodies, line(np.zeros(3), folded(bodies, 0.005)))
     assert not found.refused
     near = {bodies.pairs[close.pair].bodies: close for close in found.warned}["base", "tip"]
     assert near.clearance == pytest.approx(0.005, abs=1e-5)
@@ -117,42 +120,23 @@ def test_a_small_clearance_is_reported_and_not_refused(tmp_path: Path) -> None:
 def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> None:
     """Dense around the bound: the way ends where the tip is `beyond` further into it than `block`."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    low = 0.0
-    high = 2.9
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        bodies.place(np.array([0.0, middle, 0.0]))
-        low, high = (middle, high) if bodies.between(pair, 1.0) > 0.002 - beyond else (low, middle)
-    found = swept(bodies, line([0.0, 0.0, 0.0], [0.0, low, 0.0]))
+    found = swept(bodies, line(np.zeros(3), folded(bodies, 0.002 - beyond)))
     if abs(beyond) > BAND:
         assert bool(found.refused) == (beyond > 0.0)
     elif beyond > 0.0:
         assert found.refused
 
 
-def inside(bodies: CollisionModel, deep: float) -> np.ndarray:
-    """A pose in which the tip is `deep` closer to the base than it may be."""
-    pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    low = 0.0
-    high = 2.9
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        bodies.place(np.array([0.0, middle, 0.0]))
-        low, high = (middle, high) if bodies.between(pair, 1.0) > 0.002 - deep else (low, middle)
-    return np.array([0.0, high, 0.0])
-
-
 @pytest.mark.parametrize("deep", [-BAND / 2, BAND, 0.001, 0.005])
 def test_a_robot_that_starts_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep: float) -> None:
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    start = inside(bodies, deep)
+    start = folded(bodies, 0.002 - deep)
     out = swept(bodies, line(start, [0.0, 0.0, 0.0]))
     assert not out.refused
     assert not out.unfinished
     closer = swept(bodies, line(start, start + np.array([0.0, 0.1, 0.0])))
     assert named(bodies, closer) == [("base", "tip")]
-    back = swept(bodies, line(start, [0.0, 0.0, 0.0], inside(bodies, deep + 0.0002)))
+    back = swept(bodies, line(start, [0.0, 0.0, 0.0], folded(bodies, 0.002 - deep - 0.0002)))
     assert named(bodies, back) == [("base", "tip")]  # once out, the bound holds again
     assert SLACK < 0.002
 

@@ -155,14 +155,3 @@ def test_a_jump_of_the_pose_leaves_no_trace() -> None:
         jumped.update(reading(pose))
     direct.update(reading(bent))
     assert np.array_equal(jumped.effort, direct.effort)
-
-
-def test_a_look_between_two_readings_changes_no_later_result() -> None:
-    looked = TwinMirror(BINDING)
-    unseen = TwinMirror(BINDING)
-    for place in (0.3, -0.2, 0.1):
-        looked.update(reading(np.full(COUNT, place)))
-        unseen.update(reading(np.full(COUNT, place)))
-        assert np.isfinite(looked.effort).all()
-    assert np.array_equal(looked.effort, unseen.effort)
-    assert np.array_equal(looked.data.xpos, unseen.data.xpos)

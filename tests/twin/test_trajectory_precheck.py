@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.clearance_rig import arm, arm_file, finished, h24, still
-from twind.command_line.trajectory_files import load_motion
+from tests.support.clearance_rig import arm, arm_file, finished, still
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
@@ -139,26 +138,3 @@ def test_samples_are_bounded() -> None:
     time, *rows = samples(interpolate(path, still(np.zeros(1))))
     assert len(time) == 3001
     assert all(len(row) == 3001 for row in rows)
-
-
-@pytest.mark.parametrize("name", ["wave", "squat", "reach"])
-def test_the_built_in_motions_are_clear(name: str) -> None:
-    binding = h24()
-    motion = load_motion(name, binding.robot.motions)
-    names = list(binding.robot.names)
-    places = [names.index(joint) for joint in motion["joint_names"]]
-    points = motion["points"]
-    commanded = np.isin(np.arange(len(names)), places)
-
-    def rows(key: str) -> Floats | None:
-        if key not in points[0]:
-            return None
-        found = np.zeros((len(points), len(names)))
-        found[:, places] = [point[key] for point in points]
-        return found
-
-    position = rows("positions")
-    assert position is not None
-    time = np.array([point["time_from_start"] for point in points])
-    path = Trajectory(time, position, commanded, rows("velocities"), rows("accelerations"))
-    assert judged(TrajectoryPrecheck(binding, 0.01), path, still(binding.rest)) == Verdict()

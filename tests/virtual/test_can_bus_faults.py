@@ -1,6 +1,5 @@
 """Faults on order of a virtual CAN bus, each by what a host sees of it."""
 
-import inspect
 import json
 import re
 import struct
@@ -17,7 +16,6 @@ from twind.virtual.fault_commands import CAN_FAULTS, arguments
 from twind_drivers.bus import PortError
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR
-from twind_drivers.virtual.can.can_bus_faults import CanFaults
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_loopback import CanLoopback
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames
@@ -262,21 +260,6 @@ def test_an_unplugged_channel_is_lost() -> None:
 
 
 # ------------------------------------------------------------------------------- orders
-
-
-def test_every_fault_command_matches_a_fault_method_and_its_arguments() -> None:
-    inside = {"rows", "strike", "next_command", "commands"}
-    methods = {
-        name: inspect.signature(method).parameters
-        for name, method in inspect.getmembers(CanFaults, inspect.isfunction)
-        if not name.startswith("_") and name not in inside
-    }
-    assert set(methods) == set(CAN_FAULTS)
-    for name, given in CAN_FAULTS.items():
-        taken = {key: value for key, value in methods[name].items() if key != "self"}
-        assert [key.rstrip("?") for key in given] == list(taken)
-        optional = {key for key, value in taken.items() if value.default is not inspect.Parameter.empty}
-        assert {key[:-1] for key in given if key.endswith("?")} == optional
 
 
 def test_orders_of_the_other_kind_of_bus_are_refused() -> None:

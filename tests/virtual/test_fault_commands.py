@@ -4,13 +4,16 @@ import os
 import re
 import socket
 import stat
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from twind.exceptions import InvalidInput
-from twind.virtual.fault_commands import BODY_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
+from twind.virtual.fault_commands import BODY_FAULTS, CAN_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.virtual_main import parser
+from twind_drivers.virtual.can.can_bus_faults import CanFaults
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 
 
@@ -38,15 +41,23 @@ def test_right_orders_give_their_arguments() -> None:
     assert arguments({"fault": "clear"}) == ("clear", {})
 
 
-def test_every_fault_command_matches_a_fault_method_and_its_arguments() -> None:
-    inside = {"rows", "require", "look", "speak"}
+@pytest.mark.parametrize(
+    ("faults", "commands", "inside"),
+    [
+        (SerialBusFaults, FAULTS, {"rows", "require", "look", "speak"}),
+        (CanFaults, CAN_FAULTS, {"rows", "strike", "next_command", "commands"}),
+    ],
+)
+def test_every_fault_command_matches_a_fault_method_and_its_arguments(
+    faults: type, commands: Mapping[str, Mapping[str, Any]], inside: set[str]
+) -> None:
     methods = {
         name: inspect.signature(method).parameters
-        for name, method in inspect.getmembers(SerialBusFaults, inspect.isfunction)
+        for name, method in inspect.getmembers(faults, inspect.isfunction)
         if not name.startswith("_") and name not in inside
     }
-    assert set(methods) == set(FAULTS)
-    for name, given in FAULTS.items():
+    assert set(methods) == set(commands)
+    for name, given in commands.items():
         taken = {key: value for key, value in methods[name].items() if key != "self"}
         assert [key.rstrip("?") for key in given] == list(taken)
         optional = {key for key, value in taken.items() if value.default is not inspect.Parameter.empty}

@@ -1,12 +1,9 @@
 """Wire time: 10 bits a byte; replies after the return delay, one after the other."""
 
-import math
-
 import pytest
 
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet, serial_cycle_budget
-from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 
 IDS = list(range(1, 25))
 
@@ -30,16 +27,6 @@ def test_a_cycle_of_24_servos_takes_the_computed_time(baud_rate: int, delay_us: 
     plan = serial_cycle_budget.budget(24, baud, fast=fast, return_delay_us=delay_us)
     for _ in range(2):  # the first goes the long way, the second is remembered
         assert cycle(host, goals + read) == pytest.approx(plan.seconds, rel=1e-9)
-
-
-@pytest.mark.parametrize(("fast", "bytes_", "hertz"), [(True, 516, 388), (False, 676, 296)])
-def test_the_published_rates_of_24_servos_at_2_mbaud(fast: bool, bytes_: int, hertz: int) -> None:
-    host = Host(IDS)
-    goals = packet.sync_write(116, {id: (2048).to_bytes(4, "little") for id in IDS})
-    read = (packet.fast_sync_read if fast else packet.sync_read)(IDS, 126, 10)
-    seconds = cycle(host, goals + read)
-    assert seconds == pytest.approx(bytes_ * 10 / 2e6)
-    assert round(1 / seconds) == hertz
 
 
 def test_an_answer_is_not_there_before_its_last_byte() -> None:
@@ -72,7 +59,3 @@ def test_two_requests_in_one_write_are_served_one_after_the_other() -> None:
     host.bus.receive(packet.ping(1) + packet.ping(2), 0.0)
     assert host.bus.next_output_time() == pytest.approx(24 * 10 / 2e6)  # request and answer of the first
     assert len(host.bus.take(1.0)) == 28
-
-
-def test_a_silent_wire_is_never_due() -> None:
-    assert HalfDuplexWire(1_000_000).next_output_time() == math.inf

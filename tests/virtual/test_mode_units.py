@@ -272,17 +272,6 @@ def test_a_p_series_servo_turns_at_its_own_scale() -> None:
     assert host.read(1, *at["hardware_error_status"]) == 0
 
 
-def test_a_frozen_encoder_repeats_itself_until_it_thaws() -> None:
-    host = powered(3)
-    host.servos.readings.freeze(0, True)
-    host.goal(1, 3000)
-    host.wait(2.0)
-    assert host.present(1) == 2048
-    host.servos.readings.freeze(0, False)
-    host.wait(0.01)
-    assert host.present(1) == 3000
-
-
 @examples(60)
 @given(
     st.sampled_from([0, 1, 3, 4, 5, 16]),

@@ -7,16 +7,11 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.virtual_can_host import CanHost
-from twind_drivers.bus import PortError
 from twind_drivers.can.frame import EXTENDED, REMOTE
-from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_message import CanMessage
-from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.can.slcan_text import KINDS, parsed
-from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
-from twind_drivers.virtual.serial_loopback import Loopback
 
 ENABLE = b"t0018FFFFFFFFFFFFFFFC\r"
 TOLD = b"t0118117FFF7FF7FF1919\r"
@@ -172,28 +167,6 @@ def test_closing_empties_the_queue_unless_the_adapter_is_made_otherwise() -> Non
         host.host.faults.power(True)
         host.ask(b"", wait=1.0)
         assert host.ask(b"O\r", wait=0.1) == b"\r" + left
-
-
-def test_the_loopback_serves_it_as_a_serial_port() -> None:
-    clock = FakeClock()
-    bus = VirtualCanBus("can", [NodeSpec(1, "DM4310", 0x11)], FirstOrderCanPhysics(np.zeros(1)))
-    port = Loopback(bus, clock)
-    port.write(b"S8\rO\r" + ENABLE)
-    buffer = memoryview(bytearray(200))
-    heard = b""
-    while port.arrival() < np.inf:
-        clock.wait([port], 1.0)
-        heard += bytes(buffer[: port.read_into(buffer)])
-    assert heard == b"\r\rz\r" + TOLD
-    bus.faults.stall()
-    port.write(ENABLE)
-    assert port.backlog() == len(ENABLE)
-    port.flush()
-    bus.faults.stall(False)
-    assert port.arrival() == np.inf
-    bus.faults.unplug()
-    with pytest.raises(PortError, match="unplugged"):
-        port.write(ENABLE)
 
 
 def test_a_stalled_adapter_sends_its_backlog_when_it_resumes() -> None:

@@ -135,18 +135,6 @@ def test_a_reg_write_waits_for_its_action() -> None:
     assert (host.read(1, 69, 1), host.read(1, 116, 4)) == (0, 200)
 
 
-def test_an_id_can_be_changed_and_duplicate_ids_collide() -> None:
-    host = Host([1, 2])
-    assert host.write(2, 7, 5, 1) == 0
-    assert host.ask(packet.ping(2)) == []
-    assert len(host.ask(packet.ping(5))) == 1
-    host.write(5, 7, 1, 1)
-    host.muscles.position[1] = 1777.0
-    host.wait(0.01)
-    assert host.ask(packet.read(1, 132, 4)) == [], "garbage on the wire"
-    assert host.raw(packet.read(1, 132, 4)) != b""
-
-
 def test_a_wrong_baud_rate_is_silence_until_it_is_right() -> None:
     host = Host([1])
     host.bus.line(57_600)

@@ -52,16 +52,6 @@ def test_eeprom_is_locked_while_torque_is_on_and_open_after() -> None:
     assert host.read(1, 9, 1) == 10
 
 
-def test_a_goal_beyond_a_narrowed_position_limit_is_refused_in_mode_3_only() -> None:
-    host = Host([1], settings={"min_position_limit": 1000, "max_position_limit": 3000})
-    assert host.goal(1, 3001) == 6
-    assert host.goal(1, 3000) == 0
-    host.bus.receive(packet.sync_write(116, {1: (999).to_bytes(4, "little")}), host.clock.now())
-    assert host.read(1, 116, 4) == 3000, "never answered: seen by reading back"
-    assert host.write(1, 11, 4, 1) == 0
-    assert host.goal(1, -100_000) == 0
-
-
 @pytest.mark.parametrize(
     ("model", "modes"),
     [
@@ -125,17 +115,6 @@ def test_goal_pwm_zero_pulls_at_nothing() -> None:
     host.goal(1, 3000)
     host.wait(1.0)
     assert host.present(1) == 2048
-
-
-def test_profile_velocity_slows_the_motion() -> None:
-    host = Host([1])
-    host.write(1, 112, 20, 4)
-    host.torque(1)
-    host.goal(1, 3048)
-    host.wait(1.0)
-    assert host.present(1) == pytest.approx(2048 + 20 * 0.229 / 60 * 4096, abs=20)
-    host.wait(5.0)
-    assert host.present(1) == pytest.approx(3048, abs=1)
 
 
 def test_reading_while_moving_shows_signed_velocity_and_moving() -> None:
@@ -305,31 +284,6 @@ def test_a_servo_at_rest_does_not_move_when_it_trips() -> None:
 # ---------------------------------------------------------------------- faults and reboot
 
 
-def test_a_hardware_error_alerts_and_shuts_down_by_the_mask_until_reboot() -> None:
-    """e-manual, Shutdown (63): torque off; only a reboot restores, rewriting 64 does nothing."""
-    host = Host([1])
-    host.torque(1)
-    host.bus.faults.damage(1, 0b0000_0001)  # input voltage: not in the XM430's mask of 52
-    assert host.read(1, 64, 1) == 1
-    (answer,) = host.ask(packet.read(1, 70, 1))
-    assert (answer.error, answer.data) == (ALERT, b"\x01")
-    host.bus.faults.damage(1, 0b0010_0000)  # overload
-    assert host.read(1, 64, 1) == 0
-    assert host.write(1, 64, 1, 1) == ALERT
-    assert host.read(1, 64, 1) == 0
-    host.ask(packet.reboot(1))
-    host.wait(0.2)
-    host.torque(1)
-    assert host.read(1, 64, 1) == 1
-
-
-def test_the_x330_shuts_down_on_input_voltage_too() -> None:
-    host = Host([1], model="XL330-M288")
-    host.torque(1)
-    host.bus.faults.damage(1, 0b0000_0001)
-    assert host.read(1, 64, 1) == 0
-
-
 def test_a_reboot_answers_then_is_off_the_bus_then_has_its_defaults() -> None:
     host = Host([1, 2])
     host.write(1, 84, 1600, 2)
@@ -347,21 +301,6 @@ def test_a_reboot_answers_then_is_off_the_bus_then_has_its_defaults() -> None:
     assert host.read(1, 120, 2) < 100, "its clock begins anew"
 
 
-def test_a_reboot_loses_turns_and_the_goal_is_where_it_is() -> None:
-    host = Host([1], settings={"operating_mode": 4})
-    host.muscles.position[0] += 2 * 4096.0
-    host.wait(0.01)
-    assert host.present(1) == 2048 + 2 * 4096
-    host.ask(packet.reboot(1))
-    host.wait(0.2)
-    assert host.present(1) == host.read(1, 116, 4) == 2048
-
-
-def test_startup_configuration_bit_0_boots_with_torque_on() -> None:
-    host = Host([1], settings={"startup_configuration": 1})
-    assert host.read(1, 64, 1) == 1
-
-
 # ---------------------------------------------------------------------- models
 
 
@@ -375,16 +314,3 @@ def test_models_have_their_own_tables_and_defaults() -> None:
     host.goal(1, 2500)
     host.wait(1.0)
     assert host.present(1) == pytest.approx(2500, abs=1), "no current limit register is no limit"
-
-
-def test_a_model_that_is_not_simulated_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"XL-?320"):
-        Host([1], model="XL320")
-    with pytest.raises(KeyError, match="near"):
-        Host([1], model="XM430-W530")
-
-
-def test_temperature_and_voltage_are_plausible() -> None:
-    host = Host([1, 2])
-    assert host.read(1, 146, 1) == 25
-    assert host.read(1, 144, 2) == 120

@@ -3,7 +3,7 @@
 It uses a connection of its own. That is opened for a trajectory, renews the lease while one of them is under
 way, and is closed soon after the last has ended, so that other clients may command. If the holder dies, the
 daemon holds the robot. Trajectories go without `more`, so that a newer one replaces the older. `Monitor`
-reports on another connection how each ends (`heard`).
+reports on another connection how each ends (`on_monitor_reply`).
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class _Motion:
 
 
 class MotionSession:
-    """Motion session. `heard`, `driving` and `cut` may be called from any thread, all else from one.
+    """Motion session. Any thread may call `on_monitor_reply`, `driving` and `cut`, one thread all else.
 
     `held`: `hold` has requested the lease, and no loss of it is known.
     """
@@ -96,7 +96,7 @@ class MotionSession:
         self._still = inf  # s, time since when nothing moves, by the statuses
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
-        self.finished: dict[str, MotionEnd] = {}  # heard, and not told yet
+        self.finished: dict[str, MotionEnd] = {}  # received, and not returned by `keep` yet
         self._let_go = False  # an end came that cannot be read: what is under way must not go on
 
     @property

@@ -178,15 +178,15 @@ def _tracked(folder: str) -> Iterator[TrackingErrorMeter]:
 
 
 def _show(client: Client, folder: str) -> None:
-    """What everybody sees: armed, a motion, a refusal, latency."""
-    joints = _arm(client)
+    """Show arming, a motion, a refusal and the latency."""
+    joints = arm_robot(client)
     print(f"armed     {len(joints)} joints hold where they were found")
     _play(client, folder, motion_names()[0])
     _refusal(client)
     _latency(client)
 
 
-def _arm(client: Client) -> list[Any]:
+def arm_robot(client: Client) -> list[Any]:
     """Arm, and return the joints; a refusal is tried again for ARMING s. Raises Refused."""
     deadline = time.monotonic() + ARMING
     while True:
@@ -246,7 +246,7 @@ def duration(motion: Mapping[str, Any]) -> float:
 
 
 def _play(client: Client, folder: str, name: str) -> None:
-    """One motion to its end. A machine too busy for 100 Hz makes the daemon hold: said, then tried again."""
+    """Play one motion to its end; try again if the daemon holds because the machine is too busy."""
     motion = load_motion(name)
     for _ in range(TRIES):
         client.call("AcquireLease")

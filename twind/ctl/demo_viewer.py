@@ -12,7 +12,7 @@ from typing import IO
 
 from twind.command_line.extras import how_to_add
 
-ADDRESS = 15.0  # s that it may take until it says where it is
+ADDRESS = 15.0  # s until it must have printed its address
 ENDING = 5.0  # s, after SIGTERM
 NICE = 10
 

@@ -22,7 +22,7 @@ def _run(options: argparse.Namespace) -> int:
     except NoDaemon as error:
         if not error.absent or remote_robot(options) is not None:
             raise
-        return _terminate(options, error)
+        return terminate_daemons(options, error)
     with client:
         answer = client.call("EStop", level=level, reason=options.reason)
     off = answer.get("torque_off")
@@ -31,7 +31,7 @@ def _run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
+def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:
     """Have each daemon that still serves the folder lower its robot and end. Raises NoDaemon, Rejected."""
     from twind.ctl import serving  # a status or an ordinary e-stop does not pay for it
 
@@ -70,7 +70,7 @@ def _signalled(folder: str, pid: int, *, cut: bool) -> str:
 
 
 def _not_allowed(folder: str, uid: int) -> str:
-    """What another user can run."""
+    """The error with a command for a user that may signal the daemon."""
     unit = _unit(folder)
     command = f"systemctl stop {unit}" if unit else f"twindctl --socket {os.path.abspath(folder)} estop"
     return (

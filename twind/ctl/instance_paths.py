@@ -1,7 +1,7 @@
-"""Which files, sockets and units belong to one daemon of this machine, as systemd/README.md has it.
+"""Files, sockets and units of one daemon of this machine, as systemd/README.md defines them.
 
-The plain service reads `twind.yaml` and listens in /run/twind; `twind@NAME` reads `NAME.yaml` beside it and
-is told to listen in /run/twind/NAME.
+The plain service reads `twind.yaml` and listens in /run/twind. `twind@NAME` reads `NAME.yaml` beside it and
+listens in /run/twind/NAME.
 """
 
 import os
@@ -23,7 +23,7 @@ def settings_of(place: str | None, folder: Path) -> Path | None:
 
 
 def sockets_of(config: str | None, socket_dir: str, folder: Path) -> str:
-    """Where the daemon that reads `config` listens; `socket_dir` is what its settings say."""
+    """Folder in which the daemon that reads `config` listens. `socket_dir`: the folder in its settings."""
     file = None if config is None else Path(os.path.abspath(config))
     told = file is not None and file.parent == folder and file.stem != SERVICE and socket_dir == SYSTEM
     return f"{socket_dir}/{file.stem}" if told and file is not None else socket_dir

@@ -59,7 +59,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _on_signal(number: int, _frame: FrameType | None) -> None:
-    """Told to end: the way out gives the terminal back."""
+    """End by an exception, which gives the terminal back."""
     raise SystemExit(128 + number)
 
 
@@ -80,9 +80,9 @@ def _lines(options: argparse.Namespace) -> int:
 def steady(
     connect: Callable[[], Client], topics: Sequence[str], rate: float, gone: Callable[[str], None]
 ) -> Iterator[dict[str, Any]]:
-    """Messages of Monitor for ever, of one daemon after the other; `gone` is told why one has ended.
+    """Messages of Monitor without end, of one daemon after the other. `gone` receives the reason of each end.
 
-    Blocks. Raises ClientError where the first one cannot be reached or does not answer.
+    Blocks. Raises ClientError if the first one cannot be reached or does not answer.
     """
     client = connect()
     answered = False

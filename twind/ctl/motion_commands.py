@@ -65,12 +65,12 @@ def _goal(text: str) -> tuple[str, float]:
     except ValueError:
         value = float("nan")
     if not name or not equals or not isfinite(value):
-        raise UsageError(f"{text!r}: expected JOINT=RAD, as in l_knee=0.5")
+        raise UsageError(f"{text!r}: expected JOINT=RAD, a joint and its goal in radians, as 0.5")
     return name, value
 
 
 def _duration(client: Client, goals: dict[str, float]) -> float:
-    """Slow enough for the longest way, from what each joint is told now or else does."""
+    """Duration (s) that is slow enough for the longest way, from each joint's goal or else its position."""
     joints = client.call("GetStatus", joints=True)["joints"]
     now = {joint["name"]: joint["position"] if joint["goal"] is None else joint["goal"] for joint in joints}
     ways: list[float] = [abs(goal - now[name]) for name, goal in goals.items() if now.get(name) is not None]

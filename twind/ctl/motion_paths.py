@@ -1,4 +1,4 @@
-"""The motions of a robot file as paths in joint order, for whoever judges them without a daemon."""
+"""The motions of a robot file as paths in joint order, for checks without a daemon."""
 
 from twind.command_line.trajectory_files import load_motion, motion_names
 from twind.command_line.verb import Rejected

@@ -43,7 +43,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
         return _as_sent({"refusals": names.findings(wrong), "warnings": [], "changes": []})
     snapshot = standing(position)
     asked = trajectory_submission.fields(message, path, names)
-    found = _foreseen(binding, path, snapshot.reference, append_stop=asked["append_stop"])
+    found = _run_precheck(binding, path, snapshot.reference, append_stop=asked["append_stop"])
     shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
     command = Submit(ticket=0, client=0, uid=0, holder="", check_only=True, **asked, **shares)
     demand = TrajectoryRequest(command.policy, command.append_stop, command.start_in)
@@ -51,7 +51,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     return _as_sent(names.verdict(plain(of_the_path(with_front(judged.verdict, command)))))
 
 
-def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
+def _run_precheck(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
     """Run the look-ahead checks SELF_COLLISION to UNSTABLE_POSE on `path` and return their verdict."""
     hush()
     looking = TrajectoryPrecheck(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))

@@ -1,6 +1,6 @@
-"""The twind daemon whose sockets are gone: found by what it still listens on, and ended by SIGTERM.
+"""Search for a twind daemon whose sockets are gone, by the sockets that it has open, and its end by SIGTERM.
 
-A bound socket keeps its path after its file is removed, so the kernel still says who serves a folder.
+A bound socket keeps its path after its file is removed, so the kernel still names the server of a folder.
 A process is signalled by a pidfd, which never means another process. Standard library only.
 """
 

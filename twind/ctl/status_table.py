@@ -1,4 +1,4 @@
-"""Status and joints as text for people. Standard library only."""
+"""Status and joints as text. Standard library only."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,17 +7,19 @@ from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 
 Answer = Mapping[str, Any]
+LATCHED = ("fault", "estop", "inhibited")  # states that only a reset ends
+UNKNOWN = ("disconnected", "identifying")  # states that hide whether a fault is latched
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
 
 def render(status: Answer, joints: Sequence[Answer] | None = None) -> str:
-    """All there is to say now, joints as a table."""
+    """Text of a status, and the joints as a table."""
     return "\n".join([*status_lines(status), *(["", *joint_lines(joints)] if joints else [])])
 
 
 def status_lines(status: Answer) -> list[str]:
-    """What the robot, its buses and the loop do, one line each; faults last."""
+    """One line each for the robot, its buses and the loop; faults last, with remedies."""
     loop = status["loop"]
     lease = status["lease"]
     flags = [name for name in ("armed", "inherited") if status[name]]
@@ -27,7 +29,7 @@ def status_lines(status: Answer) -> list[str]:
         f"state {status['state']}",
         f"motion {status['motion']}",
     ]
-    held = "nobody" if lease is None else f"{lease['holder']}, for {lease['expires_in']:.2f} s"
+    held = "free" if lease is None else f"{lease['holder']}, for {lease['expires_in']:.2f} s"
     lines = [
         " · ".join([*head, *flags]),
         f"lease    {held}",
@@ -44,12 +46,31 @@ def status_lines(status: Answer) -> list[str]:
             lines.append(f"warning  {bus['name']}: {bus['warning']}")
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
-    lines += [f"stream   {said}" for said in map(stream_text, status.get("streams") or ())]
-    return [*lines, *finding_lines(status["faults"], "fault")]
+    lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
+    return [*lines, *_fault_lines(status)]
+
+
+def _fault_lines(status: Answer) -> list[str]:
+    """Faults and arming refusals, a remedy for each code, and whether a reset is needed."""
+    faults = status["faults"]
+    if not faults:
+        return []
+    from twind.ctl.reasons import remedy  # only a robot with faults pays for it
+
+    remedies = dict.fromkeys(f"remedy   {fault['code']}: {remedy(fault['code'])}" for fault in faults)
+    return [*finding_lines(faults, "fault"), *remedies, f"reset    {_reset_text(status['state'])}"]
+
+
+def _reset_text(state: str) -> str:
+    if state in LATCHED:
+        return f"needed: state {state} is latched until `twindctl disarm`, then `twindctl reset`"
+    if state in UNKNOWN:
+        return "unknown until the robot is connected; needed if the state is then `fault` or `estop`"
+    return "not needed: a fault clears once its cause is gone; until then arming is refused"
 
 
 def latency_text(status: Answer) -> str:
-    """The latency of a whole reading: now, mean, largest, violations."""
+    """Format the latency of a whole reading: now, mean, largest, violations."""
     now, mean, most = (_ms(status[f"latency_{key}"]) for key in ("ms", "avg_ms", "max_ms"))
     return f"now {now}, mean {mean}, max {most}; {status['violations']} violations"
 
@@ -60,15 +81,15 @@ def loop_text(loop: Answer) -> str:
     return f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
 
 
-def stream_text(told: Answer) -> str:
-    """One streamer: where to, how much, what was lost, what is in the way."""
-    counts = [f"{told['rate_hz']:.4g} Hz", f"{told['sent']} sent", f"{told['waiting']} waiting"]
-    counts += [f"{told[key]} {said}" for key, said in LOST if told[key]]
-    return f"{told['endpoint']}: {', '.join(counts)}" + (f"; {told['error']}" if told["error"] else "")
+def stream_text(report: Answer) -> str:
+    """Format one streamer: endpoint, rate, counts, losses, error."""
+    counts = [f"{report['rate_hz']:.4g} Hz", f"{report['sent']} sent", f"{report['waiting']} waiting"]
+    counts += [f"{report[key]} {label}" for key, label in LOST if report[key]]
+    return f"{report['endpoint']}: {', '.join(counts)}" + (f"; {report['error']}" if report["error"] else "")
 
 
 def joint_lines(joints: Sequence[Answer]) -> list[str]:
-    """A table of joints; what is not known is a dash."""
+    """Format a table of joints; an unknown value is a dash."""
     return align_columns([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
 
 

@@ -147,7 +147,8 @@ def _torque(
     if torque and watchdog == TRIPPED:
         text = f"bus watchdog (98) is {watchdog}"
         yield DoctorFinding("WATCHDOG_TRIPPED", servo.thing, text, "5, 100 ms, while torque is on")
-    elif watchdog and not torque and not armed:
+    elif watchdog and not torque and not (context.daemon and context.daemon.is_live):
+        # A disarm leaves it set and arming sets it anew: it hinders only programs other than a live daemon.
         time = ", tripped" if watchdog == TRIPPED else f", {20 * watchdog} ms"
         yield DoctorFinding(
             "WATCHDOG_LEFT",

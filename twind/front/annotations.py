@@ -12,14 +12,14 @@ LONGEST = {"task": 100, "text": 500}  # characters
 
 
 def annotation(given: Mapping[str, Any]) -> Annotation:
-    """What the parameters of a call say, whose `kind` is a key of KINDS. Raises InvalidInput."""
+    """Annotation from the parameters of a call, whose `kind` is a key of KINDS. Raises InvalidInput."""
     kind = given["kind"]
     fields = {key: given[key] for key in ("task", "success", "text") if given.get(key) is not None}
     for key in fields:
         if key not in KINDS[kind]:
             raise InvalidInput(f"{kind} has none; it takes {' and '.join(KINDS[kind])}", where=key)
     if kind in NEEDED and NEEDED[kind] not in fields:
-        raise InvalidInput(f"is missing: {kind} says nothing without it", where=NEEDED[kind])
+        raise InvalidInput(f"is missing: {kind} needs it", where=NEEDED[kind])
     for key, most in LONGEST.items():
         text = fields.get(key, "-")
         if not text.strip() or len(text) > most or not text.isprintable():

@@ -97,7 +97,7 @@ class LogWriter:
 
 
 def _loss(count: int) -> LogLine:
-    said = f"... {count} lines lost: nobody took them (standard error not read, closed, or its disk full)"
+    said = f"... {count} lines lost (standard error not read, closed, or its disk full)"
     fields = {
         "MESSAGE": said,
         "PRIORITY": "4",

@@ -24,6 +24,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     ReasonCode.FLOOR: ("clearance", "m"),
     ReasonCode.LOOKAHEAD_COLLISION: ("clearance", "m"),
 }
+# Codes whose message states value and bound beside their subject.
+NUMBERS_IN_MESSAGE = frozenset(
+    {ReasonCode.BUS_ERRORS, ReasonCode.RX_SHAPE, ReasonCode.FOREIGN_TRAFFIC, ReasonCode.TX_BACKLOG}
+)
 
 Plain = dict[str, Any]  # what goes into JSON
 
@@ -104,12 +108,17 @@ def describe_finding(
         where.append(f"point {point}" + ("" if time is None else f" ({time:.3g} s)"))
     elif time is not None:
         where.append(f"at {time:.3g} s")
-    what, unit = QUANTITIES.get(code, ("", ""))
-    numbers = "" if value is None else f"{what or 'value'} {_number(value)} {unit}".rstrip()
-    if bound is not None:
-        numbers += f"{', ' if numbers else ''}bound {_number(bound)} {unit}".rstrip()
+    numbers = "" if code in NUMBERS_IN_MESSAGE else _numbers(code, value, bound)
     text = "; ".join(part for part in (numbers, message) if part) or code
     return f"{', '.join(where)}: {text}" if where else text
+
+
+def _numbers(code: str, value: float | None, bound: float | None) -> str:
+    what, unit = QUANTITIES.get(code, ("value", ""))
+    parts = [(what, value), ("bound", bound)]
+    return ", ".join(
+        f"{name} {_number(number)} {unit}".rstrip() for name, number in parts if number is not None
+    )
 
 
 def _number(value: float) -> str:

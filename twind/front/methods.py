@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop", "ReportStream"})
 LEVELS = ("settle", "cut")  # of an e-stop
 SIDES = ("lower", "upper")  # of a joint's stops
+NAME = 40  # characters of an unknown name in an error
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
 Method = Callable[["FrontServer", ClientCall], None]
@@ -83,6 +85,10 @@ def _as_it_stands(kind: Callable[..., link.Inward]) -> Method:
     return method
 
 
+def _not_found(call: ClientCall, what: str, name: str, known: Iterable[str]) -> None:
+    call.error("NotFound", {"what": what, "name": name, "known": list(known)})
+
+
 # ------------------------------------------------------------------------------------- from what is known
 
 
@@ -106,7 +112,7 @@ def _monitor(front: FrontServer, call: ClientCall) -> None:
     if call.oneway:
         call.invalid("oneway", "a monitor that is never answered would watch for ever")
     elif unknown:
-        call.error("NotFound", {"what": "topic", "name": unknown[0], "known": list(TOPICS)})
+        _not_found(call, "topic", unknown[0], TOPICS)
     elif not topics:
         call.invalid("topics", f"name at least one of {', '.join(TOPICS)}")
     elif rate is not None and not rate > 0.0:
@@ -126,8 +132,7 @@ def _arm(front: FrontServer, call: ClientCall) -> None:
         return
     unknown = [name for name in joints if name not in front.world.names.places]
     if unknown:
-        known = list(front.world.names.joints)
-        call.error("NotFound", {"what": "joint", "name": unknown[0], "known": known})
+        _not_found(call, "joint", unknown[0], front.world.names.joints)
     elif len(set(joints)) != len(joints):
         call.invalid("joints", "a joint is named twice")
     else:
@@ -139,11 +144,9 @@ def _find_stop(front: FrontServer, call: ClientCall) -> None:
     given = call.parameters
     places = front.world.names.places
     if given["joint"] not in places:
-        known = list(front.world.names.joints)
-        call.error("NotFound", {"what": "joint", "name": printable(given["joint"][:40]), "known": known})
+        _not_found(call, "joint", printable(given["joint"][:NAME]), front.world.names.joints)
     elif given["side"] not in SIDES:
-        name = printable(given["side"][:40])
-        call.error("NotFound", {"what": "side", "name": name, "known": list(SIDES)})
+        _not_found(call, "side", printable(given["side"][:NAME]), SIDES)
     else:
         how = {key: given.get(key) for key in ("current_share", "speed", "times")}
         joint = places[given["joint"]]
@@ -154,8 +157,7 @@ def _estop(front: FrontServer, call: ClientCall) -> None:
     level = call.parameters.get("level") or "settle"
     reason = call.parameters.get("reason") or ""
     if level not in LEVELS:
-        name = printable(level[:REASON])
-        call.error("NotFound", {"what": "level", "name": name, "known": list(LEVELS)})
+        _not_found(call, "level", printable(level[:REASON]), LEVELS)
         return
     if front.tickets.stopping(call, level):
         call.error("Busy", {"what": f"{ESTOPS} e-stops of this connection; the stop is under way"})
@@ -170,14 +172,6 @@ def _scan(front: FrontServer, call: ClientCall) -> None:
         call.invalid("bauds", reason)
         return
     forward(front, call, link.Scan, bus=call.parameters.get("bus"))
-
-
-def _submit(front: FrontServer, call: ClientCall) -> None:
-    _trajectory(front, call, check_only=False)
-
-
-def _check(front: FrontServer, call: ClientCall) -> None:
-    _trajectory(front, call, check_only=True)
 
 
 def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
@@ -260,8 +254,7 @@ def _streamed(
 
 def _mark(front: FrontServer, call: ClientCall) -> None:
     if call.parameters["kind"] not in marks.KINDS:
-        name = printable(call.parameters["kind"][:40])
-        call.error("NotFound", {"what": "kind", "name": name, "known": list(marks.KINDS)})
+        _not_found(call, "kind", printable(call.parameters["kind"][:NAME]), marks.KINDS)
         return
     checked = marks.annotation(call.parameters)
     if front.in_time(call, "marks", "wait: they are for people"):  # each is remembered by all that record
@@ -275,10 +268,6 @@ def _report_stream(front: FrontServer, call: ClientCall) -> None:
     elif front.in_time(call, "reports of streams", "one a second is enough"):
         front.streams.take(call.caller.number, call.parameters["stream"], front.now())
         call.reply(b"{}")
-
-
-def _reload(front: FrontServer, call: ClientCall) -> None:
-    front.reloads.ask(call)
 
 
 def _set_parameters(front: FrontServer, call: ClientCall) -> None:
@@ -301,36 +290,43 @@ def _set_parameters(front: FrontServer, call: ClientCall) -> None:
     front.reloads.ask(call, {PARAMETERS[name]: value for name, value in given.items()})
 
 
+def _reload(front: FrontServer, call: ClientCall) -> None:
+    front.reloads.ask(call)
+
+
 def _dump_recorder(front: FrontServer, call: ClientCall) -> None:
     front.flights.dump(call)
 
 
+COMMANDS: tuple[type[Any], ...] = (  # each takes the parameters of the method of its name
+    link.SetMode,
+    link.AcquireLease,
+    link.RenewLease,
+    link.ReleaseLease,
+    link.Disarm,
+    link.Reset,
+    link.Calibrate,
+    link.Cancel,
+    link.ReadRegister,
+    link.WriteRegister,
+    link.Reboot,
+)
 METHODS: dict[str, Method] = {
+    **{kind.__name__: _as_it_stands(kind) for kind in COMMANDS},
     "GetStatus": _get_status,
     "GetRobot": _get_robot,
     "GetParameters": _get_parameters,
     "Monitor": _monitor,
-    "SetMode": _as_it_stands(link.SetMode),
-    "AcquireLease": _as_it_stands(link.AcquireLease),
-    "RenewLease": _as_it_stands(link.RenewLease),
-    "ReleaseLease": _as_it_stands(link.ReleaseLease),
     "Arm": _arm,
-    "Disarm": _as_it_stands(link.Disarm),
     "EStop": _estop,
-    "Reset": _as_it_stands(link.Reset),
-    "Calibrate": _as_it_stands(link.Calibrate),
     "FindStop": _find_stop,
-    "Check": _check,
-    "SubmitTrajectory": _submit,
-    "Cancel": _as_it_stands(link.Cancel),
+    "Check": partial(_trajectory, check_only=True),
+    "SubmitTrajectory": partial(_trajectory, check_only=False),
     "Setpoint": _setpoint,
     "SetParameters": _set_parameters,
     "Scan": _scan,
     "Mark": _mark,
     "ReportStream": _report_stream,
-    "ReadRegister": _as_it_stands(link.ReadRegister),
-    "WriteRegister": _as_it_stands(link.WriteRegister),
-    "Reboot": _as_it_stands(link.Reboot),
     "Reload": _reload,
     "DumpRecorder": _dump_recorder,
 }
@@ -342,17 +338,9 @@ METHODS: dict[str, Method] = {
 def service(front: FrontServer, call: ClientCall) -> None:
     """Answer a call of `org.varlink.service`: product, version, interfaces."""
     if call.method == "GetInfo":
-        call.reply(
-            encode(
-                {
-                    "vendor": "twind",
-                    "product": "twind",
-                    "version": front.world.briefing.version,
-                    "url": "https://github.com/twind/twind",
-                    "interfaces": list(front.interfaces),
-                }
-            )
-        )
+        product = {"vendor": "twind", "product": "twind", "url": "https://github.com/twind/twind"}
+        version = front.world.briefing.version
+        call.reply(encode(product | {"version": version, "interfaces": list(front.interfaces)}))
         return
     wanted = front.interfaces.get(call.parameters["interface"])
     if wanted is None:

@@ -16,6 +16,8 @@ from twind.link import Event, Overview, Tick, VerdictReport
 
 # topic -> default rate, Hz
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
+# topic -> field of its message, where the names differ
+KEYS = {"state": "joints", "events": "event", "verdicts": "verdict", "trajectories": "accepted"}
 HISTOGRAMS = "histograms"  # of topic latency, due once a second
 TOPICS = (*PERIODIC, "events", "verdicts", "trajectories", "stream")
 
@@ -87,12 +89,9 @@ class SubscriberRegistry:
         world = self._world
         number = tick.sequence
         self._status(tick)
-        for topic, key, piece, time in (
-            ("state", b"joints", world.state, tick.time),
-            ("raw", b"raw", world.raw, tick.read),
-        ):
+        for topic, piece, time in (("state", world.state, tick.time), ("raw", world.raw, tick.read)):
             wanting = [watcher for watcher in self._watchers if watcher.wants(topic, tick.time, self._slack)]
-            self._send(wanting, topic, key, piece, time, number)
+            self._send(wanting, topic, piece, time, number)
 
     def _status(self, tick: Tick) -> None:
         """Send a changed status to the subscribers that are due; most ticks have none."""
@@ -104,65 +103,55 @@ class SubscriberRegistry:
         wanting = [watcher for watcher in other if watcher.wants("status", tick.time, self._slack)]
         for watcher in wanting:
             watcher.status = status
-        self._send(wanting, "status", b"status", lambda: status, tick.time, tick.sequence)
+        self._send(wanting, "status", lambda: status, tick.time, tick.sequence)
 
     def overview(self, overview: Overview) -> None:
         """Send the topics that follow the overview."""
-        sequence = 0 if self._world.tick is None else self._world.tick.sequence
         wanting = [watcher for watcher in self._watchers if watcher.wants("latency", overview.time, 0.05)]
         for whole, to in by_histograms(wanting, overview.time).items():
             piece = partial(self._world.latency, whole=whole)
-            self._send(to, "latency", b"latency", piece, overview.time, sequence)
+            self._send(to, "latency", piece, overview.time, self._sequence)
 
     def event(self, event: Event) -> None:
         """Send an event to all subscribers of events."""
-        self._at_once("events", b"event", lambda: self._world.event(event), event.time, event.sequence)
+        self._at_once("events", lambda: self._world.event(event), event.time, event.sequence)
 
     def verdict(self, moment: VerdictReport) -> None:
         """Send a verdict to all subscribers of verdicts."""
-        self._at_once(
-            "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
-        )
+        self._at_once("verdicts", lambda: self._world.verdict(moment), moment.time, moment.sequence)
 
     def accepted(self, accepted: AcceptedTrajectory, moment: VerdictReport) -> None:
         """Send an accepted path to all subscribers of trajectories."""
-        self._at_once(
-            "trajectories",
-            b"accepted",
-            lambda: encode(accepted.plain(self._world.names)),
-            moment.time,
-            moment.sequence,
-        )
+
+        def piece() -> bytes:
+            return encode(accepted.plain(self._world.names))
+
+        self._at_once("trajectories", piece, moment.time, moment.sequence)
 
     def stream(self, streaming: dict[str, Any], time: float) -> None:
         """Send a report to all subscribers of streamers."""
-        sequence = 0 if self._world.tick is None else self._world.tick.sequence
-        self._at_once("stream", b"stream", lambda: encode(streaming), time, sequence)
+        self._at_once("stream", lambda: encode(streaming), time, self._sequence)
 
-    def _at_once(
-        self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int
-    ) -> None:
+    @property
+    def _sequence(self) -> int:
+        return 0 if self._world.tick is None else self._world.tick.sequence
+
+    def _at_once(self, topic: str, piece: Callable[[], bytes], time: float, sequence: int) -> None:
         wanting = [watcher for watcher in self._watchers if topic in watcher.topics]
-        self._send(wanting, topic, key, piece, time, sequence)
+        self._send(wanting, topic, piece, time, sequence)
 
     def _send(
         self,
         to: list[MonitorSubscriber],
         topic: str,
-        key: bytes,
         piece: Callable[[], bytes],
         time: float,
         sequence: int,
     ) -> None:
         if not to:
             return
-        body = b'"topic":"%s","time":%.6f,"sequence":%d,"%s":%s}}' % (
-            topic.encode(),
-            time,
-            sequence,
-            key,
-            piece(),
-        )
+        head = b'"topic":"%s","time":%.6f,"sequence":%d' % (topic.encode(), time, sequence)
+        body = head + b',"%s":%s}}' % (KEYS.get(topic, topic).encode(), piece())
         for watcher in to:
             watcher.send(body)
         # A subscriber that ended meanwhile has changed the list already.

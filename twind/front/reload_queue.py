@@ -122,9 +122,9 @@ class ReloadQueue:
             self._send(request)
             return
         made = self._front.loop.run_in_executor(None, _foresight, reading.briefing)
-        made.add_done_callback(lambda done: self._foreseen(request, done.result()))
+        made.add_done_callback(lambda done: self._on_precheck(request, done.result()))
 
-    def _foreseen(self, request: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
+    def _on_precheck(self, request: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
         if isinstance(made, str):
             self._read(request, ReloadResult(error=made))
             return
@@ -183,8 +183,10 @@ class ReloadQueue:
         return True
 
     def check_timeout(self, now: float) -> None:
-        """A loop that does not answer may still have taken the values: this front ends, and the next one is
-        told what is in force."""
+        """End this front if the loop does not answer: it may still have taken the values.
+
+        The next front receives the values in force.
+        """
         asked = self._now
         if asked is not None and asked.ticket != NOBODY and now > asked.deadline:
             self._front.log.write("error", EventCode.LOOP_SILENT, now, method="Reload")

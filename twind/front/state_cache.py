@@ -3,6 +3,7 @@
 Front process. Reads the loop's news, independent of clients.
 """
 
+from itertools import starmap
 from math import isfinite
 from typing import Any
 
@@ -26,6 +27,14 @@ FAULT_BITS = {
     8: "alert",
 }
 IMU = (("gyro", 0, 3), ("acceleration", 3, 6), ("quaternion", 6, 10))  # where they are in `Tick.imu`
+# fields of `Event` and `Status` of the interface; a reason that does not apply is null
+EVENT = ("time", "sequence", "level", "code", "message", "annotation")
+EVENT_REASONS = ("id", "phase", "before", "cause", "stop")
+STATUS_OF_TICK = ("mode", "state", "motion", "armed", "inherited")
+STATUS_OF_OVERVIEW = (
+    *("hw_connected", "sim_connected", "latency_ms", "latency_avg_ms", "latency_max_ms", "violations"),
+    *("skew_ms", "skew_max_ms", "lease"),
+)
 _TORQUE = {1: True, 0: False}
 
 _json = msgspec.json.Encoder()  # writes NaN and the infinities as null
@@ -159,22 +168,9 @@ class StateCache:
 
     def event(self, event: Event) -> bytes:
         """Return `Event` of the interface, encoded."""
-        return encode(
-            {
-                "time": event.time,
-                "sequence": event.sequence,
-                "level": event.level,
-                "code": event.code,
-                "message": event.message,
-                "findings": self.names.findings(event.findings),
-                "annotation": event.annotation,
-                "id": event.id or None,
-                "phase": event.phase or None,
-                "before": event.before or None,
-                "cause": event.cause or None,
-                "stop": event.stop or None,
-            }
-        )
+        values = {key: getattr(event, key) for key in EVENT}
+        reasons = {key: getattr(event, key) or None for key in EVENT_REASONS}
+        return encode(values | {"findings": self.names.findings(event.findings)} | reasons)
 
     def verdict(self, moment: VerdictReport) -> bytes:
         """Return topic `verdicts`, encoded: the verdict, and the id of its trajectory (null: none)."""
@@ -210,70 +206,40 @@ class StateCache:
         overview = self.overview
         assert tick is not None
         assert overview is not None
-        return encode(
-            {
-                "version": self.briefing.version,
-                "robot": self.briefing.robot,
-                "mode": tick.mode,
-                "state": tick.state,
-                "motion": tick.motion,
-                "armed": tick.armed,
-                "inherited": tick.inherited,
-                "hw_connected": overview.hw_connected,
-                "sim_connected": overview.sim_connected,
-                "latency_ms": overview.latency_ms,
-                "latency_avg_ms": overview.latency_avg_ms,
-                "latency_max_ms": overview.latency_max_ms,
-                "violations": overview.violations,
-                "skew_ms": overview.skew_ms,
-                "skew_max_ms": overview.skew_max_ms,
-                "lease": overview.lease,
-                "flight": self.flight,
-                "streams": self.streams,
-                **self._slow,
-            }
-        )
+        of_tick = {key: getattr(tick, key) for key in STATUS_OF_TICK}
+        of_overview = {key: getattr(overview, key) for key in STATUS_OF_OVERVIEW}
+        head = {"version": self.briefing.version, "robot": self.briefing.robot}
+        tail = {"flight": self.flight, "streams": self.streams}
+        return encode(head | of_tick | of_overview | tail | self._slow)
 
     def _joints(self) -> bytes:
         tick = self.tick
         columns = self._columns
         assert tick is not None
         assert columns is not None
-        still = self.briefing.joints
-        return encode(
-            [
-                JointSnapshot(
-                    j.name,
-                    j.bus,
-                    j.id,
-                    p,
-                    v,
-                    e,
-                    g,
-                    s,
-                    temp,
-                    volt,
-                    age * 1e3,
-                    h != 0,
-                    on,
-                    j.calibrated,
-                    fine,
-                    f,
-                )
-                for j, p, v, e, g, s, age, h, temp, volt, on, fine, f in zip(
-                    still,
-                    _floats(tick.position),
-                    _floats(tick.velocity),
-                    _floats(tick.effort),
-                    _floats(tick.goal),
-                    _floats(tick.simulated),
-                    _floats(tick.age),
-                    tick.heard,
-                    *columns,
-                    strict=True,
-                )
-            ]
+        known = [(joint.name, joint.bus, joint.id, joint.calibrated) for joint in self.briefing.joints]
+        names, buses, ids, calibrated = zip(*known, strict=True) if known else ((), (), (), ())
+        temperature, voltage, torque, verified, faults = columns
+        rows = zip(
+            names,
+            buses,
+            ids,
+            _floats(tick.position),
+            _floats(tick.velocity),
+            _floats(tick.effort),
+            _floats(tick.goal),
+            _floats(tick.simulated),
+            temperature,
+            voltage,
+            [age * 1e3 for age in _floats(tick.age)],
+            [heard != 0 for heard in tick.heard],
+            torque,
+            calibrated,
+            verified,
+            faults,
+            strict=True,
         )
+        return encode(list(starmap(JointSnapshot, rows)))
 
 
 def _floats(data: bytes) -> list[float]:

@@ -25,7 +25,7 @@ class StreamerReports:
     def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:
         self._world = world
         self._telemetry = telemetry
-        self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> when it came (s), what
+        self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> time received (s), report
 
     def take(self, client: int, report: Mapping[str, Any], now: float) -> None:
         """A report, as the interface has it. Its texts reach terminals: short, no control characters."""
@@ -35,9 +35,9 @@ class StreamerReports:
 
     def forget(self, client: int, now: float, why: str = GONE) -> None:
         """Remove the report of a connection that ended."""
-        report = self._reports.pop(client, None)
-        if report is not None:
-            self._publish_report({**report[1], "error": why}, now)
+        last = self._reports.pop(client, None)
+        if last is not None:
+            self._publish_report({**last[1], "error": why}, now)
 
     def drop_silent(self, now: float) -> None:
         """Drop the streamers whose last report is older than `SILENCE` s: they hang."""
@@ -45,7 +45,7 @@ class StreamerReports:
             self.forget(client, now, HANGS)
 
     def _publish_report(self, report: dict[str, Any], now: float) -> None:
-        self._world.stream([report for _, report in self._reports.values()])
+        self._world.stream([kept for _, kept in self._reports.values()])
         self._telemetry.stream(report, now)
 
 

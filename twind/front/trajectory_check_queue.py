@@ -192,6 +192,8 @@ class TrajectoryCheckQueue:
         self._steps = None
         try:
             job.forward(verdict, self._as_of(job.begun))
+        except (OSError, MemoryError) as error:  # a path travels in a descriptor of its own
+            job.call.error("Busy", {"what": f"out of descriptors or memory: {error}"})
         finally:
             self._front.soon(self._next)
 

@@ -47,7 +47,7 @@ class FrontProcess:
         folder: Path | None = None,
         wreck: CrashRecording | None = None,
     ) -> None:
-        """`listeners` by name are closed with `close`. `flight`: descriptor of the flight recorder.
+        """`listeners` by name are removed with `close`. `flight`: descriptor of the flight recorder.
 
         `folder`: where the recordings of `flight` and `wreck` are written.
         """
@@ -78,9 +78,9 @@ class FrontProcess:
         self._listeners[name] = listener
 
     def close(self) -> None:
-        """Close the listening sockets. Clients that wait in them are refused."""
+        """Close the listening sockets and remove their files. Clients that wait in them are refused."""
         for listener in self._listeners.values():
-            listener.close()
+            listener.remove()
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError without side effects."""

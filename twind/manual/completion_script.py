@@ -1,6 +1,7 @@
 """Completion scripts of bash and zsh, made by shtab from a parser. File arguments complete paths."""
 
 import argparse
+import re
 from pathlib import Path
 
 import shtab
@@ -8,6 +9,8 @@ import shtab
 from twind.manual.argument_parsers import each_action
 
 PATH_WORDS = ("FILE", "DIR", "PATH", "RECORDING", "SOCKET", "OUT.mcap", "PNG")  # in names of path arguments
+# shtab's own instructions name other places than ours.
+SHTAB_USAGE = re.compile(r"^# Usage:\n(?:#.*\n)*", re.MULTILINE)
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
@@ -16,4 +19,5 @@ def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
         name = action.metavar if isinstance(action.metavar, str) else action.dest
         if action.type is Path or any(word in name.split("|") for word in PATH_WORDS):
             action.complete = shtab.FILE  # type: ignore[attr-defined]  # the way that shtab documents
-    return shtab.complete(parser, shell) + "\n"
+    script = shtab.complete(parser, shell) + "\n"
+    return SHTAB_USAGE.sub("# `twindctl completion --help` names the places for this file.\n", script)

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0; of --once 3 where no daemon is, or says enough: it prints `twind_up 0` then."""
+    """Exit code 0; with --once 3, after `twind_up 0`, if there is no daemon or it sends too little."""
     if options.text and not options.once:
         raise UsageError("--text needs --once: a scraper asks for the format that it wants")
     from twind.observe.measuring import metrics_server  # 0.1 s of imports that `twindctl --help` need not pay
@@ -68,7 +68,7 @@ def loopback(place: str) -> socket.socket:
     if not address.is_loopback or not 0 <= number <= 65535:
         raise UsageError(
             f"--listen {place}: only an address of this machine alone, such as {LISTEN}, and a port to 65535:"
-            " whoever reaches it may read all. From afar: by a proxy with a password, or by ssh -L"
+            " all who reach it can read. For remote access use a proxy with a password, or ssh -L"
         )
     listener = socket.socket(socket.AF_INET if address.version == 4 else socket.AF_INET6)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -76,12 +76,12 @@ def loopback(place: str) -> socket.socket:
 
 
 def unix(path: str) -> socket.socket:
-    """A listener there, 0660; one that nobody answers any more is replaced. Raises Rejected."""
+    """Listener on a Unix socket, mode 0660; a socket without a server is replaced. Raises Rejected."""
     try:
         _make_way(path)
     except OSError as error:
         raise Rejected(f"--unix {path}: {error.strerror or error}; name another path") from None
-    before = os.umask(0o117)  # not by a chmod afterwards: nobody else gets in between
+    before = os.umask(0o117)  # not by a chmod afterwards: no other process gets in between
     try:
         return _bound(socket.socket(socket.AF_UNIX), path, path)
     finally:
@@ -89,7 +89,7 @@ def unix(path: str) -> socket.socket:
 
 
 def _make_way(path: str) -> None:
-    """Takes away a socket that nobody serves. Raises Rejected, and OSError: it is not ours to touch."""
+    """Remove a socket without a server. Raises Rejected, and OSError without the permission."""
     with contextlib.suppress(FileNotFoundError), socket.socket(socket.AF_UNIX) as asking:
         if not stat.S_ISSOCK(os.stat(path).st_mode):
             raise Rejected(f"--unix {path}: something else than a socket is there; name another path")
@@ -98,7 +98,9 @@ def _make_way(path: str) -> None:
         except ConnectionRefusedError:
             os.unlink(path)
         else:
-            raise Rejected(f"--unix {path}: somebody serves it already; end that first, or name another path")
+            raise Rejected(
+                f"--unix {path}: a program serves it already; end that first, or name another path"
+            )
 
 
 def _bound(listener: socket.socket, address: Any, place: str) -> socket.socket:

@@ -31,7 +31,7 @@ TOLD = 1000  # messages between two words of how far it is
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What was kept of a file, and what was not."""
+    """Kept and lost parts of a file."""
 
     out: Path | None  # None: it was whole already
     messages: int
@@ -81,11 +81,11 @@ def run(options: argparse.Namespace) -> int:
 def recover(
     path: Path, out: Path | None = None, *, ros: bool = False, tell: Callable[[float], None] = lambda _: None
 ) -> RecoveryResult:
-    """Write all that is whole of `path` to `out`; nothing where it is whole and no `out` is named.
+    """Write all that is whole of `path` to `out`; nothing if it is whole and no `out` is named.
 
     `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
-    `tell`: told of the share that is done, 0..1, now and then.
-    Raises Rejected: no MCAP file, nothing in it, or `out` is there already.
+    `tell`: receives the completed share, 0..1, now and then.
+    Raises Rejected: no MCAP file, an empty one, or `out` exists.
     """
     target = out if out is not None else path.with_name(f"{path.stem}-recovered{path.suffix}")
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats
+from twind.robot.arrays import Floats
 from twind.robot.trajectory import Reference, Trajectory
 
 
@@ -139,75 +139,3 @@ def _coefficients(time: Floats, p: Floats, v: Floats | None, a: Floats | None) -
         ],
         axis=1,
     )
-
-
-def integrate(
-    time: Floats,
-    before: Reference,
-    velocity: Floats | None = None,
-    acceleration: Floats | None = None,
-    position: Floats | None = None,
-    commanded: Bools | None = None,
-) -> Trajectory:
-    """Return a path from velocities or accelerations (k, n), integrated from `before`.
-
-    The rule is Heun's (trapezoid). NaN (and None) = not given at that point: a missing value follows from the
-    derivative above it, and given ones are kept. Raises ValueError where a position cannot be computed, or
-    time does not increase.
-    """
-    k = len(time)
-    n = len(before.position)
-    p, v, a = (
-        np.full((k, n), np.nan) if given is None else given.copy()
-        for given in (position, velocity, acceleration)
-    )
-    if k == 0 or not (time[0] >= 0.0 and np.all(np.diff(time) > 0.0)):
-        raise ValueError("times must begin at 0 or later and increase")
-    p0 = before.position
-    v0 = np.nan_to_num(before.velocity)
-    a0 = np.nan_to_num(before.acceleration)
-    t0 = 0.0
-    for i, t in enumerate(time):
-        T = t - t0
-        v[i] = np.where(np.isnan(v[i]), v0 + 0.5 * (a0 + a[i]) * T, v[i])
-        p[i] = np.where(np.isnan(p[i]), p0 + 0.5 * (v0 + v[i]) * T, p[i])
-        p0 = p[i]
-        v0 = v[i]
-        a0 = a[i]
-        t0 = t
-    chosen = np.ones(n, np.bool_) if commanded is None else commanded
-    if not np.isfinite(p[:, chosen]).all():
-        raise ValueError("a point gives neither position, velocity nor acceleration")
-    known = [bool(np.isfinite(rows[:, chosen]).all()) for rows in (v, a)]
-    return Trajectory(time, p, chosen, v if known[0] else None, a if all(known) else None)
-
-
-def fill(time: Floats, position: Floats) -> Floats:
-    """Return velocities (k, n) of twice differentiable cubics through `position`.
-
-    They are at rest at both ends. Raises ValueError with fewer than 2 points or times that do not increase.
-    """
-    if len(time) < 2 or not np.all(np.diff(time) > 0.0):
-        raise ValueError("a smooth fill needs at least 2 points at increasing times")
-    T = np.diff(time)[:, None]
-    slope = np.diff(position, axis=0) / T
-    velocity = np.zeros_like(position, np.float64)
-    if len(time) == 2:
-        return velocity
-    # Row i: T[i+1] v[i] + 2 (T[i] + T[i+1]) v[i+1] + T[i] v[i+2] = 3 (T[i+1] slope[i] + T[i] slope[i+1])
-    right = 3.0 * (T[1:] * slope[:-1] + T[:-1] * slope[1:])
-    diagonal = 2.0 * (T[:-1] + T[1:])
-    for i in range(1, len(right)):  # elimination; diagonally dominant, so without pivots
-        factor = T[i + 1] / diagonal[i - 1]
-        diagonal[i] = diagonal[i] - factor * T[i - 1]
-        right[i] = right[i] - factor * right[i - 1]
-    velocity[-2] = right[-1] / diagonal[-1]
-    for i in range(len(right) - 2, -1, -1):
-        velocity[i + 1] = (right[i] - T[i] * velocity[i + 2]) / diagonal[i]
-    return velocity
-
-
-def nearest_turn(current: Floats, following: Floats, mask: Bools) -> Floats:
-    """Return `current` (n,) moved by whole turns to the place nearest `following`, where `mask` is set."""
-    turns = np.round((following - current) / (2.0 * np.pi))
-    return np.where(mask, current + 2.0 * np.pi * turns, current)

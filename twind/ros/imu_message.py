@@ -12,22 +12,22 @@ _STAMP = Struct("<iI")
 _NONE = [0.0] * 9  # a covariance that is not known
 
 
-def felt(data: bytes) -> tuple[float, ...]:
-    """Gyro, acceleration, quaternion w x y z: 10 numbers of a message. Raises struct.error: too short."""
+def imu_numbers(data: bytes) -> tuple[float, ...]:
+    """Return gyro, acceleration, quaternion w x y z: 10 numbers. Raises struct.error: too short."""
     x, y, z, w, *rest = NUMBERS.unpack_from(data, max(0, len(data) - NUMBERS.size))
     return (*rest[9:12], *rest[21:24], w, x, y, z)
 
 
 class ImuBuffer:
-    """Fills one message again and again. `frame`: whose axes they are."""
+    """Fills one message again and again, in the axes of the base."""
 
-    def __init__(self, frame: str = "base") -> None:
+    def __init__(self) -> None:
         vector = dict.fromkeys("xyz", 0.0)
         self._data = bytearray(
             encode(
                 IMU,
                 {
-                    "header": {"stamp": stamp(0), "frame_id": frame},
+                    "header": {"stamp": stamp(0), "frame_id": "base"},
                     "orientation": vector | {"w": 0.0},
                     "orientation_covariance": _NONE,
                     "angular_velocity": vector,

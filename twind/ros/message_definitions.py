@@ -1,4 +1,4 @@
-"""What fields a message has: the types that we use, and what a `ros2msg` text says of others.
+"""Fields of messages: of the types that twind uses, and of others by their `ros2msg` text.
 
 A type is named as ROS 2 names it, `sensor_msgs/msg/JointState`. Standard library only.
 """
@@ -36,14 +36,14 @@ SET_BOOL = "std_srvs/srv/SetBool"
 
 def _service(name: str, request: str, response: str) -> Mapping[str, str]:
     """A service is a message of three, as its type hash has it. Without fields it has a byte all the same."""
-    asked = f"{name}_Request"
-    told = f"{name}_Response"
+    sent = f"{name}_Request"
+    reply = f"{name}_Response"
     event = f"{name}_Event"
     return {
-        name: f"{asked} request_message\n{told} response_message\n{event} event_message",
-        asked: request or "uint8 structure_needs_at_least_one_member",
-        told: response,
-        event: f"service_msgs/ServiceEventInfo info\n{asked}[<=1] request\n{told}[<=1] response",
+        name: f"{sent} request_message\n{reply} response_message\n{event} event_message",
+        sent: request or "uint8 structure_needs_at_least_one_member",
+        reply: response,
+        event: f"service_msgs/ServiceEventInfo info\n{sent}[<=1] request\n{reply}[<=1] response",
     }
 
 
@@ -170,7 +170,7 @@ def definitions_of(kind: str | MessageDefinitions) -> MessageDefinitions:
 
 
 def participant_entities(gid_bytes: int) -> MessageDefinitions:
-    """What `ros_discovery_info` carries. A gid has 24 bytes in Humble and 16 since Iron."""
+    """Return the type of `ros_discovery_info`. A gid has 24 bytes in Humble and 16 since Iron."""
     text = definition_text(PARTICIPANT_ENTITIES)
     return MessageDefinitions(PARTICIPANT_ENTITIES, text.replace(KNOWN[GID], f"char[{gid_bytes}] data"))
 

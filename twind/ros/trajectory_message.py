@@ -11,7 +11,7 @@ from twind.ros.message_definitions import JOINT_TRAJECTORY
 
 
 def accepted_bytes(accepted: Mapping[str, Any], time_ns: int) -> bytes:
-    """`Accepted` of the interface, heard at `time_ns` since 1970.
+    """Return the message of an `Accepted` of the interface, received at `time_ns` since 1970.
 
     The stamp says when it starts, the frame which one it is.
     """

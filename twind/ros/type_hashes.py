@@ -1,4 +1,4 @@
-"""What a type is called on the wire: its DDS name, and its hash by REP-2016 (RIHS01).
+"""Name of a type on the wire: its DDS name, and its hash by REP-2016 (RIHS01).
 
 Over Zenoh both are part of the key, so that a wrong one is silence. Standard library only.
 """
@@ -39,11 +39,11 @@ def type_hash(kind: str | MessageDefinitions) -> str:
     definitions = definitions_of(kind)
     name = definitions.name
     others = sorted(set(_contained(definitions, name)) - {name})
-    told = {
+    described = {
         "type_description": _described(definitions, name),
         "referenced_type_descriptions": [_described(definitions, each) for each in others],
     }
-    return "RIHS01_" + hashlib.sha256(json.dumps(told).encode()).hexdigest()
+    return "RIHS01_" + hashlib.sha256(json.dumps(described).encode()).hexdigest()
 
 
 def _contained(definitions: MessageDefinitions, name: str) -> Iterator[str]:

@@ -18,13 +18,19 @@ from twind.safety.guard_types import (
 
 WINDOW = 1.0  # s of the window in which errors count; a single bad exchange must not stop a motion
 ROUNDING = 1e-9  # of a share
+REMEDY = (
+    "on a robot check wiring, termination, power and baud rate; with virtual servos, end other programs that "
+    "use the processor"
+)
 
 
 class BusErrorHistory:
     """Recent errors of one bus. A bus without errors costs nothing to remember."""
 
     def __init__(self) -> None:
-        self.bad_in_a_row = self.full_in_a_row = self.foreign = 0
+        self.bad_in_a_row = 0
+        self.full_in_a_row = 0
+        self.foreign = 0
         self._bad: deque[float] = deque()  # s, each bad exchange within the window
         self._foreign: deque[tuple[float, int]] = deque()  # s and packets, within the window
 
@@ -70,7 +76,7 @@ class BusRules:
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Yield the faults of the buses. `facts.traffic` is in the order of their names."""
         if facts.discarded:
-            message = "bytes that belong to no request were dropped"
+            message = f"{facts.discarded} bytes that belong to no request were dropped"
             yield RuleResult(Finding(ReasonCode.RX_SHAPE, value=float(facts.discarded), message=message))
         for bus, (record, traffic) in enumerate(zip(self._records, facts.traffic, strict=True)):
             if not (record.blemished or traffic.bad or traffic.foreign or traffic.full):
@@ -86,31 +92,35 @@ class BusRules:
     def _errors(self, facts: GuardInput, bus: int, record: BusErrorHistory) -> Iterator[RuleResult]:
         """Yield BUS_ERRORS: a share of a second's exchanges, or several in a row.
 
-        The fault changes no torque.
-
-        On such a bus arming is refused.
+        The fault changes no torque. On such a bus arming is refused.
         """
         bounds = self._bounds
-        reaction = hold(facts) if is_torque_held(facts) else Reaction.NONE
-        # share of as many exchanges as a second has
+        held = is_torque_held(facts)
+        reaction = hold(facts) if held else Reaction.NONE
         row = record.bad_in_a_row
+        # share of as many exchanges as a second has
         share = record.bad * facts.period / WINDOW
         if row >= bounds.errors_row_fault:
-            finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
-            yield RuleResult(finding, reaction, latches=is_torque_held(facts), bars=True, bus=bus)
+            finding = self._row_finding(bus, row, bounds.errors_row_fault)
+            yield RuleResult(finding, reaction, latches=held, bars=True, bus=bus)
         elif row >= bounds.errors_row_hold:
-            finding = self._bad(bus, row, bounds.errors_row_hold, "bad exchanges in a row")
+            finding = self._row_finding(bus, row, bounds.errors_row_hold)
             yield RuleResult(finding, reaction, bars=True, bus=bus)
         elif share >= bounds.errors_hold - ROUNDING and record.bad >= bounds.errors_least:
-            finding = self._bad(bus, share, bounds.errors_hold, "of the last second's exchanges were bad")
+            finding = self._share_finding(bus, share, bounds.errors_hold)
             yield RuleResult(finding, reaction, bars=True, bus=bus)
         elif share >= bounds.errors_warn - ROUNDING:
-            finding = self._bad(bus, share, bounds.errors_warn, "of the last second's exchanges were bad")
-            yield RuleResult(finding, bus=bus)
+            yield RuleResult(self._share_finding(bus, share, bounds.errors_warn), bus=bus)
 
-    def _bad(self, bus: int, value: float, bound: float, what: str) -> Finding:
-        remedy = "check its wiring, termination, power and baud rate; if virtual, this machine's load"
-        message = f"bus {self._names[bus]}: {what}: {remedy}"
+    def _row_finding(self, bus: int, count: int, bound: int) -> Finding:
+        return self._finding(bus, count, bound, f"{count} exchanges in a row failed (bound {bound})")
+
+    def _share_finding(self, bus: int, share: float, bound: float) -> Finding:
+        what = f"{100 * share:.3g} % of the exchanges of the last second failed (bound {100 * bound:.3g} %)"
+        return self._finding(bus, share, bound, what)
+
+    def _finding(self, bus: int, value: float, bound: float, what: str) -> Finding:
+        message = f"bus {self._names[bus]}: {what}; {REMEDY}"
         return Finding(ReasonCode.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
     def _foreign(self, facts: GuardInput, bus: int, count: int) -> Iterator[RuleResult]:
@@ -122,7 +132,7 @@ class BusRules:
         if count < bound:
             return
         message = (
-            f"packets on bus {self._names[bus]} in a second that were not requested: "
+            f"bus {self._names[bus]}: {count} packets of the last second were not requested (bound {bound}); "
             "disconnect the other master, or the second servo with one id"
         )
         finding = Finding(ReasonCode.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
@@ -135,11 +145,11 @@ class BusRules:
         """Yield TX_BACKLOG: packets of this daemon do not leave the port, which has discarded them."""
         most = self._bounds.full
         many = count >= most
+        bound = most if many else 1
         message = (
-            f"packets that the port of bus {self._names[bus]} had no room for: is the adapter stuck, or "
-            "slower than its baud rate?"
+            f"bus {self._names[bus]}: its port had no room for {count} packets in a row (bound {bound}); "
+            "check whether the adapter is stuck, or slower than its baud rate"
         )
-        bound = float(most if many else 1)
-        finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=bound, message=message)
+        finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=float(bound), message=message)
         fault = many and is_torque_held(facts)
         return RuleResult(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)

@@ -62,7 +62,7 @@ def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Findi
         yield Finding(ReasonCode.NO_JOINTS, message="no joint is named")
     for name, times in Counter(joint_names).items():
         if name not in names:
-            near = difflib.get_close_matches(name, names, 3) or names
+            near = difflib.get_close_matches(name, names, 3, cutoff=0.0)
             yield Finding(ReasonCode.UNKNOWN_JOINT, message=f"no joint {name!r}; nearest: {', '.join(near)}")
         elif times > 1:
             yield Finding(

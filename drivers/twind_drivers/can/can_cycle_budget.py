@@ -14,7 +14,7 @@ STUFFED = {STANDARD: 34, EXTENDED: 54}  # of these bits those that are stuffed, 
 WITH_29_BITS = ("robstride",)  # families whose ids are extended
 # Frames of 8 bytes that one actuator sends a second by itself: estimates each 10 ms, a heartbeat each 100.
 BY_ITSELF: Mapping[str, float] = {"odrive": 110.0}
-# s, and of a period: the bus time that one transaction beside the cycle may take
+# s, and of a period: the bus time that one transaction beside the cycle may take; more would delay the tick
 SLICE = 0.002
 SHARE = 0.2
 HIGHEST = 1e5  # Hz, where the search for a rate ends

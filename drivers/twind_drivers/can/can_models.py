@@ -81,7 +81,6 @@ _ALL = (
     CanActuatorModel("ODrive-Pro", 74003, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
 )
 MODELS: Mapping[str, CanActuatorModel] = MappingProxyType({model.name: model for model in _ALL})
-_NUMBERED: Mapping[int, CanActuatorModel] = MappingProxyType({model.number: model for model in _ALL})
 
 
 def model(name: str) -> CanActuatorModel:
@@ -98,11 +97,3 @@ def model(name: str) -> CanActuatorModel:
 def number_of(name: str) -> int:
     """The number that a calibration records of a model. Raises KeyError that lists the nearest names."""
     return model(name).number
-
-
-def model_by_number(number: int) -> CanActuatorModel:
-    """The model with that number. Raises KeyError where there is none."""
-    found = _NUMBERED.get(number)
-    if found is None:
-        raise KeyError(f"no CAN actuator has the number {number}")
-    return found

@@ -30,11 +30,12 @@ from twind_drivers.bus import (
 from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.actuator_family import ActuatorFamily, FamilyRegister, FieldRanges
 from twind_drivers.can.actuator_group import ActuatorGroup
+from twind_drivers.can.can_cycle_budget import registers_at_once
 from twind_drivers.can.can_cyclic_read import ALERT, CanCyclicRead, alert
 from twind_drivers.can.can_identification import identify
 from twind_drivers.can.can_models import model
 from twind_drivers.can.can_slow_registers import CanSlowRegisters
-from twind_drivers.can.can_transactor import EXTENDED_BITS, CanTransaction, CanTransactor
+from twind_drivers.can.can_transactor import CanTransaction, CanTransactor
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.codec_factory import apart, make, ranges_of
 from twind_drivers.can.register_access import (
@@ -55,8 +56,6 @@ from twind_drivers.slow_read_rate import upkeep_stride
 # A rare transaction ends the tick, so it waits less.
 SLACK = 0.0035
 RARE_SLACK = 0.002
-SLICE = 0.002  # s, largest bus time of a transaction of a script or of upkeep; more would delay the tick ...
-SHARE = 0.2  # ... and its share of a period
 ROUND = 0.04  # s in which every watchdog is read once: 25 Hz, since 20 Hz are required
 TRIES = 3  # requests before NoReply: one lost frame is no missing device
 FAULTS = "hardware_error_status"  # name under which the loop reads the fault bits
@@ -100,7 +99,7 @@ class CanReader:
         self.cyclic = CanCyclicRead(self.fleet, self.line)
         self.slow = CanSlowRegisters(self.fleet)
         # Registers whose requests and replies fit beside a cycle.
-        self.at_once = max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * EXTENDED_BITS)))
+        self.at_once = registers_at_once(bitrate, rate_hz)
         self.slow.schedule(self.at_once, turns=int(ROUND * rate_hz / upkeep_stride(rate_hz)))
         self._upkeep_transactions: dict[Query, CanTransaction] = {}  # upkeep repeats its slices
         self._query: Request | None = None

@@ -13,22 +13,18 @@ import numpy as np
 from twind_drivers.bus import Bools, Ints, PortError, PortErrorCause
 from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
+from twind_drivers.can.can_cycle_budget import STANDARD, frame_bits
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s after a missed reply during which a surplus frame counts as late, not as foreign
 DEAD = 0.1  # s of silence of all actuators: their watchdogs have run out, so earlier goals are void
-# bits of a frame of 8 bytes with the most stuff bits (ISO 11898-1) ...
-STANDARD_BITS = 135
-EXTENDED_BITS = 160
 NAP = 0.00015  # s, shortest time between two receive calls: each costs CPU
 # s by which the first receive call of a reply moves later or sooner, and at most. In two of three cases it
 # then finds the whole reply: the time of adapters, USB frames and stuff bits is in no table.
 LATER = 0.00006
 SOONER = 0.00003
 LATEST = 0.001
-# ... of a frame beside its payload, and of the shortest reply (6 bytes), without stuff bits
-AROUND = 47
-LEAST = 95
+LEAST = frame_bits(6, stuffed=False)  # bits of the shortest reply
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +81,7 @@ class CanTransactor:
         self.slack = slack
         self.rare_slack = rare_slack
         self._bit = 1.0 / bitrate  # s
-        self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
+        self._frame = frame_bits(extended=fleet.wide) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
         self.goals: PendingCanGoals | None = None
         self._leaving: Frames = NOTHING  # urgent, sent; no reply has shown yet that it left
@@ -257,7 +253,7 @@ class CanTransactor:
         self.deadline = self._busy + back * self._frame + (slack if waits else 0.0)
         if self._wanted:
             payload = 8 * (int(lead["size"].sum()) + int(exchange.frames["size"].sum()))
-            least = AROUND * self._sent_frames + payload + LEAST * self._wanted
+            least = STANDARD * self._sent_frames + payload + LEAST * self._wanted
             self.earliest = min(begin + least * self._bit + self._late[cyclic], self.deadline)
         else:
             self.earliest = -inf

@@ -43,7 +43,6 @@ SPECIAL = {
     ValuelessCommand.CLEAR: 0xFB,
 }
 OTHER_MODES = (0x100, 0x200, 0x300)  # position-velocity, velocity, position-force: id on top
-MIT_MODE = 1  # of register 10
 
 # Status nibble -> torque on, fault bits. What no source names counts as a fault of which nothing is known.
 _STATUS = {

@@ -45,7 +45,6 @@ STATE = 0x07
 ESTIMATES = 0x09
 MODES = 0x0B
 INPUT = 0x0C
-LIMITS = 0x0F
 REBOOT = 0x16
 SUPPLY = 0x17
 CLEAR = 0x18
@@ -273,18 +272,6 @@ class ODriveCodec:
         position = np.full(len(frames), np.nan)
         position[motion] = _readings(data[motion])[:, 0] * TURN
         return position
-
-
-def limits(nodes: Sequence[int], velocity: Floats, current: Floats) -> Frames:
-    """Most velocity (k,) rad/s and current (k,) A of nodes (0F). ValueError: one is no positive number."""
-    values = np.stack((np.asarray(velocity) / TURN, np.asarray(current)), axis=1).astype("<f4")
-    if values.shape != (len(nodes), 2) or not (np.isfinite(values) & (values > 0.0)).all():
-        raise ValueError(
-            f"limits {velocity} rad/s, {current} A of {list(nodes)}: positive numbers are needed"
-        )
-    made = frames([node << 5 | LIMITS for node in nodes])
-    made["data"], made["size"] = values.view(np.uint8).reshape(-1, BYTES), BYTES
-    return made
 
 
 def _readings(data: Octets) -> Floats:

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.broadcast_ping import SIZE, SLOT
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, PortProber, ProbeWindow
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, PING_DATA, SLACK, SLOT, PortProber, ProbeWindow
 from twind_drivers.dynamixel.serial_cycle_budget import wire
 
 # Rates of register 8, the most usual first (e-manual, "Baud Rate").
@@ -122,7 +121,7 @@ AtRate = Callable[[int], PortProber]  # sets the port to a rate; raises PortErro
 
 def estimate(baud: int, ids: Sequence[int] = IDS, *, thorough: bool = False, timer: float = 0.0) -> float:
     """Seconds that one rate takes when little is found and nothing is garbled; `timer` as the prober's."""
-    status = wire(STATUS_OVERHEAD + SIZE, baud)
+    status = wire(STATUS_OVERHEAD + PING_DATA, baud)
     call = (max(ids) + 1) * (status + SLOT)
     each = wire(OVERHEAD, baud) + 2 * status + 2 * LONGEST_DELAY + SLACK + timer
     return LISTEN + call + (len(ids) * each if thorough else 0.0)
@@ -159,9 +158,12 @@ def scan_rate(
     """Scan one baud rate. Raises PortError of kind LOST."""
     troubles = list(_line(prober))
     call = prober.roll_call(max(ids))
-    known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}
-    garbled = call.twice.intersection(ids)
-    unclear = call.strays > 0 and TALK not in troubles  # unrequested traffic garbles every reply
+    replies = [(each.id, each.data) for each in call.statuses if len(each.data) == PING_DATA]
+    first = dict(reversed(replies))  # a second reply of one id changes nothing
+    known = {id: first[id] for id in ids if id in first}
+    garbled = {id for id in known if sum(each == id for each, _ in replies) > 1}
+    unsound = call.strays > 0 or len(first) < len(call.statuses)
+    unclear = unsound and TALK not in troubles  # unrequested traffic garbles every reply
     garbage = False
     if thorough or unclear:
         alone = [id for id in ids if id not in known]
@@ -231,7 +233,7 @@ def _ping(prober: PortProber, id: int) -> tuple[bytes | None, bool]:
     answer = None
     for _ in range(PROBES):
         window = prober.ping(id)
-        sound = _sound(window, id, SIZE)
+        sound = _sound(window, id, PING_DATA)
         answer = answer or (sound[0] if sound else None)
         if not window.strays and len(sound) < 2:  # silence, or one clear answer
             return answer, False

@@ -34,7 +34,6 @@ class ModelCapabilities:
     startup_from: int | None = 45  # startup configuration: torque on at boot
     backup_from: int | None = 45  # instruction control table backup
     torque_on_by_goal_from: int | None = 45  # drive mode, bit 3
-    assumed: bool = False  # taken from the nearest relative: the model's own page was not read
     undriven: str = ""  # why this driver cannot move it; "": it can
 
 
@@ -139,8 +138,8 @@ FACTS: Mapping[str, ModelCapabilities] = {
     **dict.fromkeys(("h54_100_s500_ra", "h54_200_s500_ra"), _advanced(PH54)),
     **dict.fromkeys(("m54_40_s250_ra", "m54_60_s250_ra"), _advanced(PM54)),
     "rh_p12_rn": RH_P12,
-    **{f"{size}_{gear}": replace(YM, assumed=True) for size in Y_SIZES for gear in Y_GEARS},
-    "ym070_210_m001": YM,
+    # Only the page of ym070_210_m001 was read: the facts of the other Y models are assumed.
+    **{f"{size}_{gear}": YM for size in Y_SIZES for gear in Y_GEARS},
     "xl320": XL320,
 }
 

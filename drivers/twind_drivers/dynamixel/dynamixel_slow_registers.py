@@ -1,10 +1,10 @@
 """Slow registers of one bus: the order of their slices and the values from the replies. Pure.
 
 They are read block by block, since their addresses lie apart. Adjacent indirect addresses would shorten the
-longest slice of 24 servos at 100 Hz from 214 to 87 bytes (fast) and from 296 to 114 (plain), see
-`indirect_bytes`. That saves 1.3 ms of a 10 ms tick at 1 Mbaud and 0.4 ms at 3. It is not done: the tick has
-that time, and a mirror writes nothing, so it needs the blocks anyway. A restart of a servo also drops the map
-without notice, just when these registers matter.
+longest slice of 24 servos at 100 Hz from 214 to 87 bytes (fast) and from 296 to 114 (plain). That saves
+1.3 ms of a 10 ms tick at 1 Mbaud and 0.4 ms at 3. It is not done: the tick has that time, and a mirror writes
+nothing, so it needs the blocks anyway. A restart of a servo also drops the map without notice, just when
+these registers matter.
 """
 
 from collections.abc import Callable, Sequence

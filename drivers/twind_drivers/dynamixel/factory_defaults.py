@@ -43,7 +43,6 @@ def _x(
 
 
 W6 = (60, 160)
-W12 = (95, 160)
 W24 = (110, 300)
 V24 = FactoryDefaults(velocity=0, volts=W24)
 C430 = FactoryDefaults(velocity=0, volts=W6)

@@ -10,15 +10,18 @@ import numpy as np
 from twind_drivers.bus import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.broadcast_ping import BroadcastPingReply
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
 
 LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
 SLACK = 0.002  # s that an answer may take beyond its wire time
-LONGEST_TIMER = 0.016  # s: latency timer of a USB adapter as delivered
 OLD_PING = bytes((0xFF, 0xFF, 0xFE, 0x02, 0x01, 0xFE))  # protocol 1.0, to all; sum inverted (e-manual)
-HELD = 4096  # bytes kept of one answer
+HELD = 4096  # bytes kept of one answer, and taken at once
+PING_DATA = 3  # bytes of a reply to a ping: model number 2, firmware 1
+# s per id of a broadcast ping, beside its wire time. Devices reply in the order of their ids. Id 5 alone did
+# not reply within 10 ms at 2 Mbaud, but within 50 ms (Dynamixel2Arduino #106). Less than 3 ms misses high ids
+# (DynamixelSDK, `broadcastPing`).
+SLOT = 0.003
 
 
 class ProbeWindow:
@@ -74,19 +77,17 @@ class PortProber:
             transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=self._slack
         )
 
-    def roll_call(self, last: int = LAST_ID) -> BroadcastPingReply:
-        """Send a broadcast ping and wait until the slot of id `last` is over."""
-        call = BroadcastPingReply(last)
-        request = packet.ping(packet.BROADCAST)
-        self._line.slack = self._slack + call.window
-        self._wait(SerialTransaction(request, call, 1))
+    def roll_call(self, last: int = LAST_ID) -> ProbeWindow:
+        """Send a broadcast ping and wait until the slot of id `last` is over: up to 0.8 s."""
+        slots = last + 1
+        self._line.slack = self._slack + slots * SLOT
+        window = self._ask(packet.ping(packet.BROADCAST), slots * (STATUS_OVERHEAD + PING_DATA), delays=1)
         self._line.slack = self._slack
-        call.strays -= len(request) if self.echo else 0
-        return call
+        return window
 
     def ping(self, id: int) -> ProbeWindow:
         """Ping this id; return every device that answers."""
-        return self._exchange(packet.ping(id), 3)
+        return self._exchange(packet.ping(id), PING_DATA)
 
     def read(self, id: int, address: int, size: int) -> ProbeWindow:
         """Read `size` bytes from `address` at this id; return every device that answers."""
@@ -103,16 +104,17 @@ class PortProber:
         return self.transport.drain()
 
     def _exchange(self, request: bytes, size: int) -> ProbeWindow:
-        window = ProbeWindow(2 * (STATUS_OVERHEAD + size))
-        self._wait(SerialTransaction(request, window, 2))
+        """Leave time for the replies of two devices, each with `size` data bytes."""
+        return self._ask(request, 2 * (STATUS_OVERHEAD + size), delays=2)
+
+    def _ask(self, request: bytes, expected: int, *, delays: int) -> ProbeWindow:
+        window = ProbeWindow(expected)
+        self._line.send(SerialTransaction(request, window, delays), self._clock.now())
+        while not self._line.feed(self._clock.now()) and self._clock.now() < self._line.deadline:
+            self._clock.wait([self.transport], self._line.deadline)
+        self._line.end()
         if window.raw.startswith(request):
             self.echo = True
             window.strays -= len(request)
             del window.raw[: len(request)]
         return window
-
-    def _wait(self, exchange: SerialTransaction) -> None:
-        self._line.send(exchange, self._clock.now())
-        while not self._line.feed(self._clock.now()) and self._clock.now() < self._line.deadline:
-            self._clock.wait([self.transport], self._line.deadline)
-        self._line.end()

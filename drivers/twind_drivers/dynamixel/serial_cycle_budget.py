@@ -15,7 +15,6 @@ STATUS_BLOCK = 35  # torque enable .. bus watchdog
 STATE_BLOCK = 7  # torque enable .. hardware error
 WATCHDOG = 1
 HEALTH_BLOCK = 27  # realtime tick .. input voltage, temperature
-INDIRECT_BLOCK = 8  # all of these and nothing between
 # lowest refresh rates of the slow registers
 STATUS_HZ = 20.0
 HEALTH_HZ = 5.0
@@ -107,15 +106,6 @@ def _cut(groups: Sequence[int], turns: int) -> int:
     while size < max(groups, default=0) and sum(ceil(count / size) for count in groups) > turns:
         size += 1
     return max(1, size)
-
-
-def indirect_bytes(count: int, rate_hz: float, *, fast: bool) -> int:
-    """Return the bytes of a slice if the slow registers were mapped to adjacent indirect addresses.
-
-    These are torque, error, watchdog, tick, voltage and temperature, 8 bytes, all read at STATUS_HZ. The
-    reasons against it are in `dynamixel_slow_registers.py`.
-    """
-    return slice_bytes(ceil(count / max(1, floor(rate_hz / STATUS_HZ + 1e-9))), INDIRECT_BLOCK, fast=fast)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Findings of the doctor about other real programs and a full disk."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.doctor_rig import codes, copy_h24, found, look, needs_root, settings
+from tests.support.doctor_rig import codes, copy_h24, found, look, needs_root, run_with_own_mounts, settings
 from twind.loop.realtime import PRIORITY
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
@@ -95,13 +94,9 @@ def test_a_full_disk_is_found(tmp_path: Path) -> None:
     """On a disk of memory that only these processes see."""
     (tmp_path / "state").mkdir()
     settings(tmp_path, copy_h24(tmp_path))
-    if shutil.which("unshare") is None:
-        pytest.skip("no unshare here")
-    words = ["unshare", "--mount", "--propagation", "private", "sh", "-c", FULL, "sh", str(tmp_path)]
-    done = subprocess.run([*words, sys.executable], capture_output=True, text=True, timeout=30, check=False)
-    if done.returncode in (77, 1) and not done.stdout:
-        pytest.skip(f"no mount namespace here: {done.stderr}")
-    assert f'"thing": "{tmp_path / "state"}", "measured": "0 MiB free of 3"' in done.stdout
+    assert f'"thing": "{tmp_path / "state"}", "measured": "0 MiB free of 3"' in run_with_own_mounts(
+        FULL, tmp_path
+    )
     assert str(tmp_path) not in str(found("--config", str(tmp_path / "twind.yaml"), code="DISK_FULL"))
 
 

@@ -227,7 +227,7 @@ def test_a_robot_with_invalid_messages_changes_no_text_of_the_others(
     for _ in range(3):
         shown.draw()
     assert "1 e-stop" in page_of.words[None] and "estop" in page_of.words["good"]
-    assert "cannot be understood" in page_of.words["odd"]
+    assert "unreadable" in page_of.words["odd"]
 
 
 def test_a_picture_that_fails_again_and_again_is_traced_once(

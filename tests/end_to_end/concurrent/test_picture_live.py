@@ -64,7 +64,7 @@ def test_after_a_message_that_is_none_the_next_connection_is_taken() -> None:
 
 
 def test_a_daemon_that_never_makes_sense_ends_it_with_the_reason() -> None:
-    with pytest.raises(ClientError, match="cannot be understood: KeyError"):
+    with pytest.raises(ClientError, match="unreadable: KeyError"):
         show(lambda: Daemon([{"topic": "status", "dropped": 0}]), 5.0, 1)  # type: ignore[arg-type,return-value]
 
 

@@ -37,6 +37,7 @@ def test_a_daemon_notifies_readiness_once_it_answers_and_its_stop(tmp_path: Path
         assert b"NOTIFY_SOCKET" not in front
         assert b"WATCHDOG" not in front
         assert daemon.end() == 0
+        assert not list(daemon.sockets.glob("*.sock"))
         assert said("STOPPING=1")
         assert told.count("READY=1") == 1
     finally:

@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from tests.support.golden_captures import HERE, Hand, expected, record, silent
+from tests.support.golden_captures import HERE, Hand, expected, outcome_of, record, silent
 from twind.flight import load
 from twind.loop.realtime import PRIORITY as ROBOT
 from twind.observe.replaying import priority
-from twind.observe.replaying.replay_outcome import outcome_of
 
 TRIES = 3  # on a machine that is too busy for a daemon and its servos bus errors come that were not recorded
 

@@ -17,7 +17,16 @@ from typing import Any
 import pytest
 
 from tests.support.daemon_stand_ins import answering
-from tests.support.doctor_rig import found, look, mended, needs_root, nobody, way_to, wrong
+from tests.support.doctor_rig import (
+    found,
+    look,
+    mended,
+    needs_root,
+    nobody,
+    run_with_own_mounts,
+    way_to,
+    wrong,
+)
 from tests.support.processes import Daemon, Virtual, daemon, favour, robot, until
 from twind.client import Client
 from twind.ctl.ctl_main import main
@@ -349,13 +358,7 @@ kill $!; wait $!
 @needs_root
 def test_a_socket_of_the_wrong_group_is_found_and_given_to_the_right_one(tmp_path: Path) -> None:
     """On a machine that has the service's group; only these processes see it."""
-    if shutil.which("unshare") is None:
-        pytest.skip("no unshare here")
-    words = ["unshare", "--mount", "--propagation", "private", "sh", "-c", GROUPED, "sh", str(tmp_path)]
-    done = subprocess.run([*words, sys.executable], capture_output=True, text=True, timeout=60, check=False)
-    if done.returncode in (77, 1) and not done.stdout:
-        pytest.skip(f"no mount namespace here: {done.stderr}")
-    given, said, after = done.stdout.splitlines()
+    given, said, after = run_with_own_mounts(GROUPED, tmp_path).splitlines()
     assert given == after == "twind-operator"
     (finding,) = json.loads(said)["found"]
     assert finding["code"] == "SOCKET_GROUP"

@@ -1,8 +1,12 @@
 """The robot with legs on CAN as a user runs it: real processes, real pseudo-terminals, slcan text."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
-from tests.support.processes import Daemon, Virtual, arm, daemon, go, patiently, robot, until
+import pytest
+
+from tests.support.live_robot import LiveRobot, live_robot
+from tests.support.processes import Daemon, arm, go, patiently, until
 
 BUSES = ["upper", "l_leg", "r_leg"]
 BEND = {
@@ -14,46 +18,42 @@ BEND = {
 }
 
 
-def torque(virtual: Virtual) -> list[bool]:
-    return [bool(servo["torque"]) for servo in virtual.servos()]
+@pytest.fixture(scope="module")
+def mixed() -> Iterator[LiveRobot]:
+    with live_robot("h24-mixed") as made:
+        yield made
 
 
-def test_a_motion_runs_on_serial_and_can_buses_at_once() -> None:
-    with robot("h24-mixed") as (virtual, folder), daemon(virtual, folder) as running:
-        assert list(virtual.ports) == BUSES
-        status = running.reach(state="connected")
-        links = [str(folder / "ports" / bus) for bus in BUSES]
-        assert [bus["port"] for bus in status["buses"]] == [
-            links[0],
-            f"can:slcan:{links[1]}",
-            f"can:slcan:{links[2]}",
-        ]
-        # Until its model is loaded a path waits, and the lease runs out meanwhile.
-        until(lambda: "LOOKAHEAD" in running.log.read_text(), 30.0, "the front looks ahead")
-        with running.client() as client:
-            arm(client)
-            assert torque(virtual) == [True] * 24
-            assert go(client, BEND)["phase"] == "succeeded"
-            assert running.status()["skew_max_ms"] > 0.0
-            assert client.call("Disarm")["state"] == "connected"
-        assert torque(virtual) == [False] * 24
-        assert running.end() == 0
+def test_a_motion_runs_on_serial_and_can_buses_at_once(mixed: LiveRobot) -> None:
+    assert list(mixed.virtual.ports) == BUSES
+    mixed.ready()
+    links = [str(mixed.folder / "ports" / bus) for bus in BUSES]
+    ports = [links[0], f"can:slcan:{links[1]}", f"can:slcan:{links[2]}"]
+    assert [bus["port"] for bus in mixed.running.status()["buses"]] == ports
+    # Until its model is loaded a path waits, and the lease runs out meanwhile.
+    until(lambda: "LOOKAHEAD" in mixed.running.log.read_text(), 30.0, "the front's model")
+    with mixed.running.client() as client:
+        arm(client)
+        assert mixed.torque() == {True}
+        assert go(client, BEND)["phase"] == "succeeded"
+        assert mixed.running.status()["skew_max_ms"] > 0.0
+        assert client.call("Disarm")["state"] == "connected"
+    assert mixed.torque() == {False}
 
 
-def test_a_leg_that_is_unplugged_is_lost_and_found_again_over_its_link() -> None:
-    with robot("h24-mixed") as (virtual, folder), daemon(virtual, folder) as running:
-        running.reach(state="connected")
-        with running.client() as client:
-            arm(client)
-            virtual.order(fault="unplug", bus="r_leg")
-            status = running.reach(state="fault")
-            assert [bus["connected"] for bus in status["buses"]] == [True, True, False]
-            assert any(fault["code"] == "PORT_LOST" for fault in status["faults"])
-            virtual.order(fault="replug", bus="r_leg", renamed=True)
-            until(lambda: all(bus["connected"] for bus in running.status()["buses"]), 10.0, "all are back")
-            patiently(lambda: client.call("Disarm"))
-        until(lambda: not any(torque(virtual)), 10.0, "torque off")
-        assert running.end() == 0
+def test_a_leg_that_is_unplugged_is_lost_and_found_again_over_its_link(mixed: LiveRobot) -> None:
+    mixed.ready()
+    with mixed.running.client() as client:
+        arm(client)
+        mixed.virtual.order(fault="unplug", bus="r_leg")
+        status = mixed.running.reach(state="fault")
+        assert [bus["connected"] for bus in status["buses"]] == [True, True, False]
+        assert any(fault["code"] == "PORT_LOST" for fault in status["faults"])
+        mixed.virtual.order(fault="replug", bus="r_leg", renamed=True)
+        until(lambda: all(bus["connected"] for bus in mixed.running.status()["buses"]), 10.0, "all are back")
+        patiently(lambda: client.call("Disarm"))
+    until(lambda: mixed.torque() == {False}, 10.0, "torque off")
+    assert mixed.running.end() == 0
 
 
 def test_the_daemon_brings_its_own_virtual_robot_with_can_buses(tmp_path: Path) -> None:

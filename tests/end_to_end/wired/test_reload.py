@@ -41,6 +41,26 @@ def simulated(folder: Path, **environment: str) -> Iterator[Daemon]:
         running.end()
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    with simulated(tmp_path_factory.mktemp("reload")) as running:
+        until(lambda: "LOOKAHEAD" in running.log.read_text(), 10.0, "the front's model")
+        yield running
+
+
+@pytest.fixture
+def sim(shared: Daemon) -> Daemon:
+    """A simulated daemon with the first files and an empty log.
+
+    Limits that an earlier test made narrower stay in force, since wider ones need a restart.
+    """
+    files(shared.sockets.parent)
+    with shared.client() as client:
+        client.call("Reload")
+    os.truncate(shared.log, 0)  # the daemon appends
+    return shared
+
+
 def ctl(running: Daemon, *words: str) -> tuple[int, str]:
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
@@ -62,29 +82,28 @@ def refused(running: Daemon) -> list[str]:
     return [finding["code"] for finding in verdict["refusals"]]
 
 
-def test_a_reload_is_in_force_on_both_sides_and_for_the_next_front(tmp_path: Path) -> None:
-    with simulated(tmp_path) as running:
-        until(lambda: "LOOKAHEAD" in running.log.read_text(), 10.0, "the front's model")
-        assert (limits(running), refused(running)) == ((-1.5, 1.5), [])
-        files(tmp_path, "log_level: debug\nrate_hz: 50\n", NARROW)
-        code, said = ctl(running, "--json", "reload")
-        assert (code, json.loads(said)) == (
-            0,
-            {"applied": ["joints.head_yaw.limits_rad", "log_level"], "needs_restart": ["rate_hz"]},
-        )
-        assert limits(running) == (-0.3, 0.3)
-        assert "POS_LIMIT" in refused(running)
-        assert ctl(running, "reload") == (0, "needs a restart: rate_hz\n")
-        front = running.front()
-        os.kill(front, signal.SIGKILL)
-        until(lambda: _other_front(running, front), 10.0, "a new front")
-        running.reach(mode="sim")
-        until(lambda: running.log.read_text().count("LOOKAHEAD") == 2, 10.0, "the new front's model")
-        assert limits(running) == (-0.3, 0.3)
-        assert "POS_LIMIT" in refused(running)
-        with running.client() as client:
-            shown = client.call("GetParameters")["parameters"]
-        assert (shown["log_level"], shown["rate_hz"]) == ("debug", None)
+def test_a_reload_is_in_force_on_both_sides_and_for_the_next_front(sim: Daemon) -> None:
+    folder = sim.sockets.parent
+    assert (limits(sim), refused(sim)) == ((-1.5, 1.5), [])
+    files(folder, "log_level: debug\nrate_hz: 50\n", NARROW)
+    code, said = ctl(sim, "--json", "reload")
+    assert (code, json.loads(said)) == (
+        0,
+        {"applied": ["joints.head_yaw.limits_rad", "log_level"], "needs_restart": ["rate_hz"]},
+    )
+    assert limits(sim) == (-0.3, 0.3)
+    assert "POS_LIMIT" in refused(sim)
+    assert ctl(sim, "reload") == (0, "needs a restart: rate_hz\n")
+    front = sim.front()
+    os.kill(front, signal.SIGKILL)
+    until(lambda: _other_front(sim, front), 10.0, "a new front")
+    sim.reach(mode="sim")
+    until(lambda: "LOOKAHEAD" in sim.log.read_text(), 10.0, "the new front's model")
+    assert limits(sim) == (-0.3, 0.3)
+    assert "POS_LIMIT" in refused(sim)
+    with sim.client() as client:
+        shown = client.call("GetParameters")["parameters"]
+    assert (shown["log_level"], shown["rate_hz"]) == ("debug", None)
 
 
 def _other_front(running: Daemon, old: int) -> bool:
@@ -93,43 +112,35 @@ def _other_front(running: Daemon, old: int) -> bool:
     return False
 
 
-def test_a_refused_file_changes_nothing_and_reports_its_position(tmp_path: Path) -> None:
-    with simulated(tmp_path) as running:
-        with running.client() as client:
-            before = client.call("GetRobot"), client.call("GetParameters")
-        files(tmp_path, "log_levl: debug\n", NARROW)
-        code, said = ctl(running, "reload")
-        assert code == 1
-        assert f"{tmp_path}/twind.yaml:3:1: log_levl: unknown key; nearest: log_level" in said
-        with running.client() as client:
-            assert (client.call("GetRobot"), client.call("GetParameters")) == before
-        assert "RELOAD_REFUSED" in running.log.read_text()
-        (tmp_path / "twind.yaml").write_bytes(b"\x00\xff" * 1000)
-        assert ctl(running, "reload")[0] == 1
-        running.reach(mode="sim")
+def test_a_refused_file_changes_nothing_and_reports_its_position(sim: Daemon) -> None:
+    folder = sim.sockets.parent
+    with sim.client() as client:
+        before = client.call("GetRobot"), client.call("GetParameters")
+    files(folder, "log_levl: debug\n", NARROW)
+    code, said = ctl(sim, "reload")
+    assert code == 1
+    assert f"{folder}/twind.yaml:3:1: log_levl: unknown key; nearest: log_level" in said
+    with sim.client() as client:
+        assert (client.call("GetRobot"), client.call("GetParameters")) == before
+    assert "RELOAD_REFUSED" in sim.log.read_text()
+    (folder / "twind.yaml").write_bytes(b"\x00\xff" * 1000)
+    assert ctl(sim, "reload")[0] == 1
+    sim.reach(mode="sim")
 
 
-def test_reloads_wait_for_each_other_and_all_are_answered(tmp_path: Path) -> None:
-    with simulated(tmp_path) as running:
-        files(tmp_path, "log_level: error\n", NARROW)
-        command = [
-            sys.executable,
-            "-m",
-            "twind.ctl.ctl_main",
-            "--socket",
-            str(running.sockets),
-            "--json",
-            "reload",
-        ]
-        asked = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(3)]
-        told = [json.loads(one.communicate(timeout=30.0)[0]) for one in asked]
-        assert [one.returncode for one in asked] == [0, 0, 0]
-        applied = sorted(key for one in told for key in one["applied"])
-        assert applied == ["joints.head_yaw.limits_rad", "log_level"], "once, by one of them"
+def test_reloads_wait_for_each_other_and_all_are_answered(sim: Daemon) -> None:
+    folder = sim.sockets.parent
+    files(folder, "log_level: error\n", {LINE: NARROW[LINE].replace("0.3", "0.2")})
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(sim.sockets), "--json", "reload"]
+    asked = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(3)]
+    told = [json.loads(one.communicate(timeout=30.0)[0]) for one in asked]
+    assert [one.returncode for one in asked] == [0, 0, 0]
+    applied = sorted(key for one in told for key in one["applied"])
+    assert applied == ["joints.head_yaw.limits_rad", "log_level"], "once, by one of them"
 
 
-def test_a_client_may_set_what_is_hot_and_only_tighter(tmp_path: Path) -> None:
-    with simulated(tmp_path) as running, running.client() as client:
+def test_a_client_may_set_what_is_hot_and_only_tighter(sim: Daemon) -> None:
+    with sim.client() as client:
         answer = client.call("SetParameters", parameters={"latency_warn_ms": 20, "log_level": "warning"})
         shown = client.call("GetParameters")["parameters"]
         assert answer == {"parameters": shown, "needs_restart": []}
@@ -147,12 +158,12 @@ def test_a_client_may_set_what_is_hot_and_only_tighter(tmp_path: Path) -> None:
                     "SetParameters", parameters={**({"log_level": "debug"} if wrong else {}), **wrong}
                 )
         assert client.call("GetParameters")["parameters"] == shown, "not one of them in part"
-        code, said = ctl(running, "parameters", "log_level=error")
+        code, said = ctl(sim, "parameters", "log_level=error")
         assert code == 0
         assert re.search(r"^log_level +error +SetParameters$", said, re.MULTILINE)
-        assert re.search(r"^rate_hz +- +default$", ctl(running, "parameters")[1], re.MULTILINE)
-        assert ctl(running, "parameters", "latency_warn_ms=49")[0] == 1
-        assert ctl(running, "parameters", "log_level")[0] == 2
+        assert re.search(r"^rate_hz +- +default$", ctl(sim, "parameters")[1], re.MULTILINE)
+        assert ctl(sim, "parameters", "latency_warn_ms=49")[0] == 1
+        assert ctl(sim, "parameters", "log_level")[0] == 2
         assert client.call("Reload")["applied"] == ["log_level", "thresholds.latency_warn_ms"]
         assert client.call("GetParameters")["parameters"]["origins"].keys() == {
             "mode",
@@ -305,9 +316,14 @@ def test_limits_wait_for_torque_off_and_a_file_that_was_read_again_may_be_armed_
             assert limits(running) == (-1.5, 1.5)
             assert running.status()["armed"]
             client.call("Disarm")
+            calibration = virtual.calibration.read_text()
+            virtual.calibration.write_text(calibration + "\n")
             with pytest.raises(Refused) as answer:
                 arm(client)
-            assert {finding["code"] for finding in answer.value.findings} == {"CALIB_MISMATCH"}
+            found = answer.value.findings
+            assert [finding["code"] for finding in found] == ["CALIB_MISMATCH"] * 2
+            assert any(str(virtual.calibration) in finding["message"] for finding in found)
+            virtual.calibration.write_text(calibration)
             applied = until(lambda: _reload(client), 10.0, "torque read back off")
             assert applied == ["joints.head_yaw.limits_rad"]
             arm(client)

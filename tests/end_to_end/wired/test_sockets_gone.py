@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,32 @@ def armed(**environment: str) -> Iterator[tuple[Daemon, Virtual, Client]]:
             with running.client() as client:
                 arm(client)
                 yield running, virtual, client
+
+
+@pytest.fixture(scope="module")
+def simulations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Daemon]]:
+    """Return the simulated daemon that runs; start another where a test has ended it."""
+    with contextlib.ExitStack() as stack:
+        made = list[Daemon]()
+
+        def current() -> Daemon:
+            if not made or made[-1].process.poll() is not None:
+                folder = tmp_path_factory.mktemp("sim")
+                made.append(stack.enter_context(serving(folder, *SIM)))
+            return made[-1]
+
+        yield current
+
+
+@pytest.fixture
+def sim(simulations: Callable[[], Daemon]) -> Daemon:
+    """A simulated daemon with both of its sockets and an empty log."""
+    running = simulations()
+    if running.sockets.is_file():
+        running.sockets.unlink()
+    running.reach(mode="sim", faults=[])
+    os.truncate(running.log, 0)  # the daemon appends
+    return running
 
 
 def nod(seconds: float, to: float = 0.4) -> dict[str, object]:
@@ -112,40 +138,32 @@ def test_a_removed_folder_is_back_within_a_second_the_motion_goes_on_and_an_esto
         until(lambda: not any(servo["torque"] for servo in virtual.servos()), 15.0, "torque off")
 
 
-def test_a_removed_socket_is_bound_again_and_the_other_stays(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        observe = running.sockets / "observe.sock"
-        before = observe.stat().st_ino
-        (running.sockets / "control.sock").unlink()
-        running.reach(seconds=NOTICED, mode="sim")
-        assert observe.stat().st_ino == before
+def test_a_removed_socket_is_bound_again_and_the_other_stays(sim: Daemon) -> None:
+    observe = sim.sockets / "observe.sock"
+    before = observe.stat().st_ino
+    (sim.sockets / "control.sock").unlink()
+    sim.reach(seconds=NOTICED, mode="sim")
+    assert observe.stat().st_ino == before
 
 
-def test_a_socket_that_was_bound_again_outlives_the_front(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        lose(running, for_good=False)
-        running.reach(seconds=NOTICED, mode="sim")
-        until(lambda: running.log.read_text().count("bound again") == 2, NOTICED, "two reports")
-        before = {path.name: path.stat().st_ino for path in running.sockets.iterdir()}
-        for _ in range(2):
-            os.kill(running.front(), signal.SIGKILL)
-            running.reach(seconds=10.0, mode="sim")
-        assert {path.name: path.stat().st_ino for path in running.sockets.iterdir()} == before
-        assert running.log.read_text().count("bound again") == 2
+def test_a_socket_that_was_bound_again_outlives_the_front(sim: Daemon) -> None:
+    lose(sim, for_good=False)
+    sim.reach(seconds=NOTICED, mode="sim")
+    until(lambda: sim.log.read_text().count("bound again") == 2, NOTICED, "two reports")
+    before = {path.name: path.stat().st_ino for path in sim.sockets.iterdir()}
+    for _ in range(2):
+        os.kill(sim.front(), signal.SIGKILL)
+        sim.reach(seconds=10.0, mode="sim")
+    assert {path.name: path.stat().st_ino for path in sim.sockets.iterdir()} == before
+    assert sim.log.read_text().count("bound again") == 2
 
 
-def test_a_front_that_dies_without_its_sockets_is_replaced_by_one_that_binds_them(
-    tmp_path: Path,
-) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        os.kill(running.front(), signal.SIGSTOP)
-        lose(running, for_good=False)
-        os.kill(running.front(), signal.SIGKILL)
-        running.reach(seconds=10.0, mode="sim")
-        assert running.process.poll() is None
+def test_a_front_that_dies_without_its_sockets_is_replaced_by_one_that_binds_them(sim: Daemon) -> None:
+    os.kill(sim.front(), signal.SIGSTOP)
+    lose(sim, for_good=False)
+    os.kill(sim.front(), signal.SIGKILL)
+    sim.reach(seconds=10.0, mode="sim")
+    assert sim.process.poll() is None
 
 
 # ------------------------------------------------------------------------------- not to be bound again
@@ -217,22 +235,20 @@ def still(client: Client) -> dict[str, Any] | None:
     return status if status["motion"] == "holding" else None
 
 
-def test_a_socket_that_another_daemon_serves_at_the_path_is_never_taken_away(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        with running.client() as session:
-            session.call("GetStatus")
-            os.kill(running.front(), signal.SIGSTOP)
-            shutil.rmtree(running.sockets)
-            with listen(running.sockets, "control"):
-                before = (running.sockets / "control.sock").stat().st_ino
-                os.kill(running.front(), signal.SIGCONT)
-                logged(running, "another twind answers there")
-                faults = session.call("GetStatus")["status"]["faults"]
-                assert "SOCKETS_GONE" in [fault["code"] for fault in faults]
-                assert (running.sockets / "control.sock").stat().st_ino == before
-            logged(running, "clients can connect again")
-        running.reach(seconds=NOTICED, mode="sim")
+def test_a_socket_that_another_daemon_serves_at_the_path_is_never_taken_away(sim: Daemon) -> None:
+    with sim.client() as session:
+        session.call("GetStatus")
+        os.kill(sim.front(), signal.SIGSTOP)
+        shutil.rmtree(sim.sockets)
+        with listen(sim.sockets, "control"):
+            before = (sim.sockets / "control.sock").stat().st_ino
+            os.kill(sim.front(), signal.SIGCONT)
+            logged(sim, "another twind answers there")
+            faults = session.call("GetStatus")["status"]["faults"]
+            assert "SOCKETS_GONE" in [fault["code"] for fault in faults]
+            assert (sim.sockets / "control.sock").stat().st_ino == before
+        logged(sim, "clients can connect again")
+    sim.reach(seconds=NOTICED, mode="sim")
 
 
 HAND_OVER = """
@@ -286,9 +302,8 @@ def answered(folder: Path) -> bool:
 # ------------------------------------------------------------------------------- twindctl estop
 
 
-def test_estop_without_a_socket_lowers_this_robot_and_leaves_another_daemon_alone(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as other, armed() as (running, virtual, client):
-        other.reach(mode="sim")
+def test_estop_without_a_socket_lowers_this_robot_and_leaves_another_daemon_alone(sim: Daemon) -> None:
+    with armed() as (running, virtual, client):
         begin(client, nod(20.0))
         lose(running, for_good=True)
         done = estop(running)
@@ -299,49 +314,26 @@ def test_estop_without_a_socket_lowers_this_robot_and_leaves_another_daemon_alon
         assert "twind has ended" in done.stdout
         assert running.process.wait(5.0) == 0
         assert not any(servo["torque"] for servo in virtual.servos())
-        assert other.status()["mode"] == "sim"
+        assert sim.status()["mode"] == "sim"
 
 
-@pytest.mark.parametrize("words", [("--cut",), ("--cut", "--json")])
-def test_an_impossible_cut_is_reported_and_the_daemon_ends(tmp_path: Path, words: tuple[str, ...]) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        lose(running, for_good=True)
-        done = estop(running, *words)
-        assert (done.returncode, running.process.wait(5.0)) == (0, 0)
-        if "--json" in words:
-            answer = json.loads(done.stdout)
-            assert answer == {
-                "signal": "SIGTERM",
-                "pids": [running.process.pid],
-                "level": "settle",
-                "ended": True,
-            }
-        else:
-            assert "--cut needs the socket: the robot is lowered instead" in done.stdout
+def test_status_of_a_daemon_without_sockets_names_it_and_the_estop_that_ends_it(sim: Daemon) -> None:
+    lose(sim, for_good=True)
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(sim.sockets), "status"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+    assert done.returncode == 3
+    assert f"twind (pid {sim.process.pid}) runs, but its sockets are gone" in done.stderr
+    assert f"`twindctl --socket {sim.sockets} estop`, which lowers the robot" in done.stderr
+    assert sim.process.poll() is None
 
 
-def test_status_of_a_daemon_without_sockets_names_it_and_the_estop_that_ends_it(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        lose(running, for_good=True)
-        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "status"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
-        assert done.returncode == 3
-        assert f"twind (pid {running.process.pid}) runs, but its sockets are gone" in done.stderr
-        assert f"`twindctl --socket {running.sockets} estop`, which lowers the robot" in done.stderr
-        assert running.process.poll() is None
-
-
-def test_an_e_stop_without_a_daemon_fails_at_once(tmp_path: Path) -> None:
-    with serving(tmp_path / "other", *SIM) as other:
-        other.reach(mode="sim")
-        begun = time.monotonic()
-        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path / "none"), "estop"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
-        assert (done.returncode, "there is no such socket" in done.stderr) == (3, True)
-        assert time.monotonic() - begun < 2.0
-        assert other.status()["mode"] == "sim"
+def test_an_e_stop_without_a_daemon_fails_at_once(sim: Daemon, tmp_path: Path) -> None:
+    begun = time.monotonic()
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path / "none"), "estop"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+    assert (done.returncode, "there is no such socket" in done.stderr) == (3, True)
+    assert time.monotonic() - begun < 2.0
+    assert sim.status()["mode"] == "sim"
 
 
 AS_ANOTHER = """
@@ -360,19 +352,17 @@ except Rejected as error:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
-def test_a_user_who_may_not_signal_the_daemon_gets_the_command_that_does(tmp_path: Path) -> None:
-    with serving(tmp_path, *SIM) as running:
-        running.reach(mode="sim")
-        lose(running, for_good=True)
-        for folder in (tmp_path, *tmp_path.parents):
-            if folder == Path(tempfile.gettempdir()):
-                break
-            folder.chmod(0o755)  # of these tests: another user finds that there is no socket
-        command = [sys.executable, "-c", AS_ANOTHER, str(running.sockets)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
-        assert f"run `sudo twindctl --socket {running.sockets} estop`" in done.stdout, done.stderr
-        assert "a twind of uid 0 serves it, which this user may not signal" in done.stdout
-        assert running.process.poll() is None
+def test_a_user_who_may_not_signal_the_daemon_gets_the_command_that_does(sim: Daemon) -> None:
+    lose(sim, for_good=True)
+    for folder in sim.sockets.parents:
+        if folder == Path(tempfile.gettempdir()):
+            break
+        folder.chmod(0o755)  # of these tests: another user finds that there is no socket
+    command = [sys.executable, "-c", AS_ANOTHER, str(sim.sockets)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+    assert f"run `sudo twindctl --socket {sim.sockets} estop`" in done.stdout, done.stderr
+    assert "a twind of uid 0 serves it, which this user may not signal" in done.stdout
+    assert sim.process.poll() is None
 
 
 DECOY = """
@@ -402,3 +392,20 @@ def test_a_process_that_only_resembles_a_daemon_is_never_signalled(tmp_path: Pat
         done = subprocess.run(words, capture_output=True, text=True, timeout=20.0, check=False)
         assert done.returncode == 3, done.stdout
         assert decoy.poll() is None
+
+
+@pytest.mark.parametrize("words", [("--cut",), ("--cut", "--json")])
+def test_an_impossible_cut_is_reported_and_the_daemon_ends(sim: Daemon, words: tuple[str, ...]) -> None:
+    lose(sim, for_good=True)
+    done = estop(sim, *words)
+    assert (done.returncode, sim.process.wait(5.0)) == (0, 0)
+    if "--json" in words:
+        answer = json.loads(done.stdout)
+        assert answer == {
+            "signal": "SIGTERM",
+            "pids": [sim.process.pid],
+            "level": "settle",
+            "ended": True,
+        }
+    else:
+        assert "--cut needs the socket: the robot is lowered instead" in done.stdout

@@ -18,6 +18,11 @@ LEFT = "twind@left.service"
 SIMULATION = "twind-sim.service"
 
 
+def own_root(pid: int) -> Path:
+    """The root folder of the mount namespace of a process."""
+    return Path("/proc", str(pid), "root")
+
+
 @pytest.fixture(scope="module")
 def handed(machine: Machine) -> Iterator[Service]:
     """`twind@handed`, whose sockets systemd listens on; it runs as soon as somebody connects."""
@@ -92,7 +97,7 @@ def test_a_can_interface_that_is_not_there_holds_up_no_start(left: Service) -> N
     if not left.machine.may(NET_ADMIN):
         pytest.skip("PID 1 lacks CAP_NET_ADMIN here: no unit gets it")
     assert "twind-can@can0.service" in left.show("After")
-    assert not Path(f"/proc/{left.main()}/root/sys/class/net/can0").exists()
+    assert not (own_root(left.main()) / "sys/class/net/can0").exists()
     front = left.front()
     assert front is not None
     rights = [
@@ -139,7 +144,7 @@ def test_the_simulation_moves_without_devices_network_or_rights(simulated: Servi
     assert [line.split(":")[0].strip() for line in names] == ["lo"]
     own = [Path(f"/proc/{pid}/ns/net").readlink() for pid in (main, simulated.machine.init)]
     assert own[0] != own[1]
-    there = {path.name for path in Path(f"/proc/{main}/root/dev").iterdir()}
+    there = {path.name for path in (own_root(main) / "dev").iterdir()}
     assert not {name for name in there if name.startswith("tty") and name != "tty"}
     with simulated.client() as client:
         path = {"joint_names": ["head_yaw"], "points": [{"positions": [0.3], "time_from_start": 0.4}]}

@@ -28,7 +28,7 @@ WIDTH = 160  # columns without a terminal; COLUMNS overrides it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which robots, by which network; once, again and again, or on a page."""
+    """Add the options of `twindctl fleet`."""
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="only these robots; an absent one is lost")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--watch", action="store_true", help="update the list until Ctrl-C or q")
@@ -45,42 +45,42 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--count {options.count}: goes with --watch, and is at least 1")
     if (options.port is not None or options.open) and not options.view:
         raise UsageError("--port and --open go with --view")
-    lookout = FleetMonitor(FleetRoster(options.robots), place(options, os.environ), options.socket)
+    monitor = FleetMonitor(FleetRoster(options.robots), place(options, os.environ), options.socket)
     try:
         if options.view:
-            return _view(lookout, options)
-        return _watch(lookout, options) if options.watch else _once(lookout, options)
+            return _view(monitor, options)
+        return _watch(monitor, options) if options.watch else _once(monitor, options)
     finally:
-        lookout.close()
+        monitor.close()
 
 
-def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
-    lookout.once(PATIENCE, _print_error)
-    robots = lookout.roll.robots()
+def _once(monitor: FleetMonitor, options: argparse.Namespace) -> int:
+    monitor.once(PATIENCE, _print_error)
+    robots = monitor.roster.robots()
     network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
-    if lookout.trouble and (network or not robots):
-        _print_error(lookout.trouble)
+    if monitor.trouble and (network or not robots):
+        _print_error(monitor.trouble)
     _show(robots, options)
     named = [each for each in robots if each.name in options.robots]
-    silent = [each for each in named if each.lost or each.odd or each.told_at is None]
-    return NO_DAEMON if not robots or silent or (network and lookout.trouble) else DONE
+    silent = [each for each in named if each.lost or each.odd or each.reported_at is None]
+    return NO_DAEMON if not robots or silent or (network and monitor.trouble) else DONE
 
 
-def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
+def _watch(monitor: FleetMonitor, options: argparse.Namespace) -> int:
     with catch_stop_signals() as stop:
         if is_live() and not options.json:
-            lookout.begin(lambda _why: None)
-            _draw(lookout, options.count, stop)
+            monitor.begin(lambda _why: None)
+            _draw(monitor, options.count, stop)
             return DONE
-        lookout.begin(_print_error)
+        monitor.begin(_print_error)
         shown = 0
         while shown != options.count and not stop.wait(PERIOD):
             shown += 1
-            _show(lookout.roll.robots(), options)
+            _show(monitor.roster.robots(), options)
     return DONE
 
 
-def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> None:
+def _draw(monitor: FleetMonitor, count: int | None, stop: threading.Event) -> None:
     """Draw on a terminal, until a key or a signal ends it."""
     from rich.console import Console
 
@@ -94,23 +94,23 @@ def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> No
         while not stop.is_set() and pictures != count:
             pictures += 1
             size = screen.size()
-            picture = rows(lookout.roll.robots(), time.monotonic(), size[0])
-            if lookout.trouble:
-                picture += [(), cut(line((lookout.trouble, "warn")), size[0])]
+            picture = rows(monitor.roster.robots(), time.monotonic(), size[0])
+            if monitor.trouble:
+                picture += [(), cut(line((monitor.trouble, "warn")), size[0])]
             screen.draw([palette.text(each) for each in picture[: size[1]]], size)
             if "quit" in screen.wait(PERIOD / 2.0):
                 return
 
 
-def _view(lookout: FleetMonitor, options: argparse.Namespace) -> int:
+def _view(monitor: FleetMonitor, options: argparse.Namespace) -> int:
     from twind.observe.view import needed
 
     needed(options.port)
     from twind.bridge.fleet.viewer_robots import found
     from twind.observe.viewing.fleet import watch
 
-    lookout.begin(_print_error)
-    return watch(lambda: found(lookout), port=options.port, open_page=options.open, as_json=options.json)
+    monitor.begin(_print_error)
+    return watch(lambda: found(monitor), port=options.port, open_page=options.open, as_json=options.json)
 
 
 def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:

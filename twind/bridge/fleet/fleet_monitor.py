@@ -32,14 +32,14 @@ class FleetMonitor:
     `trouble`: why there is none.
     """
 
-    def __init__(self, roll: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
+    def __init__(self, roster: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
         """Make the monitor; `only`: of this machine the daemon in this folder alone."""
-        self.roll = roll
+        self.roster = roster
         self.trouble = ""
         self.way: SharedSession | None = None
         self._place = place
-        self._here = LocalDaemonPoller(roll, only)
-        self._elsewhere: RemoteRobotPoller | None = None
+        self._local = LocalDaemonPoller(roster, only)
+        self._remote: RemoteRobotPoller | None = None
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -49,16 +49,16 @@ class FleetMonitor:
         `tell`: receives the robots left out.
         """
         deadline = time.monotonic() + patience
-        self._here.ask()
+        self._local.ask()
         try:
             self._enter(open_now(self._place, joining(self._place)), tell)
         except (ClientError, UsageError) as error:
             self.trouble = str(error)
-        if self._elsewhere is not None:
-            self._elsewhere.ask()
+        if self._remote is not None:
+            self._remote.ask()
             self._stop.wait(FINDING)
-        self._here.wait(deadline - time.monotonic())
-        while self.roll.has_unknown_robots() and time.monotonic() < deadline:
+        self._local.wait(deadline - time.monotonic())
+        while self.roster.has_unknown_robots() and time.monotonic() < deadline:
             time.sleep(0.01)
 
     def begin(self, tell: Callable[[str], None]) -> None:
@@ -76,7 +76,7 @@ class FleetMonitor:
         if self.way is not None:
             with contextlib.suppress(Exception):  # whatever is wrong with it, it is over
                 close_session(self.way.session)
-        self.way = self._elsewhere = None
+        self.way = self._remote = None
 
     def _join(self, tell: Callable[[str], None]) -> None:
         try:
@@ -100,11 +100,11 @@ class FleetMonitor:
 
         self.way = SharedSession(session, str(self._place))
         self.trouble = ""
-        self._elsewhere = RemoteRobotPoller(self.roll, session, tell)
+        self._remote = RemoteRobotPoller(self.roster, session, tell)
 
     def _ask(self) -> None:
         while not self._stop.is_set():
-            self._here.ask()
-            if self._elsewhere is not None:
-                self._elsewhere.ask()
+            self._local.ask()
+            if self._remote is not None:
+                self._remote.ask()
             self._stop.wait(PERIOD)

@@ -23,14 +23,14 @@ class RobotRecord:
     status: Mapping[str, Any] | None = None  # of GetStatus, what a list shows
     heard: int | None = None  # joints that answer
     joints: int | None = None
-    told_at: float | None = None  # s, monotonic, time of this report
+    reported_at: float | None = None  # s, monotonic, time of this report
     way: float | None = None  # s, from the question to its answer
     lost: str = ""  # why it reports no longer; empty: it is present
     odd: str = ""  # why its report cannot be decoded; empty: it can
 
     def age(self, now: float) -> float | None:
         """Return the s since its last status; None: none was received."""
-        return None if self.told_at is None else now - self.told_at
+        return None if self.reported_at is None else now - self.reported_at
 
 
 Word = Annotated[str, msgspec.Meta(max_length=40)]
@@ -88,7 +88,7 @@ class FleetRoster:
         heard = sum(joint.heard for joint in report.joints)
         joints = len(report.joints)
         self._keep(
-            name, where, status=status, heard=heard, joints=joints, told_at=now, way=way, lost="", odd=""
+            name, where, status=status, heard=heard, joints=joints, reported_at=now, way=way, lost="", odd=""
         )
 
     def odd(self, name: str, where: str, why: str) -> None:
@@ -109,7 +109,7 @@ class FleetRoster:
 
     def has_unknown_robots(self) -> bool:
         """Return True if a robot is there of which no status is known yet."""
-        return any(each.told_at is None and not (each.lost or each.odd) for each in self.robots())
+        return any(each.reported_at is None and not (each.lost or each.odd) for each in self.robots())
 
     def _keep(self, name: str, where: str, **known: Any) -> bool:
         """Update the record of a robot with `known`, keeping its other fields. False: it is left out."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from twind.bridge.fleet.fleet_roster import FleetRoster
-from twind.bridge.uplink.robot_name import robot_name
+from twind.bridge.zenoh.zenoh_keys import robot_name
 from twind.client import ClientError, first_open
 from twind.client.find_socket import directories
 
@@ -26,9 +26,9 @@ def folders(only: str | None = None) -> list[str]:
 class LocalDaemonPoller:
     """Poller of local daemons: each call queries all at once. One that hangs delays no other."""
 
-    def __init__(self, roll: FleetRoster, only: str | None = None) -> None:
+    def __init__(self, roster: FleetRoster, only: str | None = None) -> None:
         """Make the poller; `only`: the daemon in this folder and no other."""
-        self._roll = roll
+        self._roster = roster
         self._only = only
         self._names: dict[str, str] = {}  # of robots, by folder
         self._queries: dict[str, threading.Thread] = {}
@@ -57,7 +57,7 @@ class LocalDaemonPoller:
                 if folder not in self._names:
                     parameters = client.call("GetParameters")["parameters"]
                     self._names[folder] = robot_name(answer["status"], parameters)
-            self._roll.update_status(self._names[folder], folder, answer, now, now - begun)
+            self._roster.update_status(self._names[folder], folder, answer, now, now - begun)
         except ClientError as error:
             if folder in self._names or not getattr(error, "absent", False):
                 self._record_lost_daemon(folder, str(error))
@@ -66,7 +66,7 @@ class LocalDaemonPoller:
 
     def _record_lost_daemon(self, folder: str, why: str) -> None:
         """Record a lost daemon; one that never reported its name gets that of its folder, the instance's."""
-        self._roll.mark_lost(self._names.get(folder) or Path(folder).name, folder, why)
+        self._roster.mark_lost(self._names.get(folder) or Path(folder).name, folder, why)
 
 
 def _below(place: str) -> Iterator[str]:

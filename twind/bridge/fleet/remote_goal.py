@@ -6,10 +6,9 @@ import uuid
 from collections.abc import Mapping
 from typing import Any
 
-from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
 from twind.bridge.fleet.outgoing_queue import OutgoingQueue
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, error_name
 from twind.bridge.motion_session import ENDS
 
 QUIET = 1.0  # s without a report after which the goal is queried: a lost message must not hide its end

@@ -18,12 +18,12 @@ GONE = "its uplink ended, or the way to it is lost"
 class RemoteRobotPoller:
     """Poller of remote robots: arrivals and departures come by themselves, status on each call of `ask`."""
 
-    def __init__(self, roll: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
+    def __init__(self, roster: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         """Watch the tokens of a session, which stays owned by its opener.
 
         `tell`: receives the robots that are left out, each reason once.
         """
-        self._roll = roll
+        self._roster = roster
         self._session = session
         self._tell = tell
         self._left_out: set[str] = set()
@@ -52,8 +52,8 @@ class RemoteRobotPoller:
         if name is None:
             return
         if sample.kind == zenoh.SampleKind.DELETE:
-            self._roll.mark_lost(name, UPLINK, GONE)
-        elif not self._roll.there(name, UPLINK):
+            self._roster.mark_lost(name, UPLINK, GONE)
+        elif not self._roster.there(name, UPLINK):
             self._leave_out("many", f"more than {MOST} robots: the others are left out")
 
     def _answered(self, reply: zenoh.Reply, begun: float) -> None:
@@ -65,9 +65,9 @@ class RemoteRobotPoller:
         try:
             answer = loads(reply.ok.payload.to_bytes())
         except ValueError as error:
-            self._roll.odd(name, UPLINK, str(error))
+            self._roster.odd(name, UPLINK, str(error))
         else:
-            self._roll.update_status(name, UPLINK, answer, now, now - begun)
+            self._roster.update_status(name, UPLINK, answer, now, now - begun)
 
     def _name(self, key: zenoh.KeyExpr) -> str | None:
         try:

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.outgoing_queue import OutgoingQueue
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, error_name
 
 AGAIN = 0.1  # s from a stop without success to the next: a lost message must not leave the robot moving
 LASTING = 3.0  # s for which it is repeated

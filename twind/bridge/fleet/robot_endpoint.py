@@ -11,7 +11,7 @@ import zenoh
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.client import Disconnected
 
-Told = Callable[[bytes], None]  # one message of the interface, in a thread of Zenoh's; returns at once
+TakeMessage = Callable[[bytes], None]  # of the interface, in a thread of Zenoh's; returns at once
 ALIVE = "alive"
 _TIMEOUT = b"Timeout"  # payload of Zenoh in place of an answer
 
@@ -28,7 +28,7 @@ class RemoteRobotEndpoint:
         parts: tuple[str, ...],
         what: Mapping[str, Any],
         patience: float,
-        answered: Told,
+        answered: TakeMessage,
         silent: Callable[[], None],
         *,
         everybody: bool = False,
@@ -62,10 +62,8 @@ class RemoteRobotEndpoint:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
 
-    def subscribe_news(
-        self, parts: tuple[str, ...], on_news: Callable[[bytes], None]
-    ) -> "zenoh.Subscriber[None]":
-        """News, as their bytes, until the subscriber is undeclared."""
+    def subscribe_news(self, parts: tuple[str, ...], on_news: TakeMessage) -> "zenoh.Subscriber[None]":
+        """Pass on news, as their bytes, until the subscriber is undeclared."""
         with self._joined():
             return self.session.declare_subscriber(
                 robot_key(self.robot, *parts), lambda sample: on_news(bytes(sample.payload))
@@ -90,6 +88,15 @@ class RemoteRobotEndpoint:
             yield
         except zenoh.ZError as error:
             raise Disconnected(f"{self.robot}: the network was left: {error}") from None
+
+
+def error_name(message: bytes) -> str | None:
+    """Return the error that a message carries, without its interface. "": none; None: no message."""
+    try:
+        error = json.loads(message).get("error")
+    except (ValueError, RecursionError, AttributeError):
+        return None
+    return "" if error is None else str(error).rpartition(".")[2]
 
 
 def as_message(reply: zenoh.Reply) -> bytes | None:

@@ -9,9 +9,9 @@ from twind.client import Client
 from twind.observe.viewing.robot_connections import RobotConnections, local
 
 
-def found(lookout: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
+def found(monitor: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
     """Return every robot that was ever present, by name and place."""
-    ways = {(each.name, each.where): _ways(each, lookout.way) for each in lookout.roll.robots()}
+    ways = {(each.name, each.where): _ways(each, monitor.way) for each in monitor.roster.robots()}
     return {whose: way for whose, way in ways.items() if way is not None}
 
 

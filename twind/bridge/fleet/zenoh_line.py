@@ -16,12 +16,11 @@ from typing import Any, Protocol
 
 import zenoh
 
-from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
 from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.remote_goal import RemoteGoal
 from twind.bridge.fleet.remote_stop import RemoteStop
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, error_name
 from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
@@ -152,8 +151,8 @@ class ZenohClientLine:
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":
-            told = json.loads(message).get("parameters", {}).get("message", "")
-            raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {told}")
+            why = json.loads(message).get("parameters", {}).get("message", "")
+            raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {why}")
         return message
 
     # ------------------------------------------------------------------------------------------ calls
@@ -177,14 +176,14 @@ class ZenohClientLine:
         parts: tuple[str, ...],
         what: Parameters,
         patience: float,
-        told: Callable[[bytes], None] | None = None,
+        answered: TakeMessage | None = None,
     ) -> None:
         assert self._reach is not None
         inbox = self._inbox
         silent = (
             f"{self.where}: no answer to {'/'.join(parts)}: it went away, or this client is not permitted"
         )
-        self._reach.ask(parts, what, patience, told or inbox.answer, lambda: inbox.end(silent))
+        self._reach.ask(parts, what, patience, answered or inbox.answer, lambda: inbox.end(silent))
 
     def _acquire(self, parameters: Parameters, patience: float) -> None:
         assert self._reach is not None

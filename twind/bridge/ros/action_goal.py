@@ -29,11 +29,11 @@ CODES = {
 
 COLUMNS = (*TAKEN, "effort")
 
-Said = Mapping[str, Any]  # of `TrajectoryDispatcher.goal`: phase, findings, message
+GoalReport = Mapping[str, Any]  # of `TrajectoryDispatcher.goal`: phase, findings, message
 State = Mapping[str, Any]  # an answer of Monitor, topic `state`
 
 
-def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
+def outcome(last: GoalReport, *, asked: bool) -> tuple[int, str]:
     """Return code and text of a goal's last report. `asked`: its own client cancelled it."""
     findings: Sequence[Mapping[str, Any]] = last.get("findings") or ()
     words = "; ".join(f"{each['code']}: {each['message']}" for each in findings)

@@ -20,7 +20,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from twind.bridge.ros.action_goal import (
     SUCCESSFUL,
-    Said,
+    GoalReport,
     State,
     as_bytes,
     outcome,
@@ -47,14 +47,14 @@ class GoalConsumer(Protocol):
     def __call__(
         self,
         data: bytes,
-        told: Callable[[Said], None],
+        report: Callable[[GoalReport], None],
         *,
         goal_time: float | None = None,
         tolerances: list[dict[str, Any]] | None = None,
     ) -> Callable[[], None]:
         """Submit the CDR of a JointTrajectory; return a function that cancels it.
 
-        `told` receives phase, findings and message until the goal ends.
+        `report` receives phase, findings and message until the goal ends.
         """
 
 
@@ -115,12 +115,12 @@ class TrajectoryActionServer:
         finally:
             self._open.discard(bytes(handle.goal_id.uuid))
 
-    def _followed(self, handle: Any) -> Said:
+    def _followed(self, handle: Any) -> GoalReport:
         """Return the last report of a goal; until then send feedback and pass on its cancel."""
         beyond = unserved(handle.request)
         if beyond:
             return {"phase": "refused", "message": f"{beyond}: not served here; leave it empty"}
-        reports: queue.SimpleQueue[Said] = queue.SimpleQueue()
+        reports: queue.SimpleQueue[GoalReport] = queue.SimpleQueue()
         goal = handle.request
         withdrawn = False
         cancel = self._goals(
@@ -157,7 +157,7 @@ class TrajectoryActionServer:
         with suppress(RuntimeError):  # the client, or the node, has just left
             handle.publish_feedback(message)
 
-    def _finish_goal(self, handle: Any, last: Said) -> Any:
+    def _finish_goal(self, handle: Any, last: GoalReport) -> Any:
         """Return the result, and set the state that goes with it."""
         result = self._kind.Result()
         result.error_code, result.error_string = outcome(last, asked=handle.is_cancel_requested)

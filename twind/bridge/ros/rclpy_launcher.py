@@ -59,7 +59,7 @@ class RosDistribution:
     environment: Mapping[str, str]
 
 
-def launch(options: argparse.Namespace, tell: Callable[[str], None], stop: object) -> int:
+def launch(options: argparse.Namespace, tell: Callable[[str], None]) -> int:
     """Run `twindctl ros --backend rclpy`; does not return. Raises UsageError without rclpy, with the remedy.
 
     Of `options`: socket, rate, commands, domain, distro. The new process handles signals from then on.

@@ -76,7 +76,7 @@ class RosBridge:
         self._stop = stop
         self._sockets = sockets
         self._reads_only = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
-        self._speech = RosStateMessages()
+        self._messages = RosStateMessages()
         self._diagnostics = Diagnostics()
         self._graph = TransitionReporter()
         self._deaf = TransitionReporter()
@@ -100,7 +100,7 @@ class RosBridge:
         self._wrong = ""  # with the graph
         self._denied = ""  # why this user may not command
         self.asked_of = -1  # lives of the daemon when that was asked
-        self._over = ""  # why we say no more
+        self._over = ""  # why nothing more is published
         self._status: Mapping[str, Any] | None = None
         self._joints: Sequence[Mapping[str, Any]] = ()
         self._published_at = float("-inf")
@@ -136,7 +136,7 @@ class RosBridge:
             self._tell(wrong)
 
     def _join_or_report(self) -> None:
-        """Join the graph where that is to be done; say how everything is."""
+        """Join the graph if it is not joined; publish the diagnostics."""
         if self._news.lives != self.asked_of:
             self.asked_of = self._news.lives
             self._ask_rights()
@@ -229,18 +229,18 @@ class RosBridge:
     def _reading(self, answer: Mapping[str, Any]) -> None:
         """Publish a reading, in its thread."""
         self._joints = answer["joints"]
-        self._send(self._speech.state(answer, clocks()))
+        self._send(self._messages.state(answer, clocks()))
 
     def _take(self, answer: Mapping[str, Any]) -> None:
         """Publish any other answer, in its thread."""
         topic = answer["topic"]
         if topic == "status":
-            self._speech.status(answer["status"])
+            self._messages.status(answer["status"])
             self._keep(answer["status"], answer["time"])
         elif topic == "latency":
             self._publish(LATENCY, latencies(answer["latency"]))
         elif topic == "trajectories":
-            self._send(self._speech.accepted(answer, clocks()))
+            self._send(self._messages.accepted(answer, clocks()))
         self.orders.on_monitor_reply(answer)
 
     def _send(self, messages: Sequence[Message]) -> None:

@@ -100,7 +100,7 @@ def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threadi
         from twind.bridge.ros.rclpy_launcher import launch
 
         print_line(_headline(options, graph))
-        return launch(options, print_line, stop)
+        return launch(options, print_line)
     from twind.bridge.ros.ros_bridge import RosBridge
 
     transport = made(options, graph)
@@ -120,12 +120,8 @@ def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
         raise UsageError(f"{words}; where ROS is installed: --backend rclpy")
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
-    if options.backend == ZENOH:
-        made: RosTransport = kind(
-            graph, print_line, connect=options.zenoh_connect, config=options.zenoh_config
-        )
-        return made
-    transport: RosTransport = kind(graph, print_line)
+    session = {"connect": options.zenoh_connect, "config": options.zenoh_config}
+    transport: RosTransport = kind(graph, print_line, **(session if options.backend == ZENOH else {}))
     return transport
 
 

@@ -19,7 +19,7 @@ ROOM = 8  # commands that wait; one more, and the oldest goes
 PACE = 1.0 / 15.0  # s between two that are taken: the daemon refuses more than 20 a second
 TELL = 1.0  # s between two words on commands that were dropped
 
-Told = Callable[[Mapping[str, Any]], None]
+Report = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(eq=False, slots=True)
@@ -29,7 +29,9 @@ class RosCommand:
     data: bytes  # CDR of a JointTrajectory; none once it was read
     head: CommandHeader | None  # None: malformed
     came: float  # s, monotonic
-    told: Told | None = None  # receiver of its reports; a command with one is never dropped for a newer one
+    report: Report | None = (
+        None  # receiver of its reports; a command with one is never dropped for a newer one
+    )
     more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
     cancelled: bool = False
     began: float = inf  # s, monotonic, when it was accepted; inf: it is not under way
@@ -61,7 +63,7 @@ class RosCommandQueue:
             self._drop(over)
             if len(self._waiting) == 1:  # no use in being woken by each of a flood
                 self._changed.notify()
-        return [each for each in over if each.told is not None]
+        return [each for each in over if each.report is not None]
 
     def accepted(self, command: RosCommand) -> None:
         """Drop the waiting commands that `command`, now accepted, makes void."""
@@ -120,6 +122,6 @@ def _voids(newer: RosCommand, older: RosCommand) -> bool:
     """Return True if following the newer command leaves nothing of the older."""
     new = newer.head
     old = older.head
-    if new is None or old is None or older.told is not None or newer.number <= older.number:
+    if new is None or old is None or older.report is not None or newer.number <= older.number:
         return False
     return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)

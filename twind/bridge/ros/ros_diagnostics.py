@@ -17,7 +17,7 @@ WARN = 1
 ERROR = 2
 BAD_STATES = ("fault", "estop")
 
-Said = Mapping[str, Any]
+Fields = Mapping[str, Any]
 
 
 def encode_string(content: Any) -> bytes:
@@ -25,7 +25,7 @@ def encode_string(content: Any) -> bytes:
     return encode(STRING, {"data": json.dumps(content, ensure_ascii=False)})
 
 
-def latencies(hops: Sequence[Said]) -> bytes:
+def latencies(hops: Sequence[Fields]) -> bytes:
     """Topic `latency`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
 
     The labels of the two dimensions name rows and columns.
@@ -47,7 +47,7 @@ class Diagnostics:
     def __init__(self) -> None:
         self._before: dict[str, int] = {}
 
-    def message(self, time_ns: int, bridge: Said, status: Said | None, joints: Sequence[Said]) -> bytes:
+    def message(self, time_ns: int, bridge: Fields, status: Fields | None, joints: Sequence[Fields]) -> bytes:
         """Build the message; `bridge`: own state; `status`, `joints`: last received; no status: no daemon."""
         rows = [self._bridge(bridge)]
         if status is not None:
@@ -57,26 +57,19 @@ class Diagnostics:
         header = {"stamp": stamp(time_ns), "frame_id": ""}
         return encode(DIAGNOSTIC_ARRAY, {"header": header, "status": rows})
 
-    def _bridge(self, bridge: Said) -> Said:
+    def _bridge(self, bridge: Fields) -> Fields:
         grew = self._grew("dropped", bridge["dropped"])
         undelivered = self._grew("undelivered", bridge["undelivered"])
-        level = OK
-        message = "the daemon is there"
-        if bridge["error"]:
-            level = ERROR
-            message = str(bridge["error"])
-        elif bridge["commands"] and bridge["refuses"]:
-            level = WARN
-            message = str(bridge["refuses"])
-        elif grew:
-            level = WARN
-            message = f"{grew} messages of the daemon were lost on the way here"
-        elif undelivered:
-            level = WARN
-            message = f"{undelivered} messages were dropped: a reader does not keep up"
+        level, message = _first(
+            (bridge["error"], ERROR, bridge["error"]),
+            (bridge["commands"] and bridge["refuses"], WARN, bridge["refuses"]),
+            (grew, WARN, f"{grew} messages of the daemon were lost on the way here"),
+            (undelivered, WARN, f"{undelivered} messages were dropped: a reader does not keep up"),
+            (True, OK, "the daemon is there"),
+        )
         return _row("bridge", "", level, message, bridge)
 
-    def _loop(self, status: Said) -> Said:
+    def _loop(self, status: Fields) -> Fields:
         loop = status["loop"]
         grew = self._grew("missed", loop["missed"])
         message = f"{grew} ticks missed in the last second" if grew else f"{loop['rate_hz']:g} Hz"
@@ -84,21 +77,15 @@ class Diagnostics:
         values = {key: loop[key] for key in keys} | dict(loop["realtime"])
         return _row("loop", status["robot"], WARN if grew else OK, message, values)
 
-    def _bus(self, bus: Said, mode: str) -> Said:
+    def _bus(self, bus: Fields, mode: str) -> Fields:
         grew = self._grew(f"bus {bus['name']}", bus["errors"])
-        level = OK
-        message = "connected"
-        if mode == "sim":
-            message = "not opened in sim"
-        elif not bus["connected"]:
-            level = ERROR
-            message = "not connected"
-        elif bus["warning"]:
-            level = WARN
-            message = str(bus["warning"])
-        elif grew:
-            level = WARN
-            message = f"{grew} errors in the last second"
+        level, message = _first(
+            (mode == "sim", OK, "not opened in sim"),
+            (not bus["connected"], ERROR, "not connected"),
+            (bus["warning"], WARN, bus["warning"]),
+            (grew, WARN, f"{grew} errors in the last second"),
+            (True, OK, "connected"),
+        )
         keys = ("port", "latency_ms", "latency_p99_ms", "utilisation", "exchanges", "errors")
         return _row(f"bus {bus['name']}", bus["port"], level, message, {key: bus[key] for key in keys})
 
@@ -109,14 +96,10 @@ class Diagnostics:
         return max(0, count - before)
 
 
-def _robot(status: Said) -> Said:
-    level = OK
+def _robot(status: Fields) -> Fields:
     message = f"{status['mode']}, {status['state']}, {status['motion']}"
     faults = [finding_text(each) for each in status["faults"]]
-    if status["state"] in BAD_STATES:
-        level = ERROR
-    elif faults:
-        level = WARN
+    level = ERROR if status["state"] in BAD_STATES else WARN if faults else OK
     lease = status["lease"]
     keys = ("version", "mode", "state", "motion", "armed", "inherited", "hw_connected", "latency_ms")
     values = {key: status[key] for key in keys} | {"lease": lease["holder"] if lease else "free"}
@@ -124,30 +107,30 @@ def _robot(status: Said) -> Said:
     return _row("robot", status["robot"], level, "; ".join([message, *faults]), values)
 
 
-def _joint(joint: Said, status: Said) -> Said:
-    level = OK
-    message = "heard"
-    if joint["faults"]:
-        level = ERROR
-        message = ", ".join(joint["faults"])
-    elif not joint["heard"]:
-        level = WARN
-        message = "not heard"
+def _joint(joint: Fields, status: Fields) -> Fields:
+    level, message = _first(
+        (status["mode"] == "sim", OK, "simulated"),
+        (joint["faults"], ERROR, ", ".join(joint["faults"])),
+        (not joint["heard"], WARN, "no reply"),
+        (True, OK, "replies"),
+    )
     keys = ("age_ms", "temperature", "voltage", "torque", "calibrated", "verified", "bus", "id")
     name = f"{joint['bus']} {joint['id']}"
-    if status["mode"] == "sim":
-        level = OK
-        message = "simulated"
     return _row(f"joint {joint['name']}", name, level, message, {key: joint[key] for key in keys})
 
 
-def _row(name: str, hardware: str, level: int, message: str, values: Said) -> dict[str, Any]:
+def _first(*cases: tuple[Any, int, Any]) -> tuple[int, str]:
+    """Return level and message of the first case whose condition holds."""
+    return next((level, str(message)) for condition, level, message in cases if condition)
+
+
+def _row(name: str, hardware: str, level: int, message: str, values: Fields) -> dict[str, Any]:
     rows = [{"key": str(key), "value": text} for key, text in _texts(values)]
     name = f"twind: {name}"
     return {"level": level, "name": name, "message": message, "hardware_id": hardware, "values": rows}
 
 
-def _texts(values: Said) -> Iterator[tuple[str, str]]:
+def _texts(values: Fields) -> Iterator[tuple[str, str]]:
     """Yield each key with its value as text; an unknown value is "unknown", never a zero."""
     for key, value in values.items():
         if value is None:

@@ -10,9 +10,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
-from twind.bridge.ros.ros_command_queue import Told
+from twind.bridge.ros.ros_command_queue import Report
 from twind.bridge.ros.ros_endpoints import (
     E_STOP,
     GET_STATUS,
@@ -81,7 +82,7 @@ class CoalescedCall:
 
 
 class RosServiceCalls:
-    """Service calls. `heard` and `asked` may be called from any thread; `heard` returns at once."""
+    """Service calls. Any thread may call `on_message`, which returns at once, and `handle_request`."""
 
     def __init__(
         self,
@@ -90,13 +91,13 @@ class RosServiceCalls:
         stopping: Callable[[], None],
         status: Callable[[Mapping[str, Any] | str], str],
         closed: Callable[[bool], str],
-        say: Told,
+        on_result: Report,
         tell: Callable[[str], None],
     ) -> None:
         """Make the calls; `operator`, `observer` make connections; `stopping` is called before each stop.
 
         `status`: the text of /bridge/status from the daemon's status, or its absence. `closed`: why
-        no stop (True), or no mode is taken; "": it is. `say` gets the results of topics, `tell` a
+        no stop (True), or no mode is taken; "": it is. `on_result` gets the results of topics, `tell` a
         line where even that fails.
         """
         self._operator = operator
@@ -104,7 +105,7 @@ class RosServiceCalls:
         self._stopping = stopping
         self._status = status
         self._closed = closed
-        self._say = say
+        self._on_result = on_result
         self._stop = CoalescedCall(
             "stop", lambda _: self._log_outcome(STOP, "", self.stop()), tell, STOP_PACE
         )
@@ -115,12 +116,15 @@ class RosServiceCalls:
             MODE_PACE,
         )
         # One each: a cut is requested because the robot does not settle, so it must not wait for that.
-        self._e_stops = {level: self._e_stop_errand(level, tell) for level in LEVELS}
+        self._e_stops = {
+            level: CoalescedCall(f"e-stop {level}", partial(self._e_stop_by_topic, level), tell)
+            for level in LEVELS
+        }
 
     def start(self) -> None:
         """Start the threads for requests by topic."""
-        for errand in (*self._e_stops.values(), self._stop, self._mode):
-            errand.start()
+        for call in (*self._e_stops.values(), self._stop, self._mode):
+            call.start()
 
     def on_message(self, topic: RosTopic, data: bytes) -> None:
         """Handle a message of a topic. An invalid one changes no mode, but any stop message stops."""
@@ -185,10 +189,8 @@ class RosServiceCalls:
     def _set_mode_by_name(self, mode: str) -> tuple[bool, str]:
         return self.set_mode(mode) if mode else (False, "malformed: a String that names a mode is expected")
 
-    def _e_stop_errand(self, level: str, tell: Callable[[str], None]) -> CoalescedCall:
-        return CoalescedCall(
-            f"e-stop {level}", lambda _: self._log_outcome(E_STOP, level, self.e_stop(level)), tell
-        )
+    def _e_stop_by_topic(self, level: str, _: str) -> None:
+        self._log_outcome(E_STOP, level, self.e_stop(level))
 
     def _call(self, connect: Ask, method: str, **parameters: Any) -> tuple[bool, str]:
         """Call on a separate connection, so that no other call is before it."""
@@ -205,7 +207,7 @@ class RosServiceCalls:
     def _log_outcome(self, topic: RosTopic, what: str, outcome: tuple[bool, str]) -> None:
         done, message = outcome
         phase = "done" if done else "refused"
-        self._say({"topic": topic.name, "asked": what, "phase": phase, "message": message})
+        self._on_result({"topic": topic.name, "asked": what, "phase": phase, "message": message})
 
 
 def denied(operator: Ask) -> str | None:

@@ -14,7 +14,7 @@ from math import inf
 from typing import Any
 
 from twind.bridge.motion_session import LEASE_LOST, LOST, MotionSession, reported_end
-from twind.bridge.ros.ros_command_queue import PACE, ROOM, RosCommand, RosCommandQueue, Told
+from twind.bridge.ros.ros_command_queue import PACE, ROOM, Report, RosCommand, RosCommandQueue
 from twind.bridge.ros.ros_endpoints import TRAJECTORY
 from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, heading, invalid_command, trajectory
 from twind.client import CallError, Client, ClientError, Refused
@@ -31,25 +31,25 @@ Result = dict[str, Any]
 class TrajectoryDispatcher:
     """Dispatcher.
 
-    `put`, `goal`, `stop`, `heard` may be called from any thread; `step` and `close` from one.
+    `put`, `goal`, `stop`, `on_monitor_reply` may be called from any thread; `step` and `close` from one.
     """
 
     def __init__(
         self,
         operator: Callable[[], Client],
-        say: Told,
+        on_result: Report,
         wall_ns: Callable[[], int] = time.time_ns,
         now: Callable[[], float] = time.monotonic,
         closed: Callable[[], str] = str,
     ) -> None:
-        """Make the dispatcher; `say` gets every outcome. `wall_ns`: clock of the stamps, ns since 1970.
+        """Make the dispatcher; `on_result` gets every outcome. `wall_ns`: clock of the stamps, ns since 1970.
 
         `closed`: why no command is taken; "": they are.
         """
         self._driving = MotionSession(operator, now)
         self._inbox = RosCommandQueue(now)
         self._operator = operator
-        self._say = say
+        self._on_result = on_result
         self._wall_ns = wall_ns
         self._now = now
         self._closed = closed
@@ -59,7 +59,7 @@ class TrajectoryDispatcher:
         self._mode_at = -inf
         self._let_go: set[str] = set()  # motions that this bridge cancels for their client
         self._begun: dict[str, RosCommand] = {}
-        self._said = 0.0  # s, monotonic, last report of running motions
+        self._running_reported = 0.0  # s, monotonic, last report of running motions
 
     def put(self, data: bytes) -> None:
         """A command came: CDR bytes of a JointTrajectory. Returns at once."""
@@ -68,18 +68,18 @@ class TrajectoryDispatcher:
     def goal(
         self,
         data: bytes,
-        told: Told,
+        report: Report,
         *,
         goal_time: float | None = None,
         tolerances: Sequence[Mapping[str, Any]] | None = None,
     ) -> Callable[[], None]:
-        """Queue a command with a receiver: `told` gets each `phase`.
+        """Queue a command with a receiver: `report` gets each `phase`.
 
         The returned function cancels it: all holds.
         """
         given = {"goal_time": goal_time, "tolerances": tolerances}
         more = {key: value for key, value in given.items() if value is not None}
-        command = RosCommand(data[: LONGEST + 1], heading(data), self._now(), told, more)
+        command = RosCommand(data[: LONGEST + 1], heading(data), self._now(), report, more)
         self._put(command)
 
         def cancel() -> None:
@@ -128,8 +128,8 @@ class TrajectoryDispatcher:
                 if ended.phase == LOST and not message:
                     message = NO_END_REPORT
                 self._report_phase(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
-        self._tell_running()
-        self._tell_dropped()
+        self._report_running()
+        self._report_dropped()
 
     def close(self) -> None:
         """Give the lease back: motions under way are cancelled, and the daemon holds."""
@@ -171,7 +171,7 @@ class TrajectoryDispatcher:
             self._accepted(command, answer)
 
     def _make_request(self, command: RosCommand) -> dict[str, Any]:
-        """What the daemon is asked, if it is still wanted. Raises Refused."""
+        """Return the daemon's Trajectory. Raises Refused, also for a command that is void or too old."""
         # it may be long, and a motion too
         data = command.data
         command.data = b""
@@ -227,33 +227,33 @@ class TrajectoryDispatcher:
 
     def _report_phase(self, command: RosCommand, phase: str, **more: Any) -> None:
         result = result_of(command.head, phase, **more)
-        self._say(result)
-        if command.told is not None:
-            command.told(result)
+        self._on_result(result)
+        if command.report is not None:
+            command.report(result)
 
-    def _tell_running(self) -> None:
+    def _report_running(self) -> None:
         """Report to receivers of a motion that it still runs."""
         now = self._now()
-        if now - self._said >= RUNNING:
-            self._said = now
+        if now - self._running_reported >= RUNNING:
+            self._running_reported = now
             for name, command in self._begun.items():
-                if command.told is not None:
-                    command.told(result_of(command.head, "running", id=name))
+                if command.report is not None:
+                    command.report(result_of(command.head, "running", id=name))
 
-    def _tell_dropped(self) -> None:
+    def _report_dropped(self) -> None:
         found = self._inbox.dropped()
         if found is not None:
             count, head = found
             why = f"{count} commands came faster than {1.0 / PACE:.0f} a second: newer ones took their place"
-            self._say(result_of(head, "dropped", message=why, count=count))
+            self._on_result(result_of(head, "dropped", message=why, count=count))
 
 
 def result_of(head: CommandHeader | None, phase: str, **more: Any) -> Result:
     """One message of /bridge/results on a trajectory: whose it was, and what became of it."""
     known = head or CommandHeader()
     stamp = {"sec": known.sec, "nanosec": known.nanosec}
-    said = {key: value for key, value in more.items() if value not in (None, "", ())}
-    return {"topic": TRAJECTORY.name, "stamp": stamp, "frame_id": known.frame, "phase": phase, **said}
+    known_fields = {key: value for key, value in more.items() if value not in (None, "", ())}
+    return {"topic": TRAJECTORY.name, "stamp": stamp, "frame_id": known.frame, "phase": phase, **known_fields}
 
 
 def call_text(error: CallError) -> str:

@@ -3,7 +3,7 @@
 `MotionSession` runs the motions: it renews the lease call by call. A lapsed lease, a lost link, a sender that
 dies and an uplink that hangs all end alike: renewals stop, and the daemon holds. While the daemon checks a
 goal, it renews by itself; then `watch` detects a lapse of the remote lease, and disconnects. `renew`,
-`stopped`, `heard` and `watch` are for any thread, all else for one.
+`stopped`, `on_monitor_reply` and `watch` are for any thread, all else for one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from twind.robot.finding import ReasonCode
 
 PERIOD = 0.2  # s between two renewals and checks of goals
 
-BUSY = ReasonCode.BUSY  # what the daemon's gate says of a path that it throws away, as at a stop
+BUSY = ReasonCode.BUSY  # finding of the gate for a path that it drops, as at a stop
 
 Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its name
 
@@ -95,9 +95,9 @@ class LeaseKeeper:
 
     def _acquire(self, query: LeaseQuery) -> dict[str, Any]:
         """Take the lease, from other remote holders only: a local holder sees what moves."""
-        holder = query.holder or "somebody"
+        holder = query.holder or "an unnamed client"
         if query.take and query.deadline is None:
-            raise invalid("deadline", "take is only for what has one: acquire without take tells `now`")
+            raise invalid("deadline", "take is only for what has one: acquire without take returns `now`")
         if query.deadline is not None:
             in_time(query.deadline, self._now())
         self._tenancy.admits(self._now(), take=query.take)
@@ -227,10 +227,8 @@ class LeaseKeeper:
             if ended.phase == "succeeded":
                 goal.answer["progress"] = 1.0
             elif ended.phase == LOST:
-                said = finding(
-                    ReasonCode.LEASE_LOST, "how it ended was not heard; nothing moves under it any more"
-                )
-                goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [said]}
+                unknown = finding(ReasonCode.LEASE_LOST, "no report of its end came; nothing moves under it")
+                goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [unknown]}
         self._publish(goal.name, goal.answer)
 
     def close(self) -> None:

@@ -12,9 +12,9 @@ EACH = 1.0  # s from one to the next after that
 
 @dataclass(slots=True)
 class RateLimitedLog:
-    """`say` gets a line; `now`: s. Lines without room are counted, and reported with the next one."""
+    """`write` gets a line; `now`: s. Lines without room are counted, and reported with the next one."""
 
-    say: Callable[[str], None]
+    write: Callable[[str], None]
     now: Callable[[], float]
     _room: float = AT_ONCE
     _looked: float = float("-inf")
@@ -33,4 +33,4 @@ class RateLimitedLog:
             self._room -= 1.0
             more = self._left_out
             self._left_out = 0
-        self.say(f"{line} (and {more} lines before it, left out)" if more else line)
+        self.write(f"{line} (and {more} lines before it, left out)" if more else line)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -112,11 +111,6 @@ def make_refusal(
 ) -> CallError:
     """Return the refusal with one finding in the daemon's form."""
     return as_error(f"{CONTROL}.Refused", {"findings": [finding(code, message, value, bound)]})
-
-
-def lease_held_error(lease: Mapping[str, Any]) -> CallError:
-    """Another has the lease."""
-    return as_error(f"{CONTROL}.LeaseHeld", {"lease": dict(lease)})
 
 
 def no_daemon(error: Exception) -> CallError:

@@ -10,13 +10,12 @@ import secrets
 import threading
 from typing import Any
 
-from twind.bridge.uplink.remote_contract import lease_held_error, make_refusal
+from twind.bridge.uplink.remote_contract import make_refusal
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
-from twind.client.errors import CallError
+from twind.client.errors import CallError, as_error
+from twind.protocol import CONTROL
 from twind.robot.finding import ReasonCode
 from twind.safety.lease import Lease
-
-HOLDER = 80  # characters of a holder's name that are kept
 
 
 class RemoteLease:
@@ -27,7 +26,6 @@ class RemoteLease:
         self._lease = Lease()
         self._number = 0
         self._token = ""
-        self._renewed = 0.0
 
     def admits(self, now: float, *, take: bool) -> None:
         """Return if the lease is free or `take` is set. Raises CallError: LeaseHeld."""
@@ -35,23 +33,20 @@ class RemoteLease:
             owner = self._lease.info(now)
         if owner is not None and not take:
             lease = {"holder": owner.holder, "uid": owner.uid, "expires_in": owner.expires_in}
-            raise lease_held_error(lease)
+            raise as_error(f"{CONTROL}.LeaseHeld", {"lease": lease})
 
     def grant(self, holder: str, now: float) -> dict[str, Any]:
         """Grant the lease to `holder`, even if another holds it. Return the Grant."""
         with self._lock:
             self._number += 1
             self._token = secrets.token_urlsafe(16)
-            self._lease.acquire(self._number, holder[:HOLDER], -1, now, take=True)
-            self._renewed = now
+            self._lease.acquire(self._number, holder, -1, now, take=True)
         return self.granted(now)
 
     def renew(self, token: str, now: float) -> dict[str, Any]:
         """Renew the lease; return the Grant. Raises CallError: LEASE_MISSING."""
         with self._lock:
             renewed = token == self._token and self._lease.renew(self._number, now)
-            if renewed:
-                self._renewed = now
         if not renewed:
             raise missing()
         return self.granted(now)

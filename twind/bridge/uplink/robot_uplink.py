@@ -26,10 +26,9 @@ from twind.bridge.uplink.planned_durations import PlannedDurations
 from twind.bridge.uplink.query_server import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
 from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
 from twind.bridge.uplink.remote_lease import RemoteLease
-from twind.bridge.uplink.robot_name import robot_name
 from twind.bridge.uplink.topic_outlets import MonitorRelay
 from twind.bridge.uplink.worker_queue import WorkerQueue
-from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key
+from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key, robot_name
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.transition_reporter import TransitionReporter
 from twind.command_line.verb import connected, observer, operator
@@ -113,7 +112,7 @@ class RobotUplink:
         connect = partial(observer, self._options)
         rare = [topic for topic in TOPICS if topic != ON_DEMAND]
         news = MonitorRelay(
-            connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._on_end
+            connect, rare, None, always=True, began=self._began, take=self._on_message, ended=self._on_end
         )
         often = MonitorRelay(connect, [ON_DEMAND], None)
         for topic in TOPICS:
@@ -133,9 +132,9 @@ class RobotUplink:
             self._renamed = True
         elif self._trouble.is_transition("", time.monotonic()):
             self._tell("the daemon is there again")
-        self._say_what_we_may()
+        self._report_permission()
 
-    def _say_what_we_may(self) -> None:
+    def _report_permission(self) -> None:
         """Check whether control.sock can be opened, and report changes.
 
         Without permission for it the uplink only observes: the robot can only be watched and stopped.
@@ -153,7 +152,7 @@ class RobotUplink:
         if why and self._trouble.is_transition(why, time.monotonic()):
             self._tell(f"{why}; waiting for the daemon")
 
-    def _hear(self, topic: str, data: bytes) -> None:
+    def _on_message(self, topic: str, data: bytes) -> None:
         if topic in ("events", "status"):
             self._reins.on_monitor_reply(json.loads(data)["parameters"])
         elif topic == "trajectories":

@@ -22,7 +22,7 @@ SILENCE = 5.0  # s without a message after which the daemon counts as gone
 AGAIN = 0.5  # s between two attempts to reach one
 _TOPIC = re.compile(rb'"topic":"([a-z]+)"')
 
-Hear = Callable[[str, bytes], None]
+TakeTopic = Callable[[str, bytes], None]
 
 
 class TopicOutlet:
@@ -60,18 +60,18 @@ class MonitorRelay:
         *,
         always: bool = False,
         began: Callable[[Client], None] = lambda client: None,
-        hear: Hear = lambda topic, data: None,
+        take: TakeTopic = lambda topic, data: None,
         ended: Callable[[str], None] = lambda why: None,
     ) -> None:
         """`began`: with a connection of each daemon, before the first message; may raise ClientError.
-        `hear`: each message. `ended`: the daemon is gone, with the reason.
+        `take`: receives each message. `ended`: the daemon is gone, with the reason.
         """
         self._connect = connect
         self._topics = list(topics)
         self._rate = rate
         self._always = always
         self._began = began
-        self._hear = hear
+        self._on_message = take
         self._ended = ended
         self._wake = threading.Event()
         self._stop = threading.Event()
@@ -124,14 +124,14 @@ class MonitorRelay:
                         return ""
         except ClientError as error:
             return str(error)
-        except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "telling"
+        except Exception as error:  # noqa: BLE001  a thread that dies in silence would look like a daemon without news
             return "" if self._stop.is_set() else f"{type(error).__name__}: {error}"
         return "the daemon ended the stream"
 
     def _take(self, data: bytes) -> None:
         found = _TOPIC.search(data, 0, 200)
         topic = "" if found is None else found[1].decode()
-        self._hear(topic, data)
+        self._on_message(topic, data)
         outlet: Any = self.outlets.get(topic)
         if outlet is not None and outlet.has_subscribers:
             outlet.put(data)

@@ -49,9 +49,6 @@ class UplinkGoalTable:
     def __init__(self) -> None:
         self._goals: dict[str, UplinkGoal] = {}
 
-    def __len__(self) -> int:
-        return len(self._goals)
-
     def find_repeated(self, name: str, lease: str) -> UplinkGoal | None:
         """The goal of that name, if it came before. Raises CallError: it is another's."""
         known = self._goals.get(name)

@@ -19,6 +19,8 @@ Parameters and answers are JSON objects in the payload; an error is an error rep
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
 ROOT = "twind"
 RATES = ("1", "10", "30", "full")  # Hz
@@ -42,6 +44,15 @@ def chunk(what: str, name: str) -> str:
             f"{what} {name[:80]!r}: must be 1 to {LONGEST} of A-Z a-z 0-9 _ . -, and not begin with a dot"
         )
     return name
+
+
+def robot_name(status: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:
+    """The individual's name, else the robot file's, as one chunk of a key: other characters become `-`.
+
+    `status`: of GetStatus; `parameters`: of GetParameters.
+    """
+    name = str(parameters.get("individual") or status["robot"])
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", name).lstrip(".")[:LONGEST] or "robot"
 
 
 def robot_of(key: str) -> str:

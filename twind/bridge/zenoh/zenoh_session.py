@@ -96,15 +96,16 @@ def readable(place: NetworkConfig) -> list[str]:
     Raises ClientError: the place itself is wrong.
     """
     made = make_configuration(place, TRY)
-    said = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
-    return [each for each in said if not (_sealed(each) or here(each))]
+    named = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
+    return [each for each in named if each.partition("/")[0] not in SEALED and not here(each)]
 
 
 def open_session(
     place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]
 ) -> zenoh.Session | None:
-    """Joined as soon as somebody answers there; None: told to stop before. Raises ClientError where the
-    place itself is wrong. `tell` hears once that nobody answers.
+    """Join the network as soon as it answers; return None if `stop` was set before.
+
+    `tell` receives one line if it does not answer. Raises ClientError: the configuration is wrong.
     """
     configuration = make_configuration(place, TRY)
     reported = False
@@ -143,7 +144,7 @@ def close_session(session: zenoh.Session) -> None:
 def _open(configuration: zenoh.Config) -> zenoh.Session:
     try:
         session: zenoh.Session = _engine().open(configuration)
-    except Exception as error:  # noqa: BLE001  whatever the engine raises is told in its words
+    except Exception as error:  # noqa: BLE001  whatever the engine raises is reported in its words
         raise ClientError(_words(error)) from None
     return session
 
@@ -208,10 +209,6 @@ def _engine() -> Any:
 def _words(error: Exception) -> str:
     """Return the text of an engine's error without the place in its source."""
     return str(error).partition(" at /")[0].rstrip(" .!") or type(error).__name__
-
-
-def _sealed(endpoint: str) -> bool:
-    return endpoint.partition("/")[0] in SEALED
 
 
 def here(endpoint: str) -> bool:

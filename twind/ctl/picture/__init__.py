@@ -1,1 +1,1 @@
-"""The live picture of a robot: what was told (`view`), its lines (`layout`), a terminal (`live`)."""
+"""The live picture of a robot: its state, its blocks and layout, and the terminal."""

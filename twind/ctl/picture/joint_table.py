@@ -14,7 +14,7 @@ from twind.ctl.picture.styled_lines import Span, align_left, cut, line, right
 # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OFF = 0.1
 FAR = 0.2
-# ms not heard: where an armed robot is told of, and where it holds
+# ms without a reply: where an armed robot is warned of, and where it holds
 OLD = 30.0
 STALE = 100.0
 # columns: of names at most, of notes at least
@@ -101,7 +101,7 @@ def _columns(width: int, room: int) -> list[_Shown]:
 
 
 def _notes(joint: Answer, known: DisplayThresholds, looks: _JointColumns) -> list[Span]:
-    """What the numbers do not say, in words."""
+    """Conditions of a joint in words."""
     notes: list[Span] = [] if joint["heard"] else [("SILENT", "bad")]
     if looks.armed and joint["torque"] is False:
         notes.append(("LIMP", "bad"))

@@ -20,7 +20,7 @@ from twind.robot.event_codes import EventCode
 
 FASTEST = 15.0  # pictures a second
 STEP = 5  # joints that an arrow key moves by
-PLAIN_WIDTH = 120  # columns where there is no terminal; COLUMNS says otherwise
+PLAIN_WIDTH = 120  # columns where there is no terminal, unless COLUMNS is set
 
 
 class MonitorFeed:
@@ -54,7 +54,7 @@ class MonitorFeed:
         return first if first is not None else self._greet()
 
     def _read(self) -> None:
-        """Until the end, whatever a daemon says: a thread that ended would leave a picture that is old."""
+        """Read until the end, whatever a daemon sends: a dead thread would leave an old picture."""
         while not self._ended.is_set():
             try:
                 self._follow()
@@ -81,7 +81,7 @@ class MonitorFeed:
 def _make_client_error(error: Exception) -> ClientError:
     if isinstance(error, ClientError):
         return error
-    return ClientError(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+    return ClientError(f"a message of the daemon is unreadable: {type(error).__name__}: {error}")
 
 
 def show(connect: Callable[[], Client], rate: float, count: int | None = None) -> int:
@@ -151,7 +151,7 @@ def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
 
 
 def apply_key(shown: PageSelection, key: str, now: float, joints: int) -> PageSelection:
-    """What a key makes of what is shown, of so many joints."""
+    """The selection after a key, for a robot of `joints` joints."""
     pages = list(PAGES)
     if key == "page":
         return replace(shown, page=pages[(pages.index(shown.page) + 1) % len(pages)], offset=0)

@@ -68,7 +68,7 @@ def header(view: PictureState, width: int) -> Line:
     """Build the header line: robot name, mode, state and motion; the daemon's version at the right."""
     status = view.status
     if status is None:
-        return line((" twind ", "head"), " waiting for what the daemon says")
+        return line((" twind ", "head"), " waiting for messages of the daemon")
     state = status["state"]
     style = STATES.get(status["state"], "")
     style = "" if status["mode"] == "sim" and style == "warn" else style
@@ -92,7 +92,7 @@ def trouble(view: PictureState, width: int) -> PictureBlock:
     """No daemon, no news, latched faults with what to do, and warnings of ports."""
     rows: list[Line] = []
     if view.gone:
-        said = f"no daemon since {ago(view.now - view.gone_since)}; below is what it said last ({view.gone})"
+        said = f"no daemon since {ago(view.now - view.gone_since)}; its last state is below ({view.gone})"
         rows += wrapped(("!! ", "alarm"), said, "bad", width)
     elif view.news_at is not None and view.now - view.news_at > view.patience:
         rows += wrapped(("!! ", "alarm"), f"no news for {ago(view.now - view.news_at)}", "bad", width)
@@ -194,7 +194,7 @@ def _labelled(label: str, parts: Sequence[Span], width: int) -> Line:
 def _lease(status: Answer, view: PictureState) -> list[Span]:
     lease = status["lease"]
     if lease is None:
-        return [("nobody holds it", "")]
+        return [("free", "")]
     left = max(0.0, lease["expires_in"] - (view.now - (view.news_at or view.now)))
     return [(lease["holder"], "title"), (f"{left:.2f} s left", "")]
 

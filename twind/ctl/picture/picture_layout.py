@@ -43,7 +43,7 @@ SIDES: Sequence[Sequence[Sequence[Make]]] = (
 
 @dataclass(frozen=True, slots=True)
 class PageSelection:
-    """What the keys have chosen."""
+    """Page, scroll position and freeze, as selected by keys."""
 
     page: str = "all"
     offset: int = 0  # rows that the joints are moved by
@@ -105,7 +105,7 @@ def _shared(blocks: Sequence[PictureBlock], room: int) -> list[int]:
 
 
 def _keys(chosen: PageSelection, hidden: Sequence[str], width: int, now: float) -> Line:
-    """What the keys do, and what has no room."""
+    """The last line: blocks without room, and the keys."""
     start: Line = ()
     if chosen.frozen_since is not None:
         start = line((f" FROZEN for {max(0.0, now - chosen.frozen_since):.0f} s ", "alarm"), " ")

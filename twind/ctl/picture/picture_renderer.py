@@ -1,4 +1,4 @@
-"""How the lines of a picture look: as a rich renderable, as text for a terminal, as plain text, as SVG."""
+"""Rendering of a picture's lines: for a rich console, as terminal text, as plain text, as SVG."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -56,7 +56,7 @@ class Palette:
 
     @classmethod
     def for_console(cls, console: Console) -> "Palette":
-        """What this console can show; NO_COLOR is respected."""
+        """The palette of this console; NO_COLOR is respected."""
         return cls(None if console.no_color else _SYSTEMS.get(console.color_system or ""))
 
     def text(self, row: Line) -> str:

@@ -1,6 +1,6 @@
-"""What one picture shows, as a value, and the collector that makes it of a daemon's news.
+"""State of one picture as a value, and its collector from a daemon's messages.
 
-Knows no terminal and takes no time: `now` is given, monotonic seconds of this machine.
+Independent of terminals and clocks: `now` is an argument, s, monotonic of this machine.
 """
 
 import threading
@@ -16,7 +16,7 @@ RATED = 1.0  # s over which rates are counted
 
 @dataclass(frozen=True, slots=True)
 class PictureNotice:
-    """Something that was told once. `level`: refused, or an event's."""
+    """One event or refusal. `level`: "refused", or that of the event."""
 
     at: float  # s, monotonic, when it arrived here
     level: str
@@ -39,9 +39,9 @@ class DisplayThresholds:
 
     lower: float  # rad
     upper: float
-    warm: float  # °C, told
+    warm: float  # °C, warning
     hot: float  # °C, settles
-    low: float  # V, told
+    low: float  # V, warning
     flat: float  # V, settles
 
 
@@ -52,7 +52,7 @@ class PictureState:
     now: float  # s, monotonic
     status: Answer | None = None
     joints: Sequence[Answer] = ()
-    imu: Answer | None = None  # None: none, or not heard yet
+    imu: Answer | None = None  # None: none, or no reading yet
     bounds: Mapping[str, DisplayThresholds] = field(default_factory=dict)
     hops: Sequence[Answer] = ()
     lateness: Sequence[Answer] = ()  # Bucket of the whole run
@@ -171,7 +171,7 @@ class MonitorCollector:
 
 
 def followed(joint: Answer, mode: str) -> float | None:
-    """Where that is which goals move, rad: the joint itself where the robot is live, else its simulation."""
+    """Position (rad) that goals move: the joint's in mode live, else its simulation's."""
     place: float | None = joint.get("position" if mode in ("live", "") else "simulated")
     return place
 

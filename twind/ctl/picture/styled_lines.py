@@ -1,6 +1,6 @@
-"""Lines of styled text, cut and lined up by what they take on a terminal; no colours yet.
+"""Lines of styled text, cut and aligned by their width on a terminal.
 
-A style is a word: "" plain, dim, head, title, good, warn, bad, alarm. `paint` says how each looks.
+A style is a word: "" plain, dim, head, title, good, warn, bad, alarm. `picture_renderer` has their colours.
 """
 
 import textwrap
@@ -53,7 +53,7 @@ def padded(of: Line, width: int) -> Line:
 
 
 def right(text: str, width: int) -> str:
-    """Ends at the column; what is too long begins with `…`, for its end tells more."""
+    """Text right-aligned to `width`; longer text begins with `…`, since its end is more specific."""
     if wide(text) <= width:
         return " " * (width - wide(text)) + text
     return "…" + text[len(text) - width + 1 :] if width else ""

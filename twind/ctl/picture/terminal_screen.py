@@ -110,7 +110,7 @@ class TerminalScreen:
         self._write(_ENTER)
 
     def _leave(self) -> None:
-        with contextlib.suppress(OSError, termios.error):  # the terminal went away: nobody to leave it to
+        with contextlib.suppress(OSError, termios.error):  # the terminal is gone
             self._write(_LEAVE)
             if self._attributes is not None and self._keys >= 0:
                 termios.tcsetattr(self._keys, termios.TCSADRAIN, self._attributes)
@@ -123,14 +123,14 @@ class TerminalScreen:
 
     @staticmethod
     def _write(text: str) -> None:
-        # Not by a buffer: what a signal cut short must not be told again.
+        # Unbuffered: output that a signal cut short must not be written again.
         data = memoryview(text.encode(sys.stdout.encoding or "utf-8", "replace"))
         while data:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
 def meant(data: bytes) -> Iterator[str]:
-    """What keys mean; unknown ones mean nothing."""
+    """Actions of the keys in `data`; unknown keys have none."""
     while data:
         length = next((size for size in (4, 3, 1) if data[:size] in KEYS and len(data) >= size), 0)
         if length == 1 and data[:1] == b"\x1b" and len(data) > 1:

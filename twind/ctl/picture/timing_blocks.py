@@ -8,7 +8,7 @@ from twind.ctl.picture.picture_state import Answer, PictureState
 from twind.ctl.picture.styled_lines import Line, Span, align_left, cut, line, right
 
 FULL = 0.9  # share of the tick from which a bus is worth a look
-LATE = 2.0  # ms: a tick that begins later is told of (LOOP_LATE)
+LATE = 2.0  # ms: a tick that begins later is reported (LOOP_LATE)
 BARS = 8  # rows of a histogram at most
 SLOW = 0.9  # of the loop's rate: a bus that is exchanged less often is worth a look
 _HEADS = ("bus", "port", "", "a second", "ms", "p99", "wire", "errors")
@@ -75,7 +75,7 @@ def _hop(hop: Answer, width: int) -> PictureRow:
 
 
 def lateness(view: PictureState, width: int) -> PictureBlock:
-    """How late ticks began in the whole run: a bar a bucket, logarithmic, so that a single one is seen."""
+    """Lateness of ticks in the whole run: a bar per bucket, logarithmic, so that a single tick is visible."""
     buckets = merged(view.lateness, BARS)
     if not buckets:
         return PictureBlock("lateness", (), (), 0)

@@ -69,20 +69,20 @@ class BatchBody:
         draws = [self._draws.draw(rngs[each]) for each in ids]
         self._drawn.apply(ids, draws)
         batch.reset(ids, stage=NONE)
-        qpos, qvel, felt = self._state
+        qpos, qvel, sensors = self._state
         for each, draw in zip(ids, draws, strict=True):
             qpos[each], qvel[each] = self._start.state(draw)
             self._histories.fill_controls(self._history[each], plant.control)
         self._ctrl[ids] = plant.control
         self._forward(ids)
-        told = felt[ids]  # a copy
-        for each, row in zip(ids, told, strict=True):
+        rest = sensors[ids]  # a copy
+        for each, row in zip(ids, rest, strict=True):
             plant.rest(row)
             self._histories.fill_sensors(self._history[each], row)
         self._pushes.begin(ids, rngs)
         self.diverged[ids] = False
         fresh = BodyReading.empty(len(plant.default), (len(ids),))
-        plant.read(qpos[ids], qvel[ids], told, fresh)
+        plant.read(qpos[ids], qvel[ids], rest, fresh)
         self.reading.values[ids] = fresh.values
 
     def advance(self, target: Floats, rngs: Sequence[np.random.Generator]) -> BodyReading:
@@ -103,7 +103,7 @@ class BatchBody:
         return self.reading
 
     def picture(self, one: int) -> NDArray[np.uint8]:
-        """Robot `one` from the side, (height, width, 3). Raises NoPicture."""
+        """Robot `one` from the side, (height, width, 3). Raises OperationFailed."""
         model = self.batch.get_model(one)
         data = self.batch.get_data(one)
         mujoco.mj_forward(model, data)
@@ -118,7 +118,7 @@ class BatchBody:
             self._picture = None
 
     def _forward(self, ids: Ints) -> None:
-        """What the sensors tell of the state, without their delay: a reset leaves zeros in their history."""
+        """Compute the sensors without their delay, since a reset leaves zeros in their history."""
         if self._delay is None:
             self.batch.forward(ids, stage=VELOCITY)
             return

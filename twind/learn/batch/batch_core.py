@@ -1,7 +1,7 @@
 """Episodes of many robots at once: what both kinds of vector environment show, each in its own way.
 
 An episode that ends is followed by the next one in the same step: no simulation ever waits a step, and no
-transition has to be left out by who learns. The last observation of the old one is kept beside it.
+transition has to be left out by a learner. The last observation of the old one is kept beside it.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ Terms = dict[str, Any]  # of the reward, by name: arrays (count,)
 
 @dataclass(frozen=True, slots=True)
 class BatchStep:
-    """What one control step gave. Arrays are new with each step: (count, …), but for those of `ended`."""
+    """Result of one control step. Arrays are new with each step: (count, …), but for those of `ended`."""
 
     observation: Observations  # of the next episode where one has ended
     reward: Floats
@@ -113,7 +113,7 @@ class BatchCore:
         self._action[:] = action
         target, _ = self._shaper.step(self._action)
         size = np.vecdot(target, target)
-        if (size != size).any():  # NaN; sooner than any robot hears of it
+        if (size != size).any():  # NaN, before any robot receives it
             raise ValueError(f"robots {np.flatnonzero(size != size)}: an action is not all numbers: reset")
         reading = self.body.advance(target, self.rngs)
         reward, terms = self._judge.reward(reading, target, self.command, self._phase)

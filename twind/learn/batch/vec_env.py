@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from twind.learn.batch.batch_core import BatchCore
-from twind.learn.batch.vector_env import spaces_of
-from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.environment.robot_env import spaces_of
 from twind.learn.task.learning_tasks import command_in
 from twind.learn.task.observation import Observations
 from twind.robot.arrays import Bools
@@ -21,34 +20,15 @@ _SHARED = "the robots of a batch share one object; what differs between them is 
 class BatchVecEnv(VecEnv):
     """`count` robots with one task; with one seed the same as a DummyVecEnv of single environments.
 
-    The terms of the reward stand in the info of an episode's last step alone: nobody reads thousands of small
-    dicts a second.
+    The terms of the reward are in the info of an episode's last step alone: thousands of small dicts a second
+    cost time.
     """
 
-    def __init__(
-        self,
-        task: str,
-        count: int,
-        *,
-        robot: str = "h24",
-        render_mode: str | None = None,
-        randomise: str | None = None,
-        shaping: ActionShaping | None = None,
-        episode_steps: int | None = None,
-        threads: int | None = None,
-    ) -> None:
-        """As `Core`. `render_mode`: None or "rgb_array"."""
-        self.core = core = BatchCore(
-            task,
-            count,
-            robot=robot,
-            randomise=randomise,
-            shaping=shaping,
-            episode_steps=episode_steps,
-            threads=threads,
-        )
+    def __init__(self, task: str, count: int, *, render_mode: str | None = None, **settings: Any) -> None:
+        """Make the batch; `settings`: those of `BatchCore`. `render_mode`: None or "rgb_array"."""
+        self.core = core = BatchCore(task, count, **settings)
         self._mode = render_mode
-        super().__init__(count, *spaces_of(core))
+        super().__init__(count, *spaces_of(core.plant))
         self._actions: NDArray[Any] = np.zeros((count, core.joints))
 
     def reset(self) -> Observations:
@@ -64,7 +44,7 @@ class BatchVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """What `step_wait` does."""
+        """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Observations, NDArray[np.float32], Bools, list[Info]]:

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from twind.learn.batch.batch_core import BatchCore, BatchStep
+from twind.learn.environment.robot_env import spaces_of
 from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.learning_tasks import command_in
 from twind.learn.task.observation import Observations
@@ -35,31 +35,20 @@ class BatchVectorEnv(VectorEnv):
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         *,
-        robot: str = "h24",
         render_mode: str | None = None,
-        randomise: str | None = None,
-        shaping: ActionShaping | None = None,
-        threads: int | None = None,
         backend: str = "sim",
+        **settings: Any,
     ) -> None:
-        """As `env.RobotEnv`. `max_episode_steps`: None, as the task says; `threads`: None, every core."""
+        """Make the batch; `settings`: those of `BatchCore`. `max_episode_steps`: None, as the task says."""
         if backend != "sim":
             raise ValueError(f"backend {backend!r}: a batch simulates; one robot is one environment: `make`")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r}: None or 'rgb_array', which `render()` returns")
-        self.core = core = BatchCore(
-            task,
-            num_envs,
-            robot=robot,
-            randomise=randomise,
-            shaping=shaping,
-            episode_steps=max_episode_steps,
-            threads=threads,
-        )
+        self.core = core = BatchCore(task, num_envs, episode_steps=max_episode_steps, **settings)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / core.shaping.period)}
-        self.single_observation_space, self.single_action_space = spaces_of(core)
+        self.single_observation_space, self.single_action_space = spaces_of(core.plant)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._every = np.ones(num_envs, np.bool_)
@@ -125,12 +114,6 @@ class BatchVectorEnv(VectorEnv):
     def _commands(self, mask: Bools) -> dict[str, Any]:
         """Return the commands (count, 3) of the episodes that have just begun, those in `mask`."""
         return _masked({"command": self.core.command.copy()}, mask)
-
-
-def spaces_of(core: BatchCore) -> tuple[spaces.Box, spaces.Box]:
-    """Return the observation space and the action space of one robot."""
-    most = core.plant.layout.most.astype(np.float32)
-    return spaces.Box(-most, most, dtype=np.float32), spaces.Box(-1.0, 1.0, (core.joints,), np.float32)
 
 
 def _masked(info: Mapping[str, Any], mask: Bools) -> dict[str, Any]:

@@ -79,12 +79,12 @@ def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> 
         ],
         "damage": list(gathered.damage),
     }
-    told = [
+    lines = [
         f"{options.out}: {len(gathered.episodes)} episodes of {', '.join(gathered.tasks)}; "
         f"{gathered.frames} frames of {len(gathered.joints)} joints, {gathered.frames / gathered.fps:.1f} s"
     ]
-    told += [f"left out: {line(each)}" for each in gathered.left]
-    told += [f"damaged: {each}" for each in gathered.damage]
-    told.append(f"not in it: {', '.join(absent(gathered))}; nor what was asked for before the gate")
-    show(options, data, "\n".join(told))
+    lines += [f"left out: {line(each)}" for each in gathered.left]
+    lines += [f"damaged: {each}" for each in gathered.damage]
+    lines.append(f"not in it: {', '.join(absent(gathered))}; nor what was asked for before the gate")
+    show(options, data, "\n".join(lines))
     return DONE

@@ -52,7 +52,7 @@ def write(gathered: DatasetContents, out: Path, *, file_mb: float = DATA_MB, chu
         try:
             os.rename(folder, out)
         except OSError:
-            spare(out)  # somebody else was first
+            spare(out)  # another process was first
             raise
 
 
@@ -83,7 +83,7 @@ class _DatasetWriter:
         return ShardWriter(folder, of, size=round(self._file_mb * _MB), chunk=self._chunk)
 
     def _data(self) -> list[dict[str, Any]]:
-        """Write the frames; what `meta/episodes` says of each episode."""
+        """Write the frames; return the row of `meta/episodes` of each episode."""
         shape = schema(self._features)
         shards = self._shards(self._folder / "data", shape)
         found = []

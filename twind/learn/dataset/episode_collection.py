@@ -22,7 +22,7 @@ from twind.learn.dataset.episode_frames import (
 from twind.learn.dataset.episode_spans import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
 from twind.observe.recording import RobotRecording, open_recording
 
-SHORTEST = 1.0  # s: what nobody marked and is shorter is left out
+SHORTEST = 1.0  # s: an unmarked stretch that is shorter is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def gather(
 ) -> DatasetContents:
     """Raises Rejected: a file is unreadable or named twice, two do not go together, or nothing can be learnt.
 
-    `tell` hears of each file before it is read.
+    `tell` receives each file before it is read.
     """
     episodes: list[EpisodeFrames] = []
     left: list[OmittedSpan] = []
@@ -105,7 +105,7 @@ def _require_each_once(paths: Sequence[Path]) -> None:
     seen: dict[tuple[int, int], Path] = {}
     for path in paths:
         if not path.exists():
-            continue  # whoever opens it says so
+            continue  # opening it reports that
         found = path.stat()
         place = found.st_dev, found.st_ino
         if place in seen:
@@ -189,7 +189,7 @@ def _episodes(
 def _omitted_spans(
     recording: RobotRecording, wholeness: ReadingCoverage, part: EpisodeSpan, runs: Sequence[ReadingRun]
 ) -> list[OmittedSpan]:
-    """What of a part is in no stretch; a marked episode with a hole is lost whole."""
+    """Return the spans of a part in no stretch; a marked episode with a hole is lost whole."""
     time = recording.time
     found = []
     if not runs:

@@ -31,7 +31,7 @@ class EpisodeFrames:
 
     recording: str
     task: str
-    success: bool | None  # None: nobody said
+    success: bool | None  # None: not marked
     time: float  # s since the recording's start
     columns: Mapping[str, Singles]  # by feature
 
@@ -44,25 +44,27 @@ class EpisodeFrames:
 def frames(
     recording: RobotRecording, part: EpisodeSpan, run: ReadingRun, fps: int, gap: float
 ) -> EpisodeFrames:
-    """One stretch from its first reading on. What was measured lies on the line between the two readings
-    around; a goal is the one that was last sent, of an IMU what it last told, not longer than `gap` s ago.
+    """Return one stretch from its first reading on.
+
+    Measured values lie on the line between the two readings around. A goal is the last one sent, and an IMU's
+    reading the last one, at most `gap` s old.
     """
     rows = slice(run.first, run.last + 1)
-    told = ~np.isnan(recording.measured[rows]).all(axis=1)
-    time = recording.time[rows][told]
+    measured_rows = ~np.isnan(recording.measured[rows]).all(axis=1)
+    time = recording.time[rows][measured_rows]
     count = int(np.floor((time[-1] - time[0]) * fps + 1e-6)) + 1
     grid = np.minimum(time[0] + np.arange(count) / fps, time[-1])
 
     def measured(column: Floats) -> Singles:
-        return between(time, column[rows][told], grid).astype(np.float32)
+        return between(time, column[rows][measured_rows], grid).astype(np.float32)
 
     held = np.searchsorted(time, grid + 1e-9, "right") - 1
     columns = {
         STATE: measured(recording.measured),
         VELOCITY: measured(recording.velocity),
         EFFORT: measured(recording.effort),
-        IMU: felt(recording, grid, gap).astype(np.float32),
-        ACTION: recording.goal[rows][told][held].astype(np.float32),
+        IMU: imu_rows(recording, grid, gap).astype(np.float32),
+        ACTION: recording.goal[rows][measured_rows][held].astype(np.float32),
     }
     return EpisodeFrames(recording.path.name, part.task, part.success, float(time[0]), columns)
 
@@ -80,17 +82,17 @@ def between(time: Floats, column: Floats, at: Floats) -> Floats:
     return np.where(share > 0.0, found, column[before])
 
 
-def felt(recording: RobotRecording, at: Floats, gap: float) -> Floats:
-    """(j, 10) what the IMU had told last at each time; NaN: nothing, or longer than `gap` s ago."""
+def imu_rows(recording: RobotRecording, at: Floats, gap: float) -> Floats:
+    """Return the IMU's last reading (j, 10) at each time; NaN: none, or older than `gap` s."""
     if recording.imu is None:
         return np.full((len(at), len(FELT)), np.nan)
     imu = recording.imu
     numbers = np.concatenate([imu.gyro, imu.acceleration, imu.quaternion], axis=1)
-    heard = np.flatnonzero(~np.isnan(numbers).any(axis=1))
-    if not heard.size:
+    known_rows = np.flatnonzero(~np.isnan(numbers).any(axis=1))
+    if not known_rows.size:
         return np.full((len(at), len(FELT)), np.nan)
-    last = np.searchsorted(recording.time[heard], at + 1e-9, "right") - 1
-    row = heard[np.maximum(last, 0)]
+    last = np.searchsorted(recording.time[known_rows], at + 1e-9, "right") - 1
+    row = known_rows[np.maximum(last, 0)]
     known = (last >= 0) & (at - recording.time[row] <= gap)
     return np.where(known[:, None], numbers[row], np.nan)
 
@@ -102,5 +104,5 @@ def rate(recording: RobotRecording, run: ReadingRun) -> float:
 
 
 def too_fast(recording: RobotRecording, run: ReadingRun, fps: int) -> bool:
-    """Whether frames would come faster than readings did: most of them would be made up."""
+    """True if frames would come faster than readings did: most of them would be made up."""
     return fps > rate(recording, run) * FASTER

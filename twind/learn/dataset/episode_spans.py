@@ -1,4 +1,4 @@
-"""Which parts of a recording can be learnt from, and why the others cannot. Pure.
+"""Parts of a recording that can be learnt from, and the reasons against the others. Pure.
 
 A reading is whole when every joint was measured and had a goal, and goals went to the robot. Two of them that
 are further apart than a bound belong to two stretches: nothing is filled in between.
@@ -24,7 +24,7 @@ class EpisodeSpan:
     task: str
     begin: float
     end: float
-    success: bool | None  # None: nobody said
+    success: bool | None  # None: not marked
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class ReadingRun:
 
 @dataclass(frozen=True, slots=True)
 class OmittedSpan:
-    """What did not come into a data set, and why in words. `time` in s since the recording's start."""
+    """Span that is not in a data set, with the reason. `time` in s since the recording's start."""
 
     recording: str
     task: str
@@ -46,7 +46,7 @@ class OmittedSpan:
 
 
 class ReadingCoverage:
-    """What one recording has, reading by reading; `gap` s is the longest between two that belong together."""
+    """Coverage of one recording, by reading; `gap` s is the longest between two that belong together."""
 
     def __init__(self, recording: RobotRecording, gap: float) -> None:
         self._recording = recording
@@ -55,7 +55,8 @@ class ReadingCoverage:
         self.commanded = ~np.isnan(recording.goal)
         self.live = recording.live
         self.silent = _silent(recording, gap)
-        self.told = np.asarray(self.measured.any(axis=1))  # a row without is a message of another time
+        # A row without a measurement is a message of another time.
+        self.measured_rows = np.asarray(self.measured.any(axis=1))
         whole = self.measured.all(axis=1) & self.commanded.all(axis=1) & self.live
         self.whole: Flags = np.asarray(whole & ~self.silent.any(axis=1))
 
@@ -70,7 +71,7 @@ class ReadingCoverage:
         return [ReadingRun(int(begin), int(end)) for begin, end in zip(first, last, strict=True)]
 
     def hole(self, part: EpisodeSpan, after: int | None = None) -> tuple[float, str]:
-        """When (s) and why a part is not whole: behind reading `after`, or from its beginning on."""
+        """Return time (s) and reason of the first hole of a part, after reading `after` if it is given."""
         time = self._recording.time
         rows = self._rows(part)
         rows = rows if after is None else rows[rows > after]
@@ -83,14 +84,14 @@ class ReadingCoverage:
 
     def _rows(self, part: EpisodeSpan) -> NDArray[np.intp]:
         time = self._recording.time
-        return np.flatnonzero(self.told & (time >= part.begin) & (time <= part.end))
+        return np.flatnonzero(self.measured_rows & (time >= part.begin) & (time <= part.end))
 
     def _lacks(self, row: int) -> str:
         if not self.live[row]:
             return "commands went to the simulation, not to the robot"
-        for have, said in ((self.measured, "is unknown"), (~self.silent, "did not answer")):
+        for have, state in ((self.measured, "is unknown"), (~self.silent, "did not answer")):
             if not have[row].all():
-                return f"{_names(self._recording.joints, ~have[row])} {said}"
+                return f"{_names(self._recording.joints, ~have[row])} {state}"
         if not self.commanded[row].any():
             return "there are no goals: the robot was not armed"
         return f"{_names(self._recording.joints, ~self.commanded[row])} had no goal"
@@ -142,10 +143,10 @@ def _silent(recording: RobotRecording, gap: float) -> Flags:
     time = recording.time
     if slow is None:
         return found
-    heard = slow.time[:, None] - slow.age  # (m, n) s, NaN: nobody said
+    replied = slow.time[:, None] - slow.age  # (m, n) s, NaN: unknown
     for place, joint in np.argwhere(slow.age > gap):
-        later = heard[place + 1 :, joint]
+        later = replied[place + 1 :, joint]
         again = later[later > slow.time[place]]
         until = again[0] if again.size else np.inf
-        found[(time > heard[place, joint]) & (time < until), joint] = True
+        found[(time > replied[place, joint]) & (time < until), joint] = True
     return found

@@ -10,7 +10,7 @@ NAME = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 
 
 class ShardLocation(NamedTuple):
-    """Which file."""
+    """Place of one file."""
 
     chunk: int
     file: int
@@ -34,7 +34,7 @@ class ShardWriter:
         self._rows = 0
 
     def place(self, rows: int) -> ShardLocation:
-        """Where the next so many rows go."""
+        """Return the file for the next `rows` rows."""
         if self._writer is not None and self._rows:
             each = self._file.tell() / self._rows
             if self._file.tell() + each * rows >= self._size:

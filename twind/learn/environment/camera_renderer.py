@@ -26,7 +26,7 @@ class CameraRenderer:
     """
 
     def __init__(self, model: Any, base: str) -> None:
-        """Raises NoPicture: neither EGL nor OSMesa works here."""
+        """Raises OperationFailed: neither EGL nor OSMesa works here."""
         self._model = model
         number = model.body(base).id
         self._context: Any = _context()
@@ -48,7 +48,7 @@ class CameraRenderer:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._drawing)
 
     def take(self, data: Any) -> NDArray[np.uint8]:
-        """What the camera sees, (480, 640, 3): a new array."""
+        """Return the picture of the camera, (480, 640, 3): a new array."""
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(
             self._model, data, self._option, self._perturb, self._camera, everything, self._scene

@@ -17,7 +17,7 @@ from twind.robot.arrays import Floats
 
 
 class DaemonBody:
-    """Keeps the protocol `env.Body`: what it is told arrives at the robot if the gate lets it."""
+    """A `RobotBody`: targets reach the robot if the gate accepts them."""
 
     def __init__(self, plant: Plant, shaping: ActionShaping, socket: str | None) -> None:
         """`socket`: the daemon's folder, None: the usual one. Raises InvalidInput, ClientError."""
@@ -30,8 +30,8 @@ class DaemonBody:
         self.data = self._estimate.data
         with Client(socket) as client:
             status = client.call("GetStatus")["status"]
-            told = client.call("GetRobot")
-        require_same(told, plant.binding.robot)
+            description = client.call("GetRobot")
+        require_same(description, plant.binding.robot)
         require_mode(status["mode"])
         require_armed(status)
         rate_hz = float(status["loop"]["rate_hz"])
@@ -54,8 +54,7 @@ class DaemonBody:
 
     @property
     def step_info(self) -> dict[str, int]:
-        """What the gate and the clock made of the episode: setpoints refused, periods missed, and how
-        often these were so many that the robot was left to hold."""
+        """Counts of the episode: setpoints refused, periods missed, and holds after too many missed ones."""
         return {"refused": self.refused, "missed": self.missed, "held": self.held}
 
     def reset(self, rng: np.random.Generator) -> BodyReading:
@@ -67,7 +66,7 @@ class DaemonBody:
         self._session.go(self.plant.default)
         states = self._subscriber.next_states()
         if not states:
-            raise OperationFailed(self._subscriber.ended or "no states are heard")
+            raise OperationFailed(self._subscriber.ended or "no states are received")
         self._timer = in_step(states, self._clock.now(), self._period, self._loop)
         self.refused = self.missed = self.held = 0
         return self._read(self._timer)
@@ -96,10 +95,10 @@ class DaemonBody:
     def _read(self, timer: RateTimer) -> BodyReading:
         """At the deadline."""
         self._clock.sleep_until(timer.deadline)
-        heard = self._subscriber.newest
+        state = self._subscriber.newest
         why = self._subscriber.ended or (
-            "no state has come" if heard is None else heard.stale(self._clock.now(), STALE, self._joints)
+            "no state has come" if state is None else state.stale(self._clock.now(), STALE, self._joints)
         )
-        if heard is None or why:
+        if state is None or why:
             raise OperationFailed(str(why))
-        return self._estimate.reading(heard)
+        return self._estimate.reading(state)

@@ -26,18 +26,18 @@ BACKENDS = ("sim", "daemon")
 
 
 class RobotBody(Protocol):
-    """What can be told to move and says how it stands: a simulation, or a robot behind its daemon."""
+    """Body that takes targets and gives readings: a simulation, or a robot behind its daemon."""
 
     model: Any  # mujoco.MjModel and
     data: Any  # mujoco.MjData: how it stands, for a picture
 
     @property
     def diverged(self) -> bool:
-        """What the last reading says is of no use: the episode must end."""
+        """True if the last reading is of no use: the episode must end."""
 
     @property
     def step_info(self) -> Mapping[str, Any]:
-        """What else `info` is to say of the last step."""
+        """Further entries of `info` for the last step."""
 
     def reset(self, rng: np.random.Generator) -> BodyReading:
         """Stand in the default pose, as well as can be; what may differ is drawn from `rng`."""
@@ -95,10 +95,8 @@ class RobotEnv(gymnasium.Env):
         )
         self.body: RobotBody = _body(plant, ranges, self.shaping, backend, socket)
         self.shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping)
-        self._observer, self._judge = (
-            ObservationBuilder(plant.layout, plant.default),
-            RewardFunction(self.task, plant),
-        )
+        self._observer = ObservationBuilder(plant.layout, plant.default)
+        self._judge = RewardFunction(self.task, plant)
         self._noise = ReadingNoise(ranges.noise, len(plant.default))
         self._phases = self.task.phases(self.shaping.period)
         self._command = np.zeros(3)
@@ -108,9 +106,7 @@ class RobotEnv(gymnasium.Env):
         self.episode_steps = episode_steps or self.task.steps(self.shaping.period)
         self._rngs: list[np.random.Generator] = []
         self._picture: CameraRenderer | None = None
-        most = plant.layout.most.astype(np.float32)
-        self.observation_space = spaces.Box(-most, most, dtype=np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (len(plant.default),), np.float32)
+        self.observation_space, self.action_space = spaces_of(plant)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -138,7 +134,7 @@ class RobotEnv(gymnasium.Env):
             raise ResetNeeded("no episode has begun: reset() first")
         target, velocity = self.shaper.step(action)
         size = target.dot(target)
-        if size != size:  # NaN; sooner than anybody hears of it
+        if size != size:  # NaN, before the body receives it
             raise ValueError(f"the action {action} is not all numbers: reset, and look at the policy")
         reading = self.body.advance(target, velocity)
         reward, terms, fallen = self._judge.verdict(reading, target, self._command, self._phase)
@@ -170,6 +166,12 @@ class RobotEnv(gymnasium.Env):
         if not self._noise.silent:
             self._noise.add(reading, self._rngs)
         return self._observer.observe(reading, action, self.shaper.target, self._command, self._phase)
+
+
+def spaces_of(plant: Plant) -> tuple[spaces.Box, spaces.Box]:
+    """Return the observation space and the action space of one robot."""
+    most = plant.layout.most.astype(np.float32)
+    return spaces.Box(-most, most, dtype=np.float32), spaces.Box(-1.0, 1.0, plant.default.shape, np.float32)
 
 
 def _body(

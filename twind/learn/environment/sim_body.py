@@ -21,7 +21,7 @@ NOTHING: Mapping[str, Any] = {}
 
 
 class SimBody:
-    """Keeps the protocol `env.Body`. Between steps the data is as after `mj_step1`: of now."""
+    """A `RobotBody`. Between steps the data is as after `mj_step1`: of now."""
 
     def __init__(self, plant: Plant, ranges: RandomisationRanges, period: float) -> None:
         """`ranges`: what differs from episode to episode; the plant must have room for its delays."""

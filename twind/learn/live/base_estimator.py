@@ -28,18 +28,18 @@ class BaseEstimator:
         self._turn = slice(places.base_qpos + 3, places.base_qpos + 7)
         self._spin = slice(places.base_dof + 3, places.base_dof + 6)
 
-    def reading(self, heard: StateMessage) -> BodyReading:
-        """What a simulated body would read: a new one. The state must be fresh: it is taken as it is."""
-        imu = heard.inertial
-        assert imu is not None, "whoever asks has looked"
+    def reading(self, state: StateMessage) -> BodyReading:
+        """Return a new reading as of a simulated body. The state must be fresh: it is not checked."""
+        imu = state.inertial
+        assert imu is not None, "the caller has checked that the state is fresh"
         plant = self._plant
         data = self.data
-        data.qpos[plant.position] = heard.position
-        data.qvel[plant.speed] = heard.velocity
+        data.qpos[plant.position] = state.position
+        data.qvel[plant.speed] = state.velocity
         data.qpos[self._turn] = imu.quaternion
         data.qvel[self._spin] = imu.gyro
         self._follow()
-        reading = BodyReading.empty(len(heard.position))
+        reading = BodyReading.empty(len(state.position))
         plant.read(data.qpos, data.qvel, data.sensordata, reading)
         reading.gyro[...] = imu.gyro
         reading.acceleration[...] = imu.acceleration
@@ -59,7 +59,7 @@ class BaseEstimator:
 
 
 def odometry(reading: BodyReading) -> Floats:
-    """How the base moves (3,), m/s, base frame, if what is lowest stands still."""
+    """Return the velocity of the base (3,), m/s, base frame, if the lowest sole stands still."""
     x, y, z = reading.gyro
     turning = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     depth = reading.soles @ reading.gravity

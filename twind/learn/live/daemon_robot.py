@@ -23,20 +23,20 @@ WAYS: Mapping[str, str] = {
 ELSE = "twindctl status says what it waits for; then twindctl arm"
 
 
-def plant_told(told: Mapping[str, Any], period: float) -> Plant:
+def plant_from_answer(answer: Mapping[str, Any], period: float) -> Plant:
     """Build the plant of the robot in an answer of `GetRobot`. Raises InvalidInput."""
-    path = Path(told["robot"]["path"])
+    path = Path(answer["robot"]["path"])
     try:
         robot = load_robot(str(path))
     except (ConfigError, OSError) as error:
         raise InvalidInput(f"the daemon's robot file cannot be read here: {error}") from None
-    require_same(told, robot)
+    require_same(answer, robot)
     return plant_of(robot, period=period)
 
 
-def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
+def require_same(answer: Mapping[str, Any], robot: RobotFile) -> None:
     """Raises InvalidInput unless the daemon runs this very robot file and model."""
-    theirs = told["robot"]
+    theirs = answer["robot"]
     if theirs["text_sha256"] != robot.text_sha256:
         raise InvalidInput(
             f"the daemon runs {theirs['name']} from {theirs['path']}, not as {robot.path} says now: "
@@ -49,8 +49,8 @@ def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
 def require_armed(status: Mapping[str, Any]) -> None:
     """Raises InvalidInput where goals would move no robot, with the steps from there to an armed robot."""
     if status["mode"] == "live" and not (status["armed"] and status["state"] == RobotState.ARMED):
-        said = f"the robot is {status['state']}{latched(status)}, not armed"
-        raise InvalidInput(f"{said}: {WAYS.get(status['state'], ELSE)}")
+        found = f"the robot is {status['state']}{latched(status)}, not armed"
+        raise InvalidInput(f"{found}: {WAYS.get(status['state'], ELSE)}")
 
 
 def latched(status: Mapping[str, Any]) -> str:

@@ -100,8 +100,8 @@ class SetpointSession:
     def drop(self) -> None:
         """Give the lease back, if it is still ours: the robot then holds. May be called twice.
 
-        No Cancel, which stops whoever drives by now; and nothing on a connection that is gone: its lease went
-        with it, and a new one would reach whoever is there now.
+        It sends no Cancel, which would stop the present lease holder. On a lost connection it sends nothing:
+        the lease went with it, and a new connection could reach another daemon.
         """
         if self._client.connected and not self._dropped:
             with contextlib.suppress(ClientError):

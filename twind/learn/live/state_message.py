@@ -9,8 +9,8 @@ import numpy as np
 
 from twind.robot.arrays import Floats
 
-STALE = 0.05  # s: a joint or an IMU that was heard longer ago says nothing of now
-LONG = 2.0  # s of silence, told in seconds and with a remedy
+STALE = 0.05  # s: a joint or an IMU that was read longer ago does not count
+LONG = 2.0  # s of silence, reported in seconds and with a remedy
 _NAN = float("nan")
 _INF = inf
 
@@ -22,7 +22,7 @@ class ImuReading:
     gyro: Floats  # rad/s, (3,)
     acceleration: Floats  # m/s², (3,)
     quaternion: Floats  # w x y z, (4,)
-    age: float  # s, when the state was told
+    age: float  # s, when the state was sent
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class StateMessage:
     position: Floats  # rad, measured; in mode sim of the simulation
     velocity: Floats  # rad/s
     goal: Floats  # rad, what the loop commands now; NaN: nothing
-    age: Floats  # s, when the state was told
+    age: Floats  # s, when the state was sent
     inertial: ImuReading | None
 
     def stale(self, now: float, bound: float, joints: Sequence[str]) -> str | None:
@@ -49,7 +49,7 @@ class StateMessage:
             return f"{joints[joint]} {_silence(float(self.age[joint]) + past, bound)}"
         imu = self.inertial
         if imu is None:
-            return "there is no IMU, or it has not been heard yet"
+            return "there is no IMU, or it has not been read yet"
         rows = (imu.gyro, imu.acceleration, imu.quaternion)
         if not (imu.age + past <= bound and all(np.isfinite(row).all() for row in rows)):
             return f"the IMU {_silence(imu.age + past, bound)}"
@@ -61,10 +61,10 @@ class StateMessage:
 def _silence(past: float, bound: float) -> str:
     """Return a text on how long no reading has come, s."""
     if not past > bound:
-        return "told no numbers"
+        return "gave no numbers"
     if past < LONG:
-        return f"was heard {past * 1e3:.0f} ms ago, bound {bound * 1e3:.0f} ms"
-    return "has not been heard yet" if past == inf else f"is silent for {past:.0f} s: its cable and power"
+        return f"was read {past * 1e3:.0f} ms ago, bound {bound * 1e3:.0f} ms"
+    return "has not been read yet" if past == inf else f"is silent for {past:.0f} s: its cable and power"
 
 
 def decode_state_message(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> StateMessage:
@@ -88,14 +88,14 @@ def _row(rows: Sequence[Mapping[str, Any]], key: str, unknown: float) -> Floats:
     return np.array([unknown if row[key] is None else row[key] for row in rows], np.float64)
 
 
-def _inertial(told: Mapping[str, Any] | None) -> ImuReading | None:
-    if told is None:
+def _inertial(imu: Mapping[str, Any] | None) -> ImuReading | None:
+    if imu is None:
         return None
     gyro, acceleration, quaternion = (
-        np.array([_NAN if each is None else each for each in told[key]], np.float64)
+        np.array([_NAN if each is None else each for each in imu[key]], np.float64)
         for key in ("gyro", "acceleration", "quaternion")
     )
     if gyro.shape != (3,) or acceleration.shape != (3,) or quaternion.shape != (4,):
         return None
-    age = told["age_ms"]
+    age = imu["age_ms"]
     return ImuReading(gyro, acceleration, quaternion, _INF if age is None else age / 1e3)

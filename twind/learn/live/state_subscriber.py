@@ -85,7 +85,7 @@ class StateSubscriber:
         except ClientError as error:
             self.ended = str(error)
         except Exception as error:  # noqa: BLE001  a thread that dies in silence would leave an old state behind
-            self.ended = f"what the daemon says cannot be understood: {error}"
+            self.ended = f"a message of the daemon cannot be decoded: {error}"
         finally:
             self._client.close()
             with self._news:

@@ -40,7 +40,7 @@ class ActionSource(Protocol):
 class ReadingSource(Protocol):
     """Converter of states to readings."""
 
-    def reading(self, heard: StateMessage) -> BodyReading:
+    def reading(self, state: StateMessage) -> BodyReading:
         """Return the reading of a fresh state."""
 
 
@@ -111,16 +111,16 @@ class PolicyController:
         self._since = self._looked = inf  # s: when this hold began, and was looked at last
         self._seen: StateMessage | None = None  # in this hold: what a later state is compared with
 
-    def step(self, heard: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
+    def step(self, state: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
         """Return the action of the period that began at `deadline`, from the newest state.
 
-        This is a setpoint, a hold or the end of the drive. `heard` None: no state has come yet.
+        This is a setpoint, a hold or the end of the drive. `state` None: no state has come yet.
         """
         now = self._clock()
-        why = "no state has come yet" if heard is None else heard.stale(now, STALE, self._joints)
-        if heard is None or why is not None:
+        why = "no state has come yet" if state is None else state.stale(now, STALE, self._joints)
+        if state is None or why is not None:
             return self.hold(str(why))
-        reading = self._seeing.reading(heard)
+        reading = self._seeing.reading(state)
         self._look(reading)
         if self._fallen(reading):
             tilt = self.figures.tilt
@@ -129,10 +129,10 @@ class PolicyController:
                 f"fallen: the base is {tilt:.0f} degrees from upright, {height:.2f} m above the soles"
             )
         if self.holding is not None:
-            still = self._back(heard)
+            still = self._back(state)
             if still is not None:
                 return still
-        return self._drive(heard, reading, deadline)
+        return self._drive(state, reading, deadline)
 
     def record_acceptance(self) -> None:
         """The gate took the last setpoint: the drive goes on."""
@@ -164,7 +164,7 @@ class PolicyController:
         return PolicyHold(reason)
 
     def _drive(
-        self, heard: StateMessage, reading: BodyReading, deadline: float
+        self, state: StateMessage, reading: BodyReading, deadline: float
     ) -> PolicySetpoint | PolicyHold | PolicyEnd:
         phase = self._phases[self.figures.steps % len(self._phases)]
         seen = self._observer.observe(reading, self._action, self.shaper.target, self._command, phase)
@@ -188,29 +188,29 @@ class PolicyController:
             self.figures.too_late += 1
             return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self._period * 1e3:g} ms")
         self._action = action
-        self.figures.source = heard.time
+        self.figures.source = state.time
         target, velocity = self.shaper.step(action)
         return PolicySetpoint(target - velocity * self._period, velocity.copy())
 
-    def _back(self, heard: StateMessage) -> PolicyHold | PolicyEnd | None:
+    def _back(self, state: StateMessage) -> PolicyHold | PolicyEnd | None:
         """None: it rests in reach, and the drive goes on from there."""
         before = self._seen
-        if before is not None and not self._later(heard, before):
+        if before is not None and not self._later(state, before):
             return self.hold(str(self.holding))  # the same state, or nearly: it says nothing new
-        self._seen = heard
-        if before is None or not (np.abs(heard.goal - before.goal) <= RESTING).all():  # nor a goal unknown
+        self._seen = state
+        if before is None or not (np.abs(state.goal - before.goal) <= RESTING).all():  # nor a goal unknown
             return self.hold(str(self.holding))
-        stray = np.maximum(self.shaper.lower - heard.goal, heard.goal - self.shaper.upper)
+        stray = np.maximum(self.shaper.lower - state.goal, state.goal - self.shaper.upper)
         joint = int(np.argmax(stray))
         if not stray[joint] <= STRAY:
             return PolicyEnd(f"{self._joints[joint]} rests {stray[joint]:.2f} rad out of the policy's reach")
-        self.shaper.reset(heard.goal)
-        share = (heard.goal - self.shaper.default) / self.shaper.shaping.reach
+        self.shaper.reset(state.goal)
+        share = (state.goal - self.shaper.default) / self.shaper.shaping.reach
         self._action = np.clip(share, -1.0, 1.0).astype(np.float32)
         return None
 
-    def _later(self, heard: StateMessage, before: StateMessage) -> bool:
-        return heard.sequence > before.sequence and heard.time - before.time >= APART * self._period
+    def _later(self, state: StateMessage, before: StateMessage) -> bool:
+        return state.sequence > before.sequence and state.time - before.time >= APART * self._period
 
     def _look(self, reading: BodyReading) -> None:
         tilt = degrees(acos(float(np.clip(-reading.gravity[2], -1.0, 1.0))))

@@ -16,7 +16,7 @@ from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 
 SHOWN = 0.5  # s between two reports of the figures
-SAID = 1.0  # s between two reports of a hold
+HOLD_PERIOD = 1.0  # s between two reports of a hold
 KEPT = 100_000  # steps whose times are kept: 33 minutes at 50 Hz
 LAST = 5  # holds of which the reason is kept
 ROUNDING = 1e-6  # s
@@ -51,18 +51,18 @@ class PolicyRunLog:
         """Return the figures as JSON; of the last `recent` steps where they are times, in ms."""
         seen = controller.figures
         past = self.ended - self.began
-        told: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
-        told["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
-        told["missed"] = 0 if timer is None else timer.missed
+        figures: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
+        figures["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
+        figures["missed"] = 0 if timer is None else timer.missed
         for name in ("late", "inference", "way"):
-            told |= _spread(name, list(islice(reversed(getattr(self, name)), recent)))
+            figures |= _spread(name, list(islice(reversed(getattr(self, name)), recent)))
         refusals: dict[str, dict[str, int]] = {}
         for (code, joint), count in self.refusals.items():
             refusals.setdefault(code, {})[joint] = count
         tilt = None if seen.tilt != seen.tilt else round(seen.tilt, 2)
-        told |= {"refused": self.refusals.total(), "refusals": refusals, "holds": seen.holds}
-        told |= {"held_s": round(seen.held, 3), "too_late": seen.too_late}
-        return told | {
+        figures |= {"refused": self.refusals.total(), "refusals": refusals, "holds": seen.holds}
+        figures |= {"held_s": round(seen.held, 3), "too_late": seen.too_late}
+        return figures | {
             "why_held": list(self.holds),
             "tilt_deg": tilt,
             "most_tilt_deg": round(seen.most_tilt, 2),
@@ -86,11 +86,11 @@ class PolicyRun:
         period: float,
         loop: float,
         clock: ControlClock,
-        say: Callable[[str], None],
+        print_reason: Callable[[str], None],
     ) -> None:
-        """`period`: s of control; `loop`: s of the daemon's loop; `say`: receives the reason of a hold."""
+        """`period`: s of control; `loop`: s of the daemon's; `print_reason`: gets the reason of a hold."""
         self._clock = clock
-        self._say = say
+        self._print_reason = print_reason
         self._controller = controller
         self._subscriber = subscriber
         self._session = session
@@ -98,7 +98,7 @@ class PolicyRun:
         self._loop = loop
         self._mode = subscriber.status["mode"]
         self.log = PolicyRunLog()
-        self._told = -inf
+        self._hold_reported = -inf
         self.timer: RateTimer | None = None
 
     def run(
@@ -110,7 +110,7 @@ class PolicyRun:
             states = self._subscriber.next_states()
             self._session.take()  # where that took long, a lease has lapsed; nothing moves yet
             if not states:
-                return False, self._end_reason() or "no states are heard"
+                return False, self._end_reason() or "no states are received"
             timer = self.timer = in_step(states, self._clock.now(), self._period, self._loop)
             return self._run_periods(timer, seconds, stop, tell)
         except ClientError as error:
@@ -174,9 +174,9 @@ class PolicyRun:
     def _report_hold(self, reason: str) -> None:
         """Report a hold, unless one was reported within the last second."""
         now = self._clock.now()
-        if now - self._told >= SAID:
-            self._told = now
-            self._say(reason)
+        if now - self._hold_reported >= HOLD_PERIOD:
+            self._hold_reported = now
+            self._print_reason(reason)
 
     def _keep(self, hold: PolicyHold) -> PolicyHold | PolicyEnd:
         try:

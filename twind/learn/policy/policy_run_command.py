@@ -28,7 +28,7 @@ from twind.command_line.verb import (
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.control_timing import SystemClock
-from twind.learn.live.daemon_robot import ANEW, latched, plant_told, require_armed, require_mode
+from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.onnx_session import limit_memory
@@ -42,7 +42,7 @@ from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
 
 AXES = ("forward", "left", "turn")
-MANY = 0.02  # of the periods: so many missed ones are told with a remedy
+MANY = 0.02  # of the periods: so many missed ones are reported with a remedy
 BUSY = (
     "busy     this machine had no time for every period: in a missed one no setpoint is sent, and the robot "
     "goes on by the last one, or holds; run less beside it, or `nice -n -10 twindctl policy run FILE`"
@@ -82,7 +82,7 @@ def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any
         require_mode(status["mode"])
         require_armed(status)
         require_fit(card, PolicyRobot.from_get_robot(told["robot"], rate_hz))
-        plant = plant_told(told, card.shaping.period)
+        plant = plant_from_answer(told, card.shaping.period)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     return plant
@@ -221,9 +221,7 @@ def _held(told: Mapping[str, Any]) -> str:
 
 def _after(status: Mapping[str, Any]) -> str:
     if status["mode"] == "live" and status["armed"]:
-        return (
-            "the robot holds where it is, with torque on, and nobody drives it: `twindctl disarm` lowers it"
-        )
+        return "the robot holds with torque on, and no client drives it: `twindctl disarm` lowers it"
     if status["mode"] == "live" and status["faults"]:
-        return f"nobody drives it now: state {status['state']}{latched(status)}; {ANEW}"
-    return f"nobody drives it now: mode {status['mode']}, state {status['state']}"
+        return f"no client drives it now: state {status['state']}{latched(status)}; {ANEW}"
+    return f"no client drives it now: mode {status['mode']}, state {status['state']}"

@@ -1,4 +1,4 @@
-"""One draw: what one simulation is like for one episode. A pure function of a generator's state.
+"""One draw: the values of one simulation for one episode. A pure function of a generator's state.
 
 All figures of a draw are one vector of even random numbers, so a draw costs a few microseconds.
 """
@@ -12,7 +12,7 @@ from twind.robot.arrays import Floats
 
 
 class EpisodeDraw(NamedTuple):
-    """What one episode is like; n joints, b links. x: a factor, +: an addition."""
+    """Drawn values of one episode; n joints, b links. x: a factor, +: an addition."""
 
     friction: float  # x, sliding friction of every contact
     mass: Floats  # x, (b,), mass and inertia

@@ -31,7 +31,7 @@ class EpisodeStart:
     def state(self, draw: EpisodeDraw) -> tuple[Floats, Floats]:
         """qpos (nq,) as the encoders say it, and qvel (nv,): joints within their stops, feet on the floor.
 
-        Where the floor is depends on shapes alone, so the compiled model tells it, whatever is drawn.
+        The floor's place depends on shapes alone, so the compiled model gives it, whatever is drawn.
         """
         at = self._at
         velocity = np.zeros(self._model.nv)
@@ -53,14 +53,14 @@ _HEADER = 2  # of a buffer: what its user keeps, and the cursor; then the times,
 
 
 class DelayHistories:
-    """Where `mjData.history` of a model has the samples of its controls and sensors."""
+    """Places in `mjData.history` of the samples of a model's controls and sensors."""
 
     def __init__(self, model: Any) -> None:
         kept = zip(model.actuator_historyadr, model.actuator_history[:, 0], strict=True)
         self._controls = [
             (control, _slots(at, samples, 1)) for control, (at, samples) in enumerate(kept) if samples
         ]
-        told = zip(
+        sensors = zip(
             model.sensor_historyadr,
             model.sensor_history[:, 0],
             model.sensor_adr,
@@ -69,7 +69,7 @@ class DelayHistories:
         )
         self._sensors = [
             (slice(first, first + size), _slots(at, samples, size))
-            for at, samples, first, size in told
+            for at, samples, first, size in sensors
             if samples
         ]
 
@@ -78,10 +78,10 @@ class DelayHistories:
         for each, slots in self._controls:
             history[slots] = control[each]
 
-    def fill_sensors(self, history: Floats, told: Floats) -> None:
-        """The sensors have told `told` (nsensordata,) all along: what a forward pass without delay tells."""
+    def fill_sensors(self, history: Floats, values: Floats) -> None:
+        """The sensors read `values` (nsensordata,) all along: those of a forward pass without delay."""
         for of, slots in self._sensors:
-            history[slots] = told[of]
+            history[slots] = values[of]
 
 
 def _slots(address: int, samples: int, size: int) -> Ints:

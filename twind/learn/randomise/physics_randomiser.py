@@ -22,7 +22,7 @@ SETCONST: frozenset[str] = frozenset(mujoco.MjModel._setconst_inputs)
 
 @dataclass(frozen=True, slots=True)
 class ModelAddresses:
-    """Where a model has what is randomised: ids and addresses of MuJoCo, in joint order."""
+    """Ids and addresses in a model of what is randomised, in joint order."""
 
     links: Ints  # (b,), bodies of the robot
     base: int  # body
@@ -85,7 +85,7 @@ def _imu_delay(new: Fields, old: Fields, draw: EpisodeDraw, at: ModelAddresses) 
 
 
 def in_steps(delay: float, timestep: float) -> float:
-    """A delay of whole steps, as MuJoCo is to be told it: half a step less.
+    """A delay of whole steps as MuJoCo needs it: half a step less.
 
     It takes the last sample that is at least that old, and sums of steps are not whole multiples of a step:
     a delay of exactly three steps would now and then be four.
@@ -96,7 +96,7 @@ def in_steps(delay: float, timestep: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ModelChange:
-    """How one quantity of a draw reaches the model: the fields that `write` writes."""
+    """Way of one quantity of a draw into the model: the fields that `write` writes."""
 
     quantity: str
     neutral: Span
@@ -120,7 +120,7 @@ CHANGES = (
 
 
 class PhysicsRandomiser:
-    """What a draw changes of one model. Keeps the compiled values; knows which fields it writes."""
+    """Writer of draws into one model. Keeps the compiled values; `fields`: those that it writes."""
 
     def __init__(self, ranges: RandomisationRanges, model: Any, at: ModelAddresses) -> None:
         """`model`: mujoco.MjModel as compiled. Raises ValueError: it has no room for the longest delay."""
@@ -135,7 +135,7 @@ class PhysicsRandomiser:
         _require_room(model.sensor_history[at.imu, 0], ranges.imu_delay, step, "IMU sensors")
 
     def write(self, draw: EpisodeDraw, fields: Fields) -> None:
-        """Write `draw` into `fields`; whoever calls lets MuJoCo derive its constants if `derived`."""
+        """Write `draw` into `fields`; the caller lets MuJoCo derive its constants if `derived`."""
         for each in self._changes:
             each.write(fields, self._old, draw, self._at)
 

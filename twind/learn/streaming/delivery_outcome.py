@@ -8,8 +8,8 @@ from enum import Enum
 # s, of the waits that double
 FIRST = 0.25
 LONGEST = 10.0
-PATIENT = 900.0  # s: for longer nobody is waited for, whatever Retry-After says
-# What is wrong is the way there or who we are, and not the message: it waits until somebody mends that.
+PATIENT = 900.0  # s: the longest delay, whatever Retry-After requests
+# The connection or the permission is wrong, not the message: it waits until an operator mends that.
 NOT_THE_MESSAGE = frozenset({401, 402, 403, 404, 405, 407, 408, 409, 421, 423, 425, 426, 429, 451})
 
 

@@ -11,18 +11,18 @@ from urllib.parse import SplitResult, urlsplit
 from twind.exceptions import OperationFailed
 
 TIMEOUT = 10.0  # s without a byte
-READ = 1 << 16  # bytes of an answer's body; who has more to say is hung up on
+READ = 1 << 16  # bytes of an answer's body; a longer one ends the connection
 SHOWN = 160  # characters of an answer that are kept as a reason
 TOO_LATE = "no answer in time"
 
 
 @dataclass(frozen=True, slots=True)
 class HttpReply:
-    """What the endpoint said."""
+    """Reply of the endpoint."""
 
     status: int
     retry_after: str | None
-    said: str  # `422 Unprocessable Entity: no such robot`
+    summary: str  # `422 Unprocessable Entity: no such robot`
 
 
 def parsed(url: str) -> SplitResult:
@@ -63,7 +63,7 @@ class HttpEndpoint:
         self._aborted = False
 
     def post(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:
-        """Send it, and wait for the answer. Raises Failed.
+        """Send it, and wait for the answer. Raises OperationFailed.
 
         A connection that was kept may have been closed meanwhile: then once more on a new one. The message
         has a key, so it does no harm where it had arrived.
@@ -75,7 +75,7 @@ class HttpEndpoint:
         return self._tried(body, headers)
 
     def _tried(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:
-        """Raises Failed, but for what a connection that was closed meanwhile says."""
+        """Raises OperationFailed, but ConnectionError for a kept connection that was closed meanwhile."""
         kept = self._connection.sock is not None
         try:
             answer = self._post(body, headers)
@@ -101,11 +101,13 @@ class HttpEndpoint:
         if not answer.isclosed() or answer.status in (401, 403):
             self.close()  # more than we read; or we are nobody there: with the token as it is then
         first = text[:SHOWN].decode(errors="replace").strip().partition("\n")[0]
-        said = f"{answer.status} {answer.reason}" + (f": {first}" if first and answer.status >= 300 else "")
-        return HttpReply(answer.status, answer.getheader("Retry-After"), said)
+        summary = f"{answer.status} {answer.reason}" + (
+            f": {first}" if first and answer.status >= 300 else ""
+        )
+        return HttpReply(answer.status, answer.getheader("Retry-After"), summary)
 
     def abort(self) -> None:
-        """Whoever waits in `post` fails now. From another thread."""
+        """End a wait in `post`, which then fails. From another thread."""
         self._aborted = True
         sock = self._connection.sock
         if sock is not None:

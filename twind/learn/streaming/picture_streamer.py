@@ -31,11 +31,11 @@ NAME = "render"
 class CameraScene:
     """One robot, drawn. Of one thread: the GL context belongs to it."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        """`told`: the answer of GetRobot. Raises NoLikeness, NoPicture."""
+    def __init__(self, answer: dict[str, Any]) -> None:
+        """Load the robot; `answer`: of GetRobot. Raises OperationFailed."""
         import mujoco
 
-        self._likeness = RobotModel(told)
+        self._likeness = RobotModel(answer)
         self._model = self._likeness.model
         self._data = mujoco.MjData(self._model)
         self._steps = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight)
@@ -75,7 +75,7 @@ class PictureStreamer:
         self._tell = tell
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
-        self._said = ""
+        self._reported = ""
 
     def start(self) -> None:
         """Begin to draw."""
@@ -120,6 +120,6 @@ class PictureStreamer:
         self._basket.add(picture(jpeg, NAME, ClockPair(sample.time, now.wall(sample.time))))
 
     def _complain(self, why: str) -> None:
-        if why != self._said:
-            self._said = why
+        if why != self._reported:
+            self._reported = why
             self._tell(f"no pictures: {why}")

@@ -50,7 +50,7 @@ class SampleBatcher:
             if self._open and (self._robot is not robot or self._open[0].names != sample.names):
                 self._close()
             if sample.dropped and self._open:
-                self._close()  # so that a loss is said where it was
+                self._close()  # so that a loss is reported where it was
             self._lost["daemon"] += sample.dropped
             if not self._open:
                 self._begun, self._stamp, self._robot = self._now(), self._clocks(), robot
@@ -80,7 +80,7 @@ class SampleBatcher:
 
     @property
     def untaken_count(self) -> int:
-        """Batches and pictures that nobody has taken."""
+        """Batches and pictures that were not taken."""
         with self._changed:
             return len(self._closed)
 

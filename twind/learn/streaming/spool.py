@@ -1,7 +1,7 @@
 """Messages on disk until they have arrived: SQLite, in the order of their sequence numbers.
 
 A number is given once: AUTOINCREMENT never gives one again, and what is appended is synced
-(`synchronous=FULL`) before anybody sends it, so that neither SIGKILL nor a power cut brings a key back for
+(`synchronous=FULL`) before it is sent, so that neither SIGKILL nor a power cut brings a key back for
 other data. That sync is 10 ms of waiting for this thread alone, three times a second. Deletions are not
 synced: one that is lost has its message sent again, under the same key.
 """
@@ -38,7 +38,7 @@ KEPT = "sequence, headers, samples, reason, wall, body"
 
 @dataclass(frozen=True, slots=True)
 class SpoolLimits:
-    """What a spool may keep, dead letters included: the oldest goes first."""
+    """Bounds of a spool, dead letters included: the oldest goes first."""
 
     bytes: int  # of bodies; the file is larger by a few per cent and its journal of 4 MB
     age: float  # s
@@ -83,7 +83,7 @@ class Spool:
                 self._open()
             except sqlite3.DatabaseError as error:
                 if isinstance(error, sqlite3.OperationalError):
-                    raise  # full, or not for us: that says nothing against the file
+                    raise  # full, or not permitted: the file itself may be good
                 self.set_aside = str(error)
                 _set_aside(folder)
                 self._open()
@@ -230,7 +230,7 @@ class Spool:
 
 
 def dead_letters(folder: Path) -> list[SpooledMessage]:
-    """Those of a spool, whoever streams from it. Raises sqlite3.Error where there is none."""
+    """Return the dead letters of a spool, also of one in use. Raises sqlite3.Error where there is none."""
     base = sqlite3.connect(f"{(folder / FILE).absolute().as_uri()}?mode=ro", uri=True)
     try:
         rows = base.execute(f"SELECT {KEPT} FROM message WHERE reason IS NOT NULL ORDER BY sequence")
@@ -261,7 +261,7 @@ def _hold(path: Path) -> int:
 
 
 def _set_aside(folder: Path) -> None:
-    """What cannot be read is kept, once. The new spool has a new name, so no key comes again."""
+    """Keep a file that cannot be read, once. The new spool has a new name, so no key comes again."""
     (folder / FILE).replace(folder / BROKEN)
     for tail in ("-wal", "-shm"):
         (folder / (FILE + tail)).unlink(missing_ok=True)

@@ -1,6 +1,6 @@
 """From the spool to the endpoint: the oldest first, one at a time, until it has arrived or is a dead letter.
 
-A thread of its own. Whatever the endpoint does, nobody else waits for it.
+A thread of its own: no other thread waits for the endpoint.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from twind.learn.streaming.http_endpoint import HttpEndpoint, HttpReply
 from twind.learn.streaming.spool import Spool, SpooledMessage
 
 PERIOD = 1.0 / 30.0  # s between two sends at least
-LONGEST = 30.0  # s of one send, whatever the endpoint does: who gives a byte now and then is hung up on
+LONGEST = 30.0  # s of one send: an endpoint that sends a byte now and then is disconnected
 IDLE = 0.5  # s between two looks into a spool that is empty
 
 
@@ -110,25 +110,25 @@ class SpoolSender:
     def _answered(self, kept: SpooledMessage, answer: HttpReply) -> None:
         decided = fate(answer.status)
         if decided is DeliveryOutcome.AGAIN:
-            self._schedule_retry(answer.said, retry_after(answer.retry_after, time.time()))
+            self._schedule_retry(answer.summary, retry_after(answer.retry_after, time.time()))
             return
         self._after = kept.sequence
-        self._owed.append((kept.sequence, answer.said if decided is DeliveryOutcome.DEAD else None))
+        self._owed.append((kept.sequence, answer.summary if decided is DeliveryOutcome.DEAD else None))
         self._backoff.went_well()
         if decided is DeliveryOutcome.DEAD:
-            self._tell_dead(kept.sequence, answer.said)
-        with contextlib.suppress(sqlite3.Error):  # tried again, and told, before the next one
+            self._report_dead(kept.sequence, answer.summary)
+        with contextlib.suppress(sqlite3.Error):  # tried again, and reported, before the next one
             self._settle()
             self._wrong("")
 
-    def _tell_dead(self, sequence: int, why: str) -> None:
+    def _report_dead(self, sequence: int, why: str) -> None:
         if self._dead.is_transition(why, time.monotonic()):
             self._tell(
                 f"message {sequence} is a dead letter ({why}); `twindctl stream --dead` lists them all"
             )
 
     def _settle(self) -> None:
-        """Tell the spool what is done with. Raises sqlite3.Error; nothing of it is forgotten then."""
+        """Report the outcomes to the spool. Raises sqlite3.Error; none of them is lost then."""
         while self._owed:
             sequence, reason = self._owed[0]
             if reason is None:

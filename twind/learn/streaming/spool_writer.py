@@ -81,7 +81,7 @@ class SpoolWriter:
                 self._tried(lambda: self._spool.expire(time.monotonic(), time.time()))
 
     def _tried(self, do: Callable[[], object]) -> bool:
-        """The disk took it. What is wrong is told when it begins and when it is over."""
+        """Run a write; return True if it succeeded. An error is reported when it begins and when it ends."""
         try:
             do()
             self.error = ""

@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Stream until told to stop; 0. A spool that cannot be had: 1."""
+    """Stream until a stop signal: 0. The spool cannot be opened: 1."""
     from twind.learn.streaming.spool import Spool, SpoolLimits
 
     folder = options.spool or usual_folder()
@@ -128,7 +128,7 @@ def _stream(options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint) -
                 f"{spool.folder}: a spool that cannot be read ({spool.set_aside}) is kept beside a new one"
             )
         if options.token_file and _readable_by_others(options.url):
-            course.tell(f"{options.url}: without https whoever is on the way can read the token")
+            course.tell(f"{options.url}: without https every host on the path can read the token")
         if options.dead_again:
             course.tell(f"{spool.revive()} dead letters are sent again")
         return course.run(_cameras(options, course))
@@ -219,10 +219,12 @@ def _list(options: argparse.Namespace, folder: Path) -> int:
         size = len(each.message.body)
         count = each.message.samples
         fields = ("sequence", "wall", "bytes", "samples", "reason")
-        said = dict(zip(fields, (each.sequence, round(each.wall, 3), size, count, each.reason), strict=True))
+        fields_of = dict(
+            zip(fields, (each.sequence, round(each.wall, 3), size, count, each.reason), strict=True)
+        )
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(each.wall))
         line = f"{each.sequence:>8}  {when}  {size:>8} B  {count:>3} samples  {each.reason}"
-        print(json.dumps(said, ensure_ascii=False) if options.json else harmless(line))
+        print(json.dumps(fields_of, ensure_ascii=False) if options.json else harmless(line))
     if not letters and not options.json:
         print("no dead letters")
     return DONE

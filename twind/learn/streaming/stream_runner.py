@@ -1,7 +1,7 @@
-"""One run of `twindctl stream`: three threads that each wait for one thing only, and this one, which tells.
+"""One run of `twindctl stream`: three threads that each wait for one thing only, and this one, which reports.
 
 listening: the daemon → the basket (memory, bounded) · keeping: the basket → the spool (disk, bounded) ·
-sending: the spool → the endpoint. Whoever hangs holds up nobody: before it the oldest is dropped and counted.
+sending: the spool → the endpoint. One that hangs delays no other: before it the oldest is dropped.
 """
 
 import argparse
@@ -41,7 +41,7 @@ class MessageSource(Protocol):
 
 
 class StreamRunner:
-    """What runs. `run` returns the exit code."""
+    """Running streamer. `run` returns the exit code."""
 
     def __init__(
         self, options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint, stop: threading.Event
@@ -67,7 +67,7 @@ class StreamRunner:
         self._rate = 0.0
 
     def run(self, sources: Sequence[MessageSource] = ()) -> int:
-        """Until told to stop, or --seconds."""
+        """Run until a stop signal, or --seconds."""
         workers: list[Any] = [self._sender, self._keeping, self._listening, *sources]
         for each in workers:
             each.start()
@@ -87,8 +87,8 @@ class StreamRunner:
             if self._reporter is not None:
                 self._reporter.close()
         self._print()
-        told = self.streaming()
-        show(self._options, told, stream_text(told))
+        figures = self.streaming()
+        show(self._options, figures, stream_text(figures))
         return DONE
 
     def _watch(self, progress: ProgressLine) -> None:
@@ -125,7 +125,7 @@ class StreamRunner:
         }
 
     def _report(self) -> None:
-        """To the daemon, for whoever watches it; and its mode from there. Without a daemon nobody is told."""
+        """Send the figures to the daemon, for its clients, and take its mode; do nothing without a daemon."""
         try:
             if self._reporter is None:
                 self._reporter = observer(self._options)

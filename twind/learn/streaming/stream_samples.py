@@ -14,7 +14,7 @@ from twind.client.errors import ClientError, as_error
 
 FORMAT = "twind-stream/1"
 ROWS = ("position", "velocity", "effort", "commanded", "age_ms")  # of each sample, in the order of its joints
-DIGITS = 6  # behind the point, of rad, rad/s, N·m: a thousandth of what an encoder tells, in half the bytes
+DIGITS = 6  # behind the point, of rad, rad/s, N·m: a thousandth of an encoder's step, in half the bytes
 JSON = "application/json"
 NDJSON = "application/x-ndjson"
 _encode = msgspec.json.Encoder().encode  # writes NaN as null
@@ -82,7 +82,7 @@ class SampleBatch:
 
 @dataclass(frozen=True, slots=True)
 class PostMessage:
-    """What one POST carries: a body, the headers that say what it is, and how many samples are in it."""
+    """Content of one POST: a body, the headers that describe it, and the number of its samples."""
 
     body: bytes
     headers: Mapping[str, str]
@@ -94,7 +94,7 @@ def sample(data: bytes) -> StreamSample:
     try:
         state = _message.decode(data).parameters
     except (msgspec.DecodeError, UnicodeDecodeError):
-        raise _complaint(data) from None
+        raise _decode_error(data) from None
     joints = state.joints
     rows = [
         [joint.position for joint in joints],
@@ -108,12 +108,12 @@ def sample(data: bytes) -> StreamSample:
     )
 
 
-def _complaint(data: bytes) -> ClientError:
+def _decode_error(data: bytes) -> ClientError:
     try:
         found = json.loads(data)
         return as_error(str(found["error"]), found.get("parameters") or {})
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
-        return ClientError(f"what the daemon says cannot be understood: {data[:80]!r}")
+        return ClientError(f"a message of the daemon cannot be decoded: {data[:80]!r}")
 
 
 def message(batch: SampleBatch, *, ndjson: bool = False, zipped: bool = False) -> PostMessage:

@@ -49,7 +49,7 @@ class StreamSubscriber:
         self._thread.join(1.0)
 
     def on_status(self, status: dict[str, Any]) -> None:
-        """`Status` of the daemon, from whoever asked: another mode is said with the samples from now on."""
+        """Take a `Status` of the daemon: samples from now on have its mode."""
         robot = self._robot
         if robot is not None and robot.mode != status["mode"]:
             self._robot = StreamedRobot(robot.name, robot.individual, robot.version, status["mode"])
@@ -63,8 +63,8 @@ class StreamSubscriber:
                 self.error = "the daemon ended the stream"
             except ClientError as error:
                 self.error = str(error)
-            except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "streaming"
-                self.error = f"what the daemon says cannot be understood: {type(error).__name__}: {error}"
+            except Exception as error:  # noqa: BLE001  a thread that dies in silence would look like a daemon without readings
+                self.error = f"a message of the daemon cannot be decoded: {type(error).__name__}: {error}"
             self._report_error(self.error)
             self._stop.wait(AGAIN)
 

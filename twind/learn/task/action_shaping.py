@@ -4,7 +4,7 @@ The same code runs in simulation and in front of a robot, so that both see the s
 what the loop's own follower (`motion/stop_profiles.py`) follows unaltered.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ BEND = 1.5
 
 @dataclass(frozen=True, slots=True)
 class ActionShaping:
-    """How actions are shaped. A policy is trained with one of these, and must run with the same."""
+    """Settings by which actions are shaped. A policy must run with those it was trained with."""
 
     period: float = PERIOD  # s
     reach: float = 0.5  # rad that an action of 1 is from the default pose
@@ -40,10 +40,6 @@ class ActionShaping:
         if not (self.period > 0.0 and self.reach > 0.0 and self.margin >= 0.0):
             raise ValueError(f"period {self.period} s, reach {self.reach} and margin {self.margin} rad")
 
-    def card(self) -> dict[str, float]:
-        """The figures by name, as a policy file keeps them."""
-        return asdict(self)
-
 
 class ActionShaper:
     """The targets of one robot, or of `shape` robots: arrays (…, n), in joint order.
@@ -56,7 +52,7 @@ class ActionShaper:
     def __init__(
         self, limits: JointLimits, default: Floats, shaping: ActionShaping, shape: tuple[int, ...] = ()
     ) -> None:
-        """`default` (n,): the pose that actions are told from, rad. Raises ValueError: beyond the limits."""
+        """`default` (n,): the pose that actions count from, rad. Raises ValueError: beyond the limits."""
         if not ((default >= limits.lower) & (default <= limits.upper)).all():
             joint = int(np.argmax((default < limits.lower) | (default > limits.upper)))
             bounds = f"{limits.lower[joint]:g}..{limits.upper[joint]:g}"
@@ -91,7 +87,7 @@ class ActionShaper:
         self._speed[at] = 0.0
 
     def coast(self, periods: int) -> None:
-        """Where the targets of a robot that was told no other for so many periods have gone by themselves.
+        """Move the targets by themselves for `periods` in which none was sent.
 
         The loop goes on with the velocity of its last setpoint; a goal at its limit stays there, at rest.
         """
@@ -129,7 +125,7 @@ class ActionShaper:
 
 
 def _most_change(limits: JointLimits, shaping: ActionShaping) -> Floats:
-    """What velocity may change in one period, rad/s, (n,).
+    """Return the most that velocity changes in one period, rad/s, (n,).
 
     Its share of the acceleration limit; less where the longest way within the limits would become too fast.
     """

@@ -82,7 +82,7 @@ class ObservationBuilder:
     """Makes observations of the readings of one robot, or of `shape` robots."""
 
     def __init__(self, layout: ObservationLayout, default: Floats, shape: tuple[int, ...] = ()) -> None:
-        """`default` (n,): the task's pose, rad, that positions are told from."""
+        """`default` (n,): the task's pose, rad, that positions count from."""
         n = len(layout.joints)
         if default.shape != (n,):
             raise ValueError(f"a default pose of shape {default.shape} for {n} joints")

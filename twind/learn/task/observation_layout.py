@@ -77,7 +77,7 @@ class ObservationLayout:
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Where each part stands, by name; `base` is all that stands between `lag` and `command`."""
+        """Place of each part, by name; `base` is all between `lag` and `command`."""
         ends = np.cumsum([part.size for part in self.parts]).tolist()
         found = {part.name: slice(end - part.size, end) for part, end in zip(self.parts, ends, strict=True)}
         return found | {"base": slice(found["gyro"].start, found["command"].start)}
@@ -91,13 +91,6 @@ class ObservationLayout:
     def most(self) -> Floats:
         """(size,): no entry is larger than this, nor smaller than its negative."""
         return frozen(np.repeat([part.most for part in self.parts], [part.size for part in self.parts]))
-
-    def card(self) -> dict[str, object]:
-        """Return the layout as a policy file has it: the joints, and first and last entry of each part."""
-        ranges = {
-            part.name: [self.places[part.name].start, self.places[part.name].stop - 1] for part in self.parts
-        }
-        return {"joints": list(self.joints), "size": self.size, "entries": ranges}
 
 
 def table(layout: ObservationLayout) -> list[tuple[str, str, str, str]]:

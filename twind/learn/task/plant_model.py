@@ -72,10 +72,10 @@ class Plant:
         return isinstance(self.position, slice) and isinstance(self.speed, slice)
 
     def rest(self, sensordata: Floats) -> None:
-        """The accelerometer feels what it does on a robot at rest, which nobody has let go yet.
+        """Set the accelerometer to its reading on a robot at rest, which is still held.
 
         A robot that is put on the floor does not weigh on it: it would begin in free fall. `sensordata` is of
-        one robot, its `position` sensors told.
+        one robot.
         """
         x, y, z = sensordata[DOWN].tolist()
         sensordata[FORCE] = -self.weight * x, -self.weight * y, -self.weight * z
@@ -97,7 +97,7 @@ def fill(reading: BodyReading, position: Floats, velocity: Floats, imu: Floats, 
 def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_delay: float = 0.0) -> Plant:
     """`period`: s, of control; the model's timestep is shortened to divide it.
 
-    Delays: s, the most that is ever wanted; the plant has none until somebody sets them. Raises InvalidInput:
+    Delays: s, the most that is ever wanted; the plant has none until they are set. Raises InvalidInput:
     no free base, not two feet, or what `bind` finds.
     """
     binding = bind(_freed(robot), None)
@@ -160,11 +160,11 @@ def _floor(spec: Any) -> None:
 
 
 def _sensors(spec: Any, binding: Binding, imu_samples: int) -> None:
-    """What a reading needs, in its order; height follows from it (`height_of`)."""
+    """Add the sensors of a reading, in its order; height follows from them (`height_of`)."""
     base = spec.body(binding.robot.base)
     kind = mujoco.mjtSensor
     base.add_site(name=BASE_SITE)
-    base.add_site(name=IMU_SITE, pos=_imu(spec, binding.robot))  # told in the axes of the base, as on a robot
+    base.add_site(name=IMU_SITE, pos=_imu(spec, binding.robot))  # in the axes of the base, as on a robot
     spec.worldbody.add_site(name=DOWN_SITE, quat=[0.0, 1.0, 0.0, 0.0])  # its z axis points down
     for name, (body, place) in zip(SOLE_SITES, _soles(binding), strict=True):
         spec.body(binding.model.body(body).name).add_site(name=name, pos=place)
@@ -187,7 +187,7 @@ def _sensors(spec: Any, binding: Binding, imu_samples: int) -> None:
 
 
 def _imu(spec: Any, robot: RobotFile) -> Any:
-    """Where the IMU sits on the base: at the site of the robot file, else at `imu`, else at its origin."""
+    """Return the place of the IMU on the base: the site of the robot file, else `imu`, else its origin."""
     wanted = "imu" if robot.imu is None else robot.imu.site
     return next((site.pos for site in spec.body(robot.base).sites if site.name == wanted), [0.0, 0.0, 0.0])
 

@@ -1,4 +1,4 @@
-"""What a moment is worth, and whether the robot has fallen: one set of formulas, for one robot and for many.
+"""Reward of a moment, and the test for a fall: one set of formulas, for one robot and for many.
 
 They are arithmetic on columns (`observation.columns`), floats of one robot or arrays of many.
 """
@@ -33,7 +33,7 @@ class RewardFunction:
         self._low = LOW * plant.height
         self._origin = np.concatenate([plant.default, np.zeros(n)])
         # Scaled so that the sum of squares is the mean square.
-        soft = 0.5 * sum(task.stiffness)  # what is drawn around it nobody can tell from outside
+        soft = 0.5 * sum(task.stiffness)  # values drawn around it cannot be measured from outside
         self._stiffness = soft * plant.stiffness / np.sqrt(n)
         self._braking = plant.braking / np.sqrt(n)
         self._share = 1.0 / n
@@ -90,7 +90,7 @@ class RewardFunction:
         return sum(terms.values()), terms
 
     def _gait(self, c: Any, phase: Any) -> Column:
-        """How well the feet are where their phases want them: the swinging one lifted, the other down."""
+        """Return the match of the feet with their phases: the swinging one lifted, the other down."""
         height = c[9]
         x = c[6]
         y = c[7]
@@ -106,7 +106,7 @@ class RewardFunction:
         """(…, 3): sums of squares of the way from the default pose and of velocity, mean square of torque.
 
         The torque is what a servo of the task's middle gain makes of its lag and its speed, as a share of the
-        most it has, 1 at most: known on a robot too, whose servos tell no torque.
+        most it has, 1 at most: known on a robot too, whose servos report no torque.
         """
         np.subtract(reading.joints, self._origin, self._joints)
         np.subtract(target, reading.position, self._torque)

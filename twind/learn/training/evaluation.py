@@ -4,7 +4,7 @@ The reference is the policy that does nothing and holds the default pose. A scor
 that nothing was learnt.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -89,8 +89,3 @@ class EvaluationEnvs:
             jitter=moved / float(lengths.sum()),
             episodes=count,
         )
-
-
-def told_score(data: Mapping[str, Any]) -> EvaluationScore:
-    """As a run's file has it. Raises TypeError: it is none."""
-    return EvaluationScore(**data)

@@ -54,9 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ranges of randomisation: none, default, or a file",
     )
     parser.add_argument("--kind", choices=KINDS, help="how simulations run (default: batch, the fastest)")
-    for name, kind, metavar, said in FIGURES:
+    for name, kind, metavar, text in FIGURES:
         parser.add_argument(
-            f"--{name.replace('_', '-')}", type=kind, metavar=metavar, help=said + _default(name)
+            f"--{name.replace('_', '-')}", type=kind, metavar=metavar, help=text + _default(name)
         )
     sizes = f"hidden layers of actor and critic{_default('hidden')}"
     parser.add_argument("--hidden", type=_sizes, metavar="N,N", help=sizes)
@@ -68,11 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _default(name: str) -> str:
-    """What a setting is if nobody says otherwise, and for which task it is something else."""
+    """Return the default of a setting as help text, with the tasks where it differs."""
     usual = getattr(DEFAULTS["Stand"], name)
     others = {task.lower(): getattr(each, name) for task, each in DEFAULTS.items()}
-    told = [_figure(usual), *(f"{task}: {_figure(each)}" for task, each in others.items() if each != usual)]
-    return f" (default: {'; '.join(told)})"
+    defaults = [
+        _figure(usual),
+        *(f"{task}: {_figure(each)}" for task, each in others.items() if each != usual),
+    ]
+    return f" (default: {'; '.join(defaults)})"
 
 
 def _figure(value: Any) -> str:
@@ -118,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
-    """What was said, and nothing that was not. Raises UsageError: no such task."""
+    """Return the settings that the options name, and no others. Raises UsageError: no such task."""
     from twind.learn.task.learning_tasks import task_of
 
     names = ("robot", "profile", "kind", "hidden", *(name for name, *_ in FIGURES))

@@ -17,7 +17,7 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import Rejected
 from twind.learn.policy.policy_file import read
 from twind.learn.training import learning_curve
-from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score
+from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
 from twind.learn.training.ppo_learner import THREADS, PpoLearner, export
 from twind.learn.training.training_folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
 from twind.learn.training.training_reporter import TrainingReporter, bar
@@ -28,7 +28,7 @@ PACKAGES = ("twind", "torch", "stable-baselines3", "gymnasium", "mujoco-core", "
 
 @dataclass(slots=True)
 class TrainingFigures:
-    """What came of a run so far."""
+    """Results of a run so far."""
 
     zero: EvaluationScore
     points: list[tuple[int, EvaluationScore]] = field(default_factory=list)
@@ -62,13 +62,13 @@ class Trainer:
         self,
         settings: TrainingSettings,
         folder: TrainingFolder,
-        told: TrainingReporter,
+        reporter: TrainingReporter,
         before: Mapping[str, Any] | None,
     ) -> None:
         """`before`: the run's file of a training that goes on. Raises Rejected: its checkpoint is none."""
         self._settings = settings
         self._folder = folder
-        self._told = told
+        self._reporter = reporter
         state = None if before is None else _checkpoint(folder.path / CHECKPOINT)
         try:
             self._learner = PpoLearner(settings, state)
@@ -84,13 +84,13 @@ class Trainer:
         self._at = self._learner.steps
 
     def run(self, stop: threading.Event, progress: ProgressLine) -> bool:
-        """Train until all steps are done (True) or told to `stop` (False). Raises OSError: a full disk."""
+        """Train until all steps are done (True) or `stop` is set (False). Raises OSError: a full disk."""
         learner = self._learner
         figures = self._figures
         settings = self._settings
         began = learner.steps
         progress.clear()
-        self._told.began(settings, self._folder.path, began, figures.zero)
+        self._reporter.began(settings, self._folder.path, began, figures.zero)
         self._keep(None)
         due = _next(began, settings.evaluate_every)
         while learner.steps < settings.steps and not stop.is_set():
@@ -108,7 +108,7 @@ class Trainer:
         self._keep("done" if whole else "stopped")
         best = figures.best
         progress.clear()
-        self._told.ended(self._folder.path, learner.steps, whole, best[1] if best else None, figures.zero)
+        self._reporter.ended(self._folder.path, learner.steps, whole, best[1] if best else None, figures.zero)
         return whole
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ class Trainer:
         steps = self._learner.steps
         try:
             rows = [dict(each) for each in before["evaluations"]]
-            points = [(int(each.pop("steps")), told_score(each)) for each in rows]
+            points = [(int(each.pop("steps")), EvaluationScore(**each)) for each in rows]
             self._figures.seconds = float(before["seconds"])
         except (KeyError, TypeError, ValueError) as error:
             raise Rejected(f"{self._folder.path}: its evaluations cannot be read: {error}") from None
@@ -133,7 +133,7 @@ class Trainer:
         progress.update(
             bar(steps, self._rate, recent), (steps - began) / max(1, self._settings.steps - began)
         )
-        self._told.progress(steps, self._rate, recent)
+        self._reporter.progress(steps, self._rate, recent)
 
     def _evaluate(self, progress: ProgressLine) -> None:
         """Judge the policy as a robot would run it: from the file."""
@@ -148,7 +148,7 @@ class Trainer:
         figures.points.append((learner.steps, score))
         progress.clear()
         is_best = figures.best == figures.points[-1]
-        self._told.evaluated(learner.steps, self._rate, score, figures.zero, is_best)
+        self._reporter.evaluated(learner.steps, self._rate, score, figures.zero, is_best)
         self._since = figures.seconds
         self._at = learner.steps
 
@@ -179,7 +179,12 @@ class Trainer:
     def _export(self, point: tuple[int, EvaluationScore], zero: EvaluationScore) -> None:
         """The network as it is now, judged so."""
         score = point[1]
-        said = {"return": score.returns, "length": score.length, "falls": score.falls, "speed": score.speed}
+        figures_of_policy = {
+            "return": score.returns,
+            "length": score.length,
+            "falls": score.falls,
+            "speed": score.speed,
+        }
         against = {"zero_return": zero.returns, "zero_length": zero.length}
         for name in (LAST, *([BEST] if self._figures.best == point else [])):
             export(
@@ -187,7 +192,7 @@ class Trainer:
                 self._learner.model,
                 self._settings,
                 self._trials.core,
-                said | against,
+                figures_of_policy | against,
             )
 
 

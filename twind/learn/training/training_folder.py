@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.command_line.verb import Rejected
-from twind.learn.training.training_settings import TrainingSettings, told_settings
+from twind.learn.training.training_settings import TrainingSettings, settings_from_json
 
 FORMAT = "twind-run/1"
 RUN = "run.json"
@@ -56,7 +56,7 @@ class TrainingFolder:
         return place
 
     def write_run(self, settings: TrainingSettings, more: Mapping[str, Any]) -> None:
-        """What the run is and what came of it so far. Raises OSError."""
+        """Write the settings of the run and its results so far. Raises OSError."""
         data = {"format": FORMAT, "settings": settings.to_json(), **more}
         self.write(RUN, (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode())
 
@@ -65,7 +65,7 @@ class TrainingFolder:
 def lock_folder(path: Path) -> Iterator[TrainingFolder]:
     """The folder, made where there was none, for us alone; gone again where nothing came into it.
 
-    Raises Rejected: somebody else trains there.
+    Raises Rejected: another process trains there.
     """
     made = not path.exists()
     try:
@@ -110,7 +110,7 @@ def read_run(path: Path) -> tuple[TrainingSettings, dict[str, Any]]:
         data = json.loads(file.read_text())
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise ValueError(f"is no {FORMAT}")
-        return told_settings(data["settings"]), data
+        return settings_from_json(data["settings"]), data
     except OSError as error:
         raise Rejected(f"{file}: {error.strerror or error}; no training began there") from None
     except (ValueError, KeyError, TypeError) as error:

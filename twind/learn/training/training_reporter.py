@@ -88,14 +88,14 @@ def bar(steps: int, rate: float, recent: tuple[float, float, float] | None) -> s
 
 
 def _verdict(best: EvaluationScore, zero: EvaluationScore, path: Path) -> list[str]:
-    said = (
+    result = (
         f"  policy.onnx: return {best.returns:.1f} (zero policy {zero.returns:.1f}),"
         f" fell in {best.falls:.0%} of {best.episodes} episodes (zero policy {zero.falls:.0%})"
     )
     if best.returns <= zero.returns:
-        return [said, "  It is no better than doing nothing: train longer, or with other settings."]
+        return [result, "  It is no better than doing nothing: train longer, or with other settings."]
     return [
-        said,
+        result,
         f"  twindctl policy show {path / 'policy.onnx'} says what it is for; `policy run` drives with it",
     ]
 

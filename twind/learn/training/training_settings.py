@@ -76,8 +76,8 @@ def make_settings(task: str, given: Mapping[str, Any]) -> TrainingSettings:
     return replace(DEFAULTS.get(task, TrainingSettings(task)), **given)
 
 
-def told_settings(data: Mapping[str, Any]) -> TrainingSettings:
-    """As a run's file has them. Raises ValueError: no settings of ours."""
+def settings_from_json(data: Mapping[str, Any]) -> TrainingSettings:
+    """Build the settings from a run's file. Raises ValueError: not the settings of this version."""
     known = {each.name for each in fields(TrainingSettings)}
     if set(data) != known:
         other = ", ".join(sorted(known ^ set(data)))
@@ -86,7 +86,7 @@ def told_settings(data: Mapping[str, Any]) -> TrainingSettings:
 
 
 def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]:
-    """What was asked for otherwise than `before`, a sentence each. More steps are no difference."""
+    """Return a sentence for each setting that differs from `before`. More steps are no difference."""
     found = []
     for name, value in given.items():
         was = getattr(before, name)

@@ -1,7 +1,7 @@
-"""The daemon's figures as metric families: names, units, labels. Pure; `prometheus_client` writes them out.
+"""Metric families of the daemon: names, units, labels. Pure; `prometheus_client` writes them out.
 
-Labels are joints, buses, hops, codes and states: all of them names of the robot file or of the interface, so
-their number is bounded. Who holds the lease and what a message says are no labels.
+Labels are joints, buses, hops, codes and states: names of the robot file or of the interface, so their
+number is bounded. The lease holder and the text of messages are no labels.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -40,8 +40,8 @@ JOINT = (
 )  # fmt: skip
 STATUS = (
     ("armed", "", "armed", 1.0, "1: torque is ours."),
-    ("torque_inherited", "", "inherited", 1.0, "1: torque was found on at start and is held by nobody here."),
-    ("hardware_connected", "", "hw_connected", 1.0, "1: somebody on a bus answers."),
+    ("torque_inherited", "", "inherited", 1.0, "1: torque was found on at start and is not ours yet."),
+    ("hardware_connected", "", "hw_connected", 1.0, "1: a device on a bus answers."),
     ("state_latency_seconds", "seconds", "latency_ms", MS, "Age of the newest state + its round trip."),
     ("bus_skew_seconds", "seconds", "skew_ms", MS, "Between the first and the last bus of one exchange."),
 )
@@ -88,7 +88,7 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
     yield _states("state", status["state"], RobotState, "The robot and its bus.")
     yield _states("motion", status["motion"], Motion, "What the target of commands does.")
     yield from _gauges(STATUS, [((), status)], ())
-    yield _plain("lease_held", "", float(status["lease"] is not None), "1: somebody may command.")
+    yield _plain("lease_held", "", float(status["lease"] is not None), "1: a client holds the lease.")
     yield from _faults(status["faults"])
     yield from _loop(news)
     yield from _buses(news)
@@ -101,7 +101,7 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
 
 
 def _together(streams: Sequence[Fields]) -> Rows:
-    """Their sums; nothing where nobody streams."""
+    """Sums over all streamers; empty without streamers."""
     sums = {key: sum(each[key] for each in streams) for _, _, key, _, _ in STREAMS}
     return [((), sums)] if streams else []
 
@@ -218,7 +218,7 @@ def _histogram(
 
 
 def _counted(news: DaemonMetrics) -> Iterator[Metric]:
-    """What this process counted, since it began."""
+    """Counters of this process since its start."""
     counted = news.counted
     refusals = CounterMetricFamily(
         "twind_refusals", "Trajectories and setpoints refused, by reason.", labels=("code",)
@@ -230,7 +230,7 @@ def _counted(news: DaemonMetrics) -> Iterator[Metric]:
     )
     for verdict, count in counted.verdicts.items():
         verdicts.add_metric((verdict,), count, counted.since)
-    events = CounterMetricFamily("twind_events", "Events told, by what happened.", labels=("code",))
+    events = CounterMetricFamily("twind_events", "Events by code.", labels=("code",))
     for code, count in sorted(counted.events.items()):
         events.add_metric((code,), count, counted.since)
     yield from (refusals, verdicts, events)

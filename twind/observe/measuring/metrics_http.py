@@ -1,8 +1,8 @@
-"""HTTP for scrapers: one request a connection, bounded in size and time, answered by a WSGI application.
+"""HTTP for scrapers: one request per connection, bounded in size and time, answered by a WSGI application.
 
-Whoever hangs, reads slowly or sends rubbish costs one of `MOST` places for at most `PATIENCE`, and nobody
-else anything. A Host that is no name of this machine is refused: a page in somebody's browser, whose own name
-was bound anew to 127.0.0.1, could read along otherwise. Knows nothing of metrics.
+A client that hangs, reads slowly or sends invalid data occupies one of `MOST` places for at most `PATIENCE`.
+A Host that is no name of this machine is refused: otherwise a web page whose name was rebound to 127.0.0.1
+could read the answer. Independent of metrics.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ Application = Callable[[Environ, Any], Iterable[bytes]]
 
 
 class MetricsHttpHandler:
-    """What to do with a connection, for `asyncio.start_server` and `start_unix_server` with limit=LONGEST."""
+    """Connection handler for `asyncio.start_server` and `start_unix_server` with limit=LONGEST."""
 
     def __init__(self, application: Application) -> None:
         self._application = application

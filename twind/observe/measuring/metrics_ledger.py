@@ -56,7 +56,7 @@ class MetricsLedger:
         self._verdicts = Counter({"accepted": 0, "refused": 0})
         self._events = Counter({str(code): 0 for code in ReasonCode})
         self._lost = 0
-        # of the run that is told of
+        # of the run that is reported
         self._began = -inf
         self._began_wall = nan
         self.forget()
@@ -86,7 +86,7 @@ class MetricsLedger:
                 self._skew = message.get("skew_ms")
             else:
                 self._take_latencies(message["latency"])
-            self._heard = now  # last: a message that nobody understands is no news
+            self._heard = now  # last: an unreadable message is no news
 
     def news(self, now: float) -> DaemonMetrics | None:
         """Return the known metrics; None: the daemon is gone, hangs, or has not sent enough yet. `now` in s,
@@ -122,7 +122,7 @@ class MetricsLedger:
 
     def _take_status(self, status: Fields, time: float, to_wall: float) -> None:
         loop = status["loop"]
-        # A tick or a missed one for every period of the run, so this is when it began, whoever watched.
+        # A tick or a missed one for every period of the run, so this is when it began.
         began = time - (loop["ticks"] + loop["missed"]) / loop["rate_hz"]
         if abs(began - self._began) > SAME_RUN:
             self._began = began

@@ -22,7 +22,7 @@ from twind.observe.measuring.metrics_http import LONGEST, MOST, MetricsHttpHandl
 from twind.observe.measuring.metrics_ledger import STALE, TOPICS, Fields, MetricsLedger
 
 AGAIN = 0.5  # s between two attempts to reach the daemon
-ONCE = 2.5  # s that --once waits for all it can be told: a histogram comes once a second
+ONCE = 2.5  # s that --once waits for all metrics: a histogram comes once a second
 
 Tell = Callable[[Fields | None], None]
 
@@ -61,7 +61,7 @@ def _teller(loop: asyncio.AbstractEventLoop, ledger: MetricsLedger) -> Tell:
 
 
 def follow(place: str | None, tell: Tell) -> None:
-    """For ever: every message of the daemon to `tell`; None when it is gone. What changes is said once."""
+    """Pass every message of the daemon to `tell`, None when it is gone. Never returns; prints each change."""
     said = ""
     while True:
         try:
@@ -98,7 +98,7 @@ def once(options: argparse.Namespace) -> int:
         ended = NO_DAEMON
     if ended == DONE and ledger.news(time.monotonic()) is None:
         complain(
-            options, ClientError(f"the daemon is there, but said too little within {ONCE:g} s; try again")
+            options, ClientError(f"the daemon is there, but sent too little within {ONCE:g} s; try again")
         )
         ended = NO_DAEMON
     encode = generate_latest if options.text else openmetrics
@@ -119,7 +119,7 @@ def registry(ledger: MetricsLedger) -> CollectorRegistry:
 
 
 def _address(listener: socket.socket) -> str:
-    """How it is asked."""
+    """The URL, or the command that reads a Unix socket."""
     if listener.family == socket.AF_UNIX:
         return f"curl --unix-socket {listener.getsockname()} http://localhost/metrics"
     host, port = listener.getsockname()[:2]

@@ -10,7 +10,7 @@ from twind.robot.modes import RobotState
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.
-DRAWN = 6  # joints in colour where nobody names them
+DRAWN = 6  # joints in colour by default
 NOTABLE = 0.05  # of the worst: who is followed better than that needs no colour
 GAP = 2.5  # of the usual distance between two values: from here on something is missing between them
 MOST = 6000  # points of a line; an A4 page has a thousand columns

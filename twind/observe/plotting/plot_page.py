@@ -39,7 +39,7 @@ Window = tuple[float, float]  # s
 
 @dataclass(frozen=True, slots=True)
 class PlotContext:
-    """What every panel needs: the file, its joints in colour, and the stretch that is drawn."""
+    """Input of every panel: the recording, its joints in colour, and the drawn time window."""
 
     recording: RobotRecording
     colours: Mapping[str, str]  # joint -> colour
@@ -102,7 +102,7 @@ def _joints_with_data(recording: RobotRecording, joints: Sequence[str]) -> tuple
 
 
 def _last(recording: RobotRecording) -> float:
-    """s, of whatever was told last: a fault often comes after the last reading."""
+    """Time (s) of the last message: a fault often comes after the last reading."""
     times = [each.time for each in (*recording.events, *recording.verdicts)]
     return max([0.0, *map(float, recording.time[-1:]), *times])
 
@@ -127,7 +127,7 @@ def _title(recording: RobotRecording) -> str:
 
 
 def _tracking(panel: Axes, sheet: PlotContext) -> None:
-    """What was commanded (dashed) and what was measured, of the joints in colour."""
+    """Commanded (dashed) and measured positions of the joints in colour."""
     recording = sheet.recording
     for style, values in ((":", recording.goal), ("-", recording.target)):
         for name, each in sheet.columns(recording.time, values):
@@ -141,7 +141,7 @@ def _tracking(panel: Axes, sheet: PlotContext) -> None:
 
 
 def _followed(recording: RobotRecording) -> str:
-    """What commands went to, in one word."""
+    """The target of commands, in one word."""
     return "measured" if recording.live.any() else "simulated"
 
 
@@ -245,7 +245,7 @@ def _shade(panel: Axes, sheet: PlotContext) -> None:
 
 
 def _has(values: Callable[[PlotContext], tuple[Floats, Floats] | None]) -> Callable[[PlotContext], bool]:
-    """Whether anything of these values is known in the stretch that is drawn."""
+    """A check that any of these values is known in the drawn time window."""
 
     def known(sheet: PlotContext) -> bool:
         told = values(sheet)

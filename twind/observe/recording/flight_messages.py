@@ -1,4 +1,4 @@
-"""What a flight recorder heard on the link, as `Monitor` would have told it: one form for all who look on."""
+"""Link messages of a flight recorder in the form of `Monitor` answers: one form for all readers."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -50,7 +50,7 @@ def wire(flight: FlightFile) -> Iterator[FlightEntry]:
 def answers(flight: FlightFile) -> Iterator[dict[str, Any]]:
     """Answers of `Monitor` to topics state (every tick), status, latency, events, verdicts and trajectories.
 
-    `time` in s, monotonic. State begins with the first overview: before it nobody knows what is slow.
+    `time` in s, monotonic. State begins with the first overview, which has the slow values.
     """
     told = _MonitorMessages(StateCache(flight.briefing))
     entries = flight.contents.entries
@@ -62,7 +62,7 @@ def answers(flight: FlightFile) -> Iterator[dict[str, Any]]:
 
 
 class _MonitorMessages:
-    """What a front would have told, datagram by datagram."""
+    """Answers that a front would have sent, datagram by datagram."""
 
     def __init__(self, world: StateCache) -> None:
         self._world = world

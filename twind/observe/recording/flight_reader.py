@@ -42,7 +42,7 @@ def read(path: Path) -> RobotRecording:
 
 
 def wall_offset(flight: FlightFile) -> int:
-    """ns to add to monotonic times for the wall clock, as whoever wrote the file had it; 0 where unknown."""
+    """Nanoseconds to add to monotonic times for the wall clock of the writer; 0: unknown."""
     wall = flight.meta.get("wall_ns")
     monotonic = flight.meta.get("monotonic")
     if not isinstance(wall, int) or not isinstance(monotonic, int | float):

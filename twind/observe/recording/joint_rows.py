@@ -59,7 +59,7 @@ class JointRows:
                 table[at[:, None], np.array([joints.index(name) for name in block.names])] = numbers
 
     def _settle(self) -> None:
-        """What came since becomes a block."""
+        """Convert the messages since the last block into a block."""
         if self._layout is None or not self._data:
             return
         layout = self._layout

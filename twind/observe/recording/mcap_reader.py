@@ -43,7 +43,7 @@ from twind.observe.recording.recording_topics import (
 )
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, decode
 from twind.ros.cdr import HEAD
-from twind.ros.imu_message import felt
+from twind.ros.imu_message import imu_numbers
 
 SECOND = 1e9  # ns
 SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
@@ -80,7 +80,7 @@ def read(path: Path) -> RobotRecording:
 
 def _broken(error: Exception) -> str:
     kind = type(error).__name__
-    return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
+    return f"a message on our topics, or a JointState, is not in our format ({kind}: {error})"
 
 
 class _ImuRows:
@@ -92,7 +92,7 @@ class _ImuRows:
 
     def add(self, time: int, data: bytes) -> None:
         """The next message. Raises struct.error."""
-        self.numbers.extend(felt(data))
+        self.numbers.extend(imu_numbers(data))
         self.times.append(time)
 
 
@@ -195,7 +195,7 @@ def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
 
 
 def _chosen(states: Sequence[str]) -> dict[str, str]:
-    """Which topic is what; of a file that is not ours the first JointState is what was measured."""
+    """Topics by role; in a foreign file the first JointState topic is the measured one."""
     roles = {"measured": MEASURED, "goal": COMMANDS, "simulated": SIMULATED}
     found = {role: topic for role, topic in roles.items() if topic in states}
     if not found and states:
@@ -216,7 +216,7 @@ def _damage(file: McapScanner) -> str:
     return "; ".join(parts)
 
 
-# ------------------------------------------------------------------------------------------ what was said
+# ------------------------------------------------------------------------------------------ messages
 
 
 def _json(data: bytes) -> Mapping[str, Any]:

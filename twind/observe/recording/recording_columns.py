@@ -35,7 +35,7 @@ class RecordedEpisode:
     task: str
     begin: float
     end: float
-    success: bool | None  # None: nobody said
+    success: bool | None  # None: not stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class LatencyColumns:
 
     time: Floats  # s
     columns: Mapping[str, Floats]  # now_ms, mean_ms, std_ms, min_ms, max_ms, p50_ms, p99_ms, violations
-    histogram: Sequence[Parameters]  # of the run, as last told: {"upper_ms", "count"}
+    histogram: Sequence[Parameters]  # of the run, as last reported: {"upper_ms", "count"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +109,9 @@ class RobotRecording:
 
     @property
     def live(self) -> NDArray[np.bool_]:
-        """(k,) whether commands went to the robot at each reading; else they went to the simulation.
+        """(k,) bool: commands went to the robot at each reading, not to the simulation.
 
-        Where no status says so: wherever there is no simulation.
+        Without a status: true where there is no simulation.
         """
         if not self.statuses:
             return np.asarray(~np.isfinite(self.simulated).any(axis=1))
@@ -126,9 +126,9 @@ class RobotRecording:
 
 
 def open_recording(path: Path | str) -> RobotRecording:
-    """The recording at `path`, whatever there is of it (`damage` says what is missing).
+    """The recording at `path`, as far as it is readable (`damage` names what is missing).
 
-    Raises Rejected: no such file, none of these kinds, or nothing of a robot in it.
+    Raises Rejected: no such file, another kind of file, or no data of a robot.
     """
     path = Path(path)
     try:

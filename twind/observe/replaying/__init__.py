@@ -1,6 +1,6 @@
-"""A recording played back: its devices on pseudo-terminals, a daemon before them, what comes out compared.
+"""Replay of a recording: its devices on pseudo-terminals, a daemon before them, and a comparison of results.
 
-Upwards: `wire` (bytes to exchanges), `story` (what they tell of the devices), `servos` and `bus` (devices
-that answer as it says), `outcome` (what came of commands), `score` (what was asked, and what came of it),
-`stage` and `conductor` (a daemon of its own, and its clients).
+Upwards: `recorded_exchanges` (bytes to exchanges), `device_timeline` (changes of devices), `replay_servos`
+and `replay_bus` (devices that answer so), `replay_outcome` (results of commands), `replay_script` (commands
+and their results), `replay_daemon` and `replay_client` (a daemon of its own, and its clients).
 """

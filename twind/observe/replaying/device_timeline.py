@@ -39,7 +39,7 @@ class BusTimeline:
     kept: tuple[RecordedExchange, ...]  # of its last identification, from before the ring perhaps
     told: tuple[RecordedExchange, ...]  # of the ring
     plugs: tuple[tuple[float, bool], ...]  # the port was opened or lost, in time order
-    last: float  # of all that is told of it
+    last: float  # of its last entry
 
     @cached_property
     def tables(self) -> Mapping[int, ControlTable]:
@@ -135,7 +135,7 @@ class DeviceTimeline:
         ] = {}  # of what a host writes: as written or read last, when
         self._alerts_since = float("inf")  # s, when it began to say that something is wrong
         self._bits = 0  # what is wrong since then, as far as it was read
-        self._silent = True  # until it was heard
+        self._silent = True  # until its first reply
         self._missed_at: float | None = None  # s, since when it leaves questions open
 
     def missed(self, time: float) -> Iterator[DeviceEvent]:
@@ -178,7 +178,7 @@ class DeviceTimeline:
             since, before = self._known.get(each.key, (time, None))
             if before is None:
                 yield DeviceEvent(self._since, CHANGED, self.id, each.address, value)
-            elif value != before:  # nobody wrote that: it changed between the two looks
+            elif value != before:  # no write did that: it changed between the two reads
                 yield DeviceEvent((since + time) / 2.0, CHANGED, self.id, each.address, value)
             self._known[each.key] = time, value
 

@@ -23,9 +23,9 @@ FAST = frozenset({Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ})
 QUESTIONS = frozenset(
     {Instruction.PING, Instruction.READ, Instruction.SYNC_READ, Instruction.BULK_READ, *FAST}
 )
-PINGED = 3  # bytes that a ping tells: model number 2, firmware 1
+PINGED = 3  # bytes of a ping reply: model number 2, firmware 1
 FIRMWARE = 6  # address of the latter; the former's is 0
-THROWN = 0.0002  # s before the next request: what was found waiting then had come earlier, nobody knows when
+THROWN = 0.0002  # s before the next request: bytes that were waiting then came at an unknown earlier time
 PAUSE = 0.004  # s without a byte, after which even what completes an answer was too late for it
 
 
@@ -56,7 +56,7 @@ class RecordedExchange:
     answers: tuple[tuple[float, bytes], ...]  # s after `time`
     whole: bool  # all that was asked for is among them
     told: tuple[DeviceReply, ...]
-    missed: tuple[int, ...]  # ids that were asked and had no sound answer; behind a hole nobody knows
+    missed: tuple[int, ...]  # ids without a valid reply; unknown behind a gap
 
 
 class RecordedRequest:
@@ -179,7 +179,7 @@ def _exchange(
     if question is None:
         return bare
     told, missed, done = question.parse_replies([data for _, data in chunks])
-    if until is None and missed:  # nobody knows what would have come
+    if until is None and missed:  # what would have come is unknown
         return replace(bare, asks=b"")
     answers = tuple(_earlier(chunks, done, until))
     return replace(bare, told=told, missed=missed, answers=answers, whole=not missed)

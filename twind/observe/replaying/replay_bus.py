@@ -1,7 +1,7 @@
 """One serial bus of a recording, as a port serves it: bytes in, bytes out, by the time of the recording.
 
-A question that the recording has, near that moment and of the same bytes, is answered with the recorded
-bytes, noise, cuts and delays included; everything else by servos whose registers are as it tells them.
+A request that the recording has, near that moment and of the same bytes, gets the recorded bytes with their
+noise, cuts and delays. Servos with the recorded registers answer all other requests.
 """
 
 import heapq
@@ -256,11 +256,11 @@ class ReplayBus:
         return after[0] + self._passage.shift if after else inf
 
 
-AGO = 0.1  # s, since it was read last: for so long it tells the same, then it is silent as it was
+AGO = 0.1  # s since its last read: for so long it repeats the values, then it is silent
 
 
 class ReplaySensors:
-    """Devices that never said a model number, and told blocks of registers. Times of the recording, s."""
+    """Devices without a known model number, and their recorded register blocks. Times of the recording, s."""
 
     def __init__(self, story: BusTimeline) -> None:
         self._times: dict[int, list[float]] = {}
@@ -272,9 +272,9 @@ class ReplaySensors:
                     self._told.setdefault(each.id, []).append(each)
 
     def answer(self, question: bytes, moment: float) -> bytes:
-        """The status of one of them to a read at that moment; empty: it is of nobody here, or silent then.
+        """Status packet of a sensor for a read at that moment; empty: no sensor, or silent then.
 
-        Before the recording begins all is as it was first read.
+        Before the recording begins, all values are those that were read first.
         """
         id = question[4]
         if id not in self._told or question[7] != Instruction.READ:

@@ -126,7 +126,7 @@ class ReplayConnection:
 
 
 def wait(lines: Sequence[ReplayConnection], seconds: float) -> None:
-    """Until one of them has something to hear, which is heard; so long at most."""
+    """Wait at most that long for received data of one of the connections, and process it."""
     alive = [line for line in lines if line.open]
     ready, _, _ = select.select(alive, [], [], max(0.0, seconds))
     for line in ready:

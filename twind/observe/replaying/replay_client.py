@@ -1,4 +1,4 @@
-"""Plays what was asked into a daemon, as the clients that asked it, at its time; and says what came out."""
+"""Clients of a replay: send the recorded commands to a daemon at their times, and collect the results."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,8 +21,8 @@ from twind_drivers.clock import Clock
 
 READY = 30.0  # s until the daemon has found the recorded robot
 ANSWER = 20.0  # s that one call of the preparations may take
-BRING = 2.0  # s per rad of the way to where joints were told to be, and at least
-SLIGHT = 1e-4  # rad: told to be there already
+BRING = 2.0  # s per rad of the way to the recorded goals, and at least
+SLIGHT = 1e-4  # rad: counts as there already
 EARLY = 0.003  # s from here to the front and on to the loop, with luck
 AFTER = 0.5  # s beyond the recording in which answers may come
 LAST = 0.1  # s beyond the recording: the state by then is that at its end
@@ -101,7 +101,7 @@ class ReplayClient:
                 return
 
     def _away(self) -> dict[str, float]:
-        """Joints that are told something else than at the beginning, and what they were told then, rad."""
+        """Joints whose goal differs from that at the beginning, and the goal at the beginning, rad."""
         now = self._ask("GetStatus", joints=True)["joints"]
         held = {each["name"]: each["simulated" if each["goal"] is None else "goal"] for each in now}
         then = zip(self._score.names, self._score.goal.tolist(), strict=True)
@@ -112,7 +112,7 @@ class ReplayClient:
         }
 
     def _bring(self) -> None:
-        """What joints are told is where it was, or a motion would begin with a jump that it had not."""
+        """Move the goals to where they were; else a motion would begin with a jump."""
         away = self._away()
         if not away:
             return
@@ -190,7 +190,7 @@ class ReplayClient:
         return self._lines[client]
 
     def _hang_up(self, client: int) -> None:
-        """What it was answered before may come a little later now; what others ask after it waits as well."""
+        """Disconnect a client after the replies that it had. Later clients wait for that, too."""
         if client not in self._lines:
             return
         until = self._clock.now() + STAY

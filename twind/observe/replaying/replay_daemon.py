@@ -17,10 +17,10 @@ from twind.observe.replaying.replay_calls import ReplayConnection
 from twind.observe.replaying.replay_files import ReplayFiles
 
 START = 60.0  # s until its sockets are there
-# s that it may take to end when told, and when killed
+# s that it may take to end after SIGTERM, and after SIGKILL
 SOON = 0.5
 END = 10.0
-WORDS = 2000  # characters of its own words that are told
+WORDS = 2000  # characters of its log that are reported
 OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the environment: not for it
 
 
@@ -70,7 +70,7 @@ class ReplayDaemon:
 
     @property
     def words(self) -> str:
-        """What it said, at its end."""
+        """The end of its log."""
         return self._log.read_text(errors="replace")[-WORDS:].strip()
 
     def _await(self) -> None:

@@ -1,6 +1,6 @@
-"""The files of a recording laid out in a folder of their own, so that a daemon reads them and no others.
+"""Files of a recording in a folder of their own, so that a daemon reads them and no others.
 
-A recording may come from anybody: nothing in it is run, and nothing is written outside that folder.
+A recording is untrusted: nothing in it is executed, and nothing is written outside that folder.
 """
 
 import json
@@ -23,7 +23,7 @@ THRESHOLDS = ("latency_warn_ms", "latency_block_ms")
 
 @dataclass(frozen=True, slots=True)
 class ReplayFiles:
-    """What a daemon is started with."""
+    """Files and buses that a daemon is started with."""
 
     robot: Path
     buses: tuple[str, ...]  # of that robot file: each needs a port, or the daemon opens the one in the file

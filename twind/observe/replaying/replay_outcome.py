@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-LATCHED = ("fault", "estop", "inhibited")  # states in which somebody has to acknowledge what was found
+LATCHED = ("fault", "estop", "inhibited")  # states that only a reset ends
 ENDED = ("succeeded", "cancelled", "replaced", "aborted")  # phases after which nothing more is reported
 
 Named = tuple[str, str | None]  # code, joint
@@ -20,7 +20,7 @@ class CommandOutcome:
     method: str
     error: str | None = None  # of the interface, without its prefix
     findings: tuple[Named, ...] = ()  # why: codes in their order, with their joints
-    phase: str | None = None  # of a trajectory, the last that was told
+    phase: str | None = None  # of a trajectory, the last reported one
     answered: bool = True
 
     def words(self) -> str:
@@ -65,26 +65,6 @@ class RunOutcome:
         }
 
 
-def outcome_of(plain: Mapping[str, Any]) -> RunOutcome:
-    """The inverse of `ReplayOutcome.plain`. Raises KeyError."""
-    return RunOutcome(
-        tuple(
-            CommandOutcome(
-                each["method"],
-                each["error"],
-                tuple((found["code"], found["joint"]) for found in each["findings"]),
-                each["phase"],
-                each["answered"],
-            )
-            for each in plain["answers"]
-        ),
-        {(each["code"], each["joint"]): each["time"] for each in plain["faults"]},
-        plain["state"],
-        plain["mode"],
-        plain["armed"],
-    )
-
-
 def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> CommandOutcome:
     """Build the outcome of one call from the parameters of all its replies, with joints named.
 
@@ -103,7 +83,7 @@ def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None 
 class StandingFaults:
     """Faults that stay: of those reported while a state is latched, the ones present when that state ends."""
 
-    _since: dict[Named, float] = field(default_factory=dict)  # of all that are told now
+    _since: dict[Named, float] = field(default_factory=dict)  # of all that are reported now
     _last: dict[Named, float] = field(default_factory=dict)  # of those, in a latched state
     _kept: dict[Named, float] = field(default_factory=dict)
     _before: bool = False

@@ -12,11 +12,11 @@ from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import Clock
 
-SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms for whoever computes
+SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms for a computing thread
 
 
 class ReplayClock(ServoClock):
-    """The clock of whoever commands as well: no time is left out."""
+    """Clock that leaves no time out, shared with the clients of the replay."""
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock)
@@ -59,7 +59,7 @@ class ReplayPorts:
         sys.setswitchinterval(SWITCH)
         gc.freeze()  # a whole recording: to look through it takes longer than an answer may
         self._thread.start()
-        if self._realtime:  # or whoever waits for the thread that commands would wait for other programs too
+        if self._realtime:  # else threads that wait for the commanding one would wait for other programs too
             first(PORTS)
         return self
 
@@ -76,7 +76,7 @@ class ReplayPorts:
             first(PORTS)
         try:
             self._server.run()
-        except Exception as error:  # noqa: BLE001 - said by `check`, in the thread that waits for the replay
+        except Exception as error:  # noqa: BLE001 - raised by `check`, in the thread that waits for the replay
             self._failure = error
 
     @staticmethod

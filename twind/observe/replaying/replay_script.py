@@ -71,7 +71,7 @@ class ReplayScript:
     mode: str
     armed: bool
     holder: int  # the client that had the lease at the beginning, 0: none
-    goal: Floats  # rad (n,), what joints were told at the beginning, NaN: nothing
+    goal: Floats  # rad (n,), goals at the beginning, NaN: none
     asked: tuple[RecordedCommand, ...]
     recorded: RunOutcome
     left_out: tuple[str, ...]  # what is not asked again, in words
@@ -105,7 +105,7 @@ def score(flight: FlightFile, last: float = inf) -> ReplayScript:
     asked, left_out, whole = _recorded_commands(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
     known = _received_by_client(flight, commands)
-    # answered when their clients had hung up: nobody heard that
+    # answered after their clients had disconnected
     late = {
         each.ticket
         for each in _calls(commands)

@@ -1,6 +1,6 @@
-"""Servos whose registers are as a recording tells them, with what is written to them now on top.
+"""Servos with the registers of a recording, and the present writes on top.
 
-The protocol is that of the virtual servos (`twind_drivers.virtual`): here is only what they live by.
+`twind_drivers.virtual` has the protocol; this module has only the values.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ AHEAD = 0.002  # s: what was read so little later was true already
 
 
 class ReplayPosition:
-    """Where in the recording the replay is: at its beginning until it is let go, from then on as time goes.
+    """Position of the replay in the recording: its beginning until the start, afterwards as time goes.
 
-    Shared by all buses, and by whoever commands. Only the clocks of the servos run before the beginning.
+    Shared by all buses and by the clients. Only the clocks of the servos run before the beginning.
     """
 
     def __init__(self, begin: float, lead: float = LEAD) -> None:
@@ -42,7 +42,7 @@ class ReplayPosition:
         return self.shift < inf
 
     def due(self, now: float) -> bool:
-        """It may be let go: whoever commands is ready, and the planned time has come."""
+        """Check that the replay may start: the clients are ready, and the planned time has come."""
         self._first = min(self._first, now)
         return self.ready and now >= self._first + self._lead
 
@@ -89,7 +89,7 @@ class ReplayServos(VirtualServos):
         clocks = [each.fields.get("realtime_tick") for each in self.memory.tables]
         self._clock_at = [-1 if each is None else each.address for each in clocks]
         self._ticks = np.full(len(specs), np.nan)  # s, of the recording: when each servo's clock was 0
-        self.silenced[:] = True  # until somebody was heard
+        self.silenced[:] = True  # until the first reply
         self._foresee(passage.begin)
         while self._at < len(self._turns) and self._turns[self._at].time <= passage.begin:
             self._begin_with(self._turns[self._at])
@@ -103,7 +103,7 @@ class ReplayServos(VirtualServos):
         self.invalidate_cache()
 
     def advance(self, now: float) -> None:
-        """What happened until then happens."""
+        """Apply the events of the recording up to `now`."""
         self.run_timers(now)
         self.now = max(self.now, now)
 
@@ -126,7 +126,7 @@ class ReplayServos(VirtualServos):
                 self._put(row, at, (int(up[row]) % CLOCK).to_bytes(2, "little"))
 
     def _boot(self, row: int, now: float) -> None:
-        """What it measures stays as it was read last, whatever a boot makes of its memory."""
+        """Keep the last read measurements over a boot."""
         kept = None if self._own is None else self.memory.raw[row].copy()
         super()._boot(row, now)
         if kept is not None and self._own is not None:
@@ -138,7 +138,7 @@ class ReplayServos(VirtualServos):
         self._check_at = inf
 
     def _foresee(self, begin: float) -> None:
-        """What was not read by the beginning was as it was read first; EEPROM however late that was."""
+        """Set values that were not read by the beginning to those read first; EEPROM however late."""
         known = np.zeros_like(self.memory.raw, np.bool_)
         kept = max(each.end for made in self.memory.tables for each in made.fields.values() if each.eeprom)
         for turn in self._turns:
@@ -154,7 +154,7 @@ class ReplayServos(VirtualServos):
                     self._keep_clock(row, turn)
 
     def _begin_with(self, turn: DeviceEvent) -> None:
-        """Before the beginning a recording is believed in everything, whoever wrote it."""
+        """Before the beginning, take every recorded value, whoever wrote it."""
         row = self._rows[turn.id]
         if turn.what in (told.SILENT, told.HEARD):
             self.silenced[row] = turn.what == told.SILENT
@@ -181,7 +181,7 @@ class ReplayServos(VirtualServos):
         self.memory.raw[row, address : address + len(data)] = np.frombuffer(data, np.uint8)
 
     def _read(self, row: int, turn: DeviceEvent) -> None:
-        """What no host writes is as it was read."""
+        """Set registers that no host writes to their recorded values."""
         span = slice(turn.address, turn.address + len(turn.data))
         fault = self["hardware_error_status"][row]
         own = self._owned(row, span)
@@ -197,7 +197,7 @@ class ReplayServos(VirtualServos):
 
     def holds(self, id: int, address: int, data: bytes) -> bool:
         """Do the registers that a host writes hold what `data` has? Those of the servo alone may differ."""
-        if address < 0 or id not in self._rows:  # said nothing, or is no servo
+        if address < 0 or id not in self._rows:  # no reply, or no servo
             return True
         row = self._rows[id]
         span = slice(address, address + len(data))
@@ -210,12 +210,12 @@ class ReplayServos(VirtualServos):
 
 
 def specs(story: BusTimeline, baud: int) -> list[ServoSpec]:
-    """The servos that the recording knows, by id; `baud` where their own register was not read.
+    """Servos of the recording by id; `baud` where their own register was not read.
 
-    Raises Unknown: a model that no table has, or nobody at all.
+    Raises OperationFailed: a model that has no table, or no servo at all.
     """
     if not story.tables:
-        raise OperationFailed(f"bus {story.name}: nobody there ever said what it is")
+        raise OperationFailed(f"bus {story.name}: no device on it reported its model")
     settings = {"baud_rate": BAUDS.index(baud)} if baud in BAUDS else {}
     return [
         ServoSpec(id, made.model, settings, firmware=story.models[id][1])
@@ -224,5 +224,5 @@ def specs(story: BusTimeline, baud: int) -> list[ServoSpec]:
 
 
 def still(count: int) -> ServoPhysics:
-    """Muscles of so many servos that nobody looks at."""
+    """Physics of `count` servos that are never sampled."""
     return FirstOrderPhysics(np.zeros(count))

@@ -1,7 +1,4 @@
-"""Messages of a daemon, for as long as anybody wants them: it may restart, and the next one be another robot.
-
-On a connection of its own.
-"""
+"""Messages of a daemon and its successors, which may have another robot. On a connection of its own."""
 
 import threading
 from collections.abc import Iterator, Sequence
@@ -22,7 +19,7 @@ TOPICS = ("state", "status", "latency", "events", "verdicts")
 def messages(
     ways: RobotConnections, ended: threading.Event, *, topics: Sequence[str] = TOPICS, rate: float = RATE
 ) -> Iterator[News]:
-    """Without end, until `ended`. The first of a daemon says which robot it has; `topics` have `events`."""
+    """Messages until `ended`. The first of a daemon describes its robot; `topics` contain `events`."""
     while not ended.is_set():
         try:
             with closing(observer(ways, SILENT)) as client:
@@ -37,7 +34,7 @@ def messages(
             yield DaemonLost(f"the daemon is not there, tried again: {error}")
             ended.wait(AGAIN)
         except Exception as error:  # noqa: BLE001  a thread that ends here leaves a picture that looks live
-            yield DaemonLost(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+            yield DaemonLost(f"a message of the daemon is unreadable: {type(error).__name__}: {error}")
             ended.wait(4.0 * AGAIN)
 
 

@@ -11,7 +11,7 @@ from twind.observe.viewing.viewer_state import WINDOW, ViewerState
 from twind.robot.arrays import Floats
 
 POINTS = 300  # of a line where there are more: those of note alone
-HOPS = ("total", "twin", "command")  # that are plotted, where the daemon tells them
+HOPS = ("total", "twin", "command")  # that are plotted, where the daemon reports them
 COLOURS = ("#2563eb", "#dc2626", "#16a34a", "#9333ea")
 WORST = "the furthest off"
 NOISE = 1e-3  # rad

@@ -20,7 +20,7 @@ from twind.command_line.verb import Rejected, UsageError
 from twind.observe.viewing.stop_threads import StopOutcome, Tell
 
 RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
-# s between two questions whether a page is there, and until it must have said so
+# s between two checks that a page is there, and until it must have answered
 ASKED = 0.5
 ANSWER = 4.0
 PACE = 2.0  # s per rad on the way to the rest pose
@@ -58,7 +58,7 @@ class OperatorThread(threading.Thread):
         self._ask(tab, work, tell)
 
     def give(self, tab: int, tell: Tell) -> None:
-        """Back to whoever wants it."""
+        """Give the lease back."""
 
         def work(client: Client) -> StopOutcome:
             self._release()
@@ -133,7 +133,7 @@ class OperatorThread(threading.Thread):
             return work(self._client)
         except (ClientError, UsageError, Rejected) as error:
             return StopOutcome(False, "refused", str(error))
-        except Exception as error:  # noqa: BLE001  an answer that is none: nobody knows what was done
+        except Exception as error:  # noqa: BLE001  an unreadable answer: what was done is unknown
             traceback.print_exc()
             return StopOutcome(False, "NOT confirmed", f"{type(error).__name__}: {error}")
 
@@ -171,9 +171,9 @@ def look_after(operator: OperatorThread, tab: int, ask: Callable[[], object]) ->
         except TimeoutError:
             operator.on_tab_closed(tab)
             return
-        except RuntimeError:  # it answered that it may not, or was closed, which is told by itself
+        except RuntimeError:  # it answered with an error, or was closed, which is reported by itself
             pass
-        except Exception:  # noqa: BLE001  whether anybody is there cannot be asked
+        except Exception:  # noqa: BLE001  the page cannot be asked
             traceback.print_exc()
             operator.on_tab_closed(tab)
             return

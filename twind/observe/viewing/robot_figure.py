@@ -49,9 +49,11 @@ class RobotFigure:
         *,
         alone: bool = False,
     ) -> None:
-        """`shell`: colour and opacity of a figure that is hidden, body by body, until `show`; without it the
-        bodies look as the model says, and what does not move stands around them. `alone`: without the world
-        (body 0), and a shell also of bodies that do not move."""
+        """`shell`: colour and opacity of a figure that is hidden, body by body, until `show`.
+
+        Without it the bodies look as in the model, with the fixed bodies around them. `alone`: without the
+        world (body 0), and a shell also of fixed bodies.
+        """
         from mjviser.conversions import is_fixed_body
 
         self._root = scene.add_frame(root, show_axes=False)

@@ -1,9 +1,7 @@
-"""A robot as it is drawn: its model from what `GetRobot` says, poses of joints in, places of bodies and
-distances out.
+"""Drawing model of a robot from the answer of `GetRobot`: joint angles in, body poses and distances out.
 
-Knows no browser. A pose is kinematics alone: a joint angle per joint, so joints of transmissions come as
-they are; joints that nobody drives, and a base that stands free, stay where the model has them, for nothing
-measures them.
+Independent of browsers. A pose is kinematics alone, one angle per joint, so joints of transmissions need no
+special case. Undriven joints and a free base are not measured and stay where the model has them.
 """
 
 import os
@@ -49,7 +47,7 @@ class NearestBodies:
     names: str
     distance: float  # m, negative inside each other
     block: float  # m, nearer is refused
-    warn: float  # m, nearer is told
+    warn: float  # m, nearer is a warning
     ends: tuple[Floats, Floats]
 
     @property
@@ -62,7 +60,7 @@ class NearestBodies:
 
 @dataclass(frozen=True, slots=True)
 class BodyPoses:
-    """Where bodies are: position (nbody, 3) m, quaternion (nbody, 4) w x y z."""
+    """Poses of bodies: position (nbody, 3) m, quaternion (nbody, 4) w x y z."""
 
     position: Floats
     rotation: Floats
@@ -101,7 +99,7 @@ class RobotModel:
             self._distances: CollisionModel | None = CollisionModel(
                 ViewerBinding(rules, self.model, self.qpos), REACH
             )
-        except InvalidInput:  # the daemon has said why; there is no distance to show
+        except InvalidInput:  # the daemon has reported why; there is no distance to show
             self._distances = None
         self._data = mujoco.MjData(self.model)
         self._kinematics = mujoco.mj_kinematics

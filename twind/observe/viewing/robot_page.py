@@ -34,7 +34,7 @@ class RobotPage:
 
     @property
     def ghost(self) -> str:
-        """Which translucent figures are wanted."""
+        """The selected translucent figures."""
         return str(self._ghost.value)
 
     def set_html(self, words: str) -> None:
@@ -44,7 +44,7 @@ class RobotPage:
 
 
 class OperatorControls:
-    """What moves the robot; dead until this tab took the lease, by a button and a question."""
+    """Controls that move the robot; disabled until this tab took the lease, by a button and a question."""
 
     def __init__(self, server: Any, place: str | None) -> None:
         self._server = server
@@ -80,7 +80,7 @@ class OperatorControls:
         return operator_lease.play(self._robot, name) if name in operator_lease.motions(self._robot) else None
 
     async def _ask_first(self, event: Any) -> None:
-        """A question in this tab alone: nobody takes a lease by one slip."""
+        """Ask in this tab alone: one wrong click must not take a lease."""
         gui = event.client.gui
         modal = gui.add_modal("Take the lease?")
         with modal:

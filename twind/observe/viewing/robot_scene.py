@@ -36,14 +36,14 @@ GHOSTS = (AUTO, "goal", "simulation", BOTH, NONE)
 
 
 def ghosts(choice: str, mode: str) -> tuple[bool, bool]:
-    """Whether goal and simulation are drawn."""
+    """Choice as two flags: draw the goal, draw the simulation."""
     if choice == AUTO:
         return mode != "mirror", mode == "mirror"
     return choice in ("goal", BOTH), choice in ("simulation", BOTH)
 
 
 def marked(now: ViewerSnapshot, likeness: RobotModel) -> dict[int, Colour]:
-    """Bodies whose joints want a look, and why; joints were heard of."""
+    """Colours of bodies whose joints have a problem. The joints must be known."""
     assert now.joints is not None
     faulty = np.array([bool(each) for each in now.joints.faults])
     which = ((now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD))
@@ -77,7 +77,7 @@ class RobotScene:
         if joints is None or len(joints.measured) != len(self._pose):
             return
         known = np.isfinite(joints.measured)
-        self._pose[known] = joints.measured[known]  # who is not heard stays where it was seen last
+        self._pose[known] = joints.measured[known]  # a silent joint stays where it was seen last
         solid = self.likeness.places(self._pose)
         self._solid.place(solid)
         goal, simulated = ghosts(choice, now.mode)

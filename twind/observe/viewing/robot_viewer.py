@@ -68,8 +68,7 @@ class RobotViewer:
             self._page.set_html(status_html.row("picture", self._broken, status_html.RED))
 
     def _describe(self, told: Message) -> None:
-        """Build the scene of the robot described by `told`; the scene stays if the description draws the
-        same."""
+        """Build the scene of the robot described by `told`, if the description draws another one."""
         self._told = told
         if self._scene is not None and self._scene.likeness.same_as(told):
             return

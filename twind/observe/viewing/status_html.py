@@ -45,7 +45,7 @@ def connection(now: ViewerSnapshot) -> list[str]:
     """Build the row with the reason why no messages arrive; empty: they arrive."""
     if now.lost is not None:
         return [row("now", now.lost, RED)]
-    return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
+    return [row("now", "no message yet", AMBER)] if now.status is None else []
 
 
 def format_age(now: ViewerSnapshot) -> list[str]:
@@ -82,7 +82,7 @@ def _state(now: ViewerSnapshot) -> list[str]:
 
 
 def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
-    """Build one HTML row per problem (not heard, old, faults) with the joints among `names` that have it."""
+    """Build one HTML row per problem (missing, old, faults) with the joints among `names` that have it."""
     told = now.joints
     if told is None:
         return []

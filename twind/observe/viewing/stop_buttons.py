@@ -1,4 +1,4 @@
-"""The buttons that stop, and how a tab is told what came of one."""
+"""Buttons that stop robots, and the notification of a tab about the result."""
 
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -20,7 +20,7 @@ def stop_window(gui: Any, estop: StopAction, stop: StopAction, whom: str = "") -
 
 
 def stop_buttons(gui: Any, estop: StopAction, stop: StopAction, whom: str = "", of: str = "") -> None:
-    """Both, in what is being filled. `whom` stands on them; `of`: before what is told of a press."""
+    """Add both buttons to the open container. `whom`: their label; `of`: prefix of the notification."""
     what = f" {whom}" if whom else ""
     first = gui.add_button(f"E-STOP{what}", color="red", hint="lower the robot, torque off, latched")
     second = gui.add_button(
@@ -38,7 +38,7 @@ def _pressed(errand: StopAction, of: str) -> Press:
 
 
 def teller(client: Any, of: str = "") -> Callable[[StopOutcome], None]:
-    """Tells one tab what came of what it asked."""
+    """A function that shows a result in one tab."""
 
     def show_outcome(outcome: StopOutcome) -> None:
         if client is not None:

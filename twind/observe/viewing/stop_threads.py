@@ -1,7 +1,7 @@
 """E-stop and stop: each has a thread and connections of its own, and waits for nothing else in the viewer.
 
-A press is taken in the web server's loop, which draws nothing. Connections are made anew for each call, as
-the daemon may have restarted, and it keeps places for whoever wants to stop.
+The web server's loop, which draws nothing, takes a press. Connections are made anew for each call, since
+the daemon may have restarted, and it keeps places for clients that stop.
 """
 
 import queue
@@ -69,7 +69,7 @@ class StopThread(threading.Thread):
             for tell in tellers:
                 try:
                     tell(outcome)
-                except Exception:  # noqa: BLE001  a tab that cannot be told takes the button from nobody
+                except Exception:  # noqa: BLE001  a tab that cannot be notified must not stop the thread
                     traceback.print_exc()
 
     def _outcome(self) -> StopOutcome:
@@ -83,7 +83,7 @@ class StopThread(threading.Thread):
 
 
 class StopThreads:
-    """The two errands of one robot. `by`: what the daemon is told of who asked."""
+    """The two actions of one robot. `by`: the reason that the daemon receives."""
 
     def __init__(self, ways: RobotConnections, bound: float = BOUND, by: str = "twindctl view") -> None:
         self._ways = ways

@@ -1,10 +1,9 @@
-"""The viewer's web server: on 127.0.0.1 alone, and for whoever was given its address alone.
+"""The viewer's web server: on 127.0.0.1 alone, and only for users that have its address.
 
 Every web page in the user's browser, and every user of this machine, can connect to a port of 127.0.0.1. So
-the address has a secret in its path, that goes with every request; Host and Origin must be those of this
-page (a foreign page, a name that was bound anew); and the page may not ask anything of any other host. viser
-has no setting for that: what it gives to websockets is given through here, and a viser that does not is not
-started.
+the address has a secret in its path, which goes with every request. Host and Origin must be those of this
+page (against a foreign page, and a rebound name), and the page may not contact any other host. viser has no
+setting for that: its arguments for websockets pass through here, and a viser that does otherwise is refused.
 """
 
 import contextlib

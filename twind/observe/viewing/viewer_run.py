@@ -31,10 +31,10 @@ def show(
     open_page: bool = False,
     as_json: bool = False,
 ) -> int:
-    """Messages as `Monitor` gives them, of the robot that `GetRobot` would describe; until Ctrl-C.
+    """Show messages in the form of `Monitor`, of the robot in the form of `GetRobot`, until Ctrl-C.
 
-    They are shown as they come: whoever gives them keeps the time. They are asked for in a thread of their
-    own. Raises Rejected where no server can be started.
+    They are shown as they come: their source keeps the time. A thread of its own reads them.
+    Raises Rejected if no server can be started.
     """
 
     def news() -> Iterator[News]:
@@ -58,11 +58,9 @@ def watch(
     wait: bool = False,
     as_json: bool = False,
 ) -> int:
-    """The daemon whose sockets are in the folder `place`, and whoever comes after it; until Ctrl-C or
-    SIGTERM.
+    """Show the daemon whose sockets are in the folder `place`, and its successors, until Ctrl-C or SIGTERM.
 
-    Raises ClientError where none is there now and `wait` is not asked for, Rejected where no server can be
-    started.
+    Raises ClientError without a daemon unless `wait` is set, Rejected if no server can be started.
     """
     ways = local(place)
     if not wait:
@@ -70,7 +68,7 @@ def watch(
             client.call("GetStatus")
     if operate and not wait:
         with closing(Client(place)) as operator:
-            operator.connect()  # whoever may not is told now, not at the first press
+            operator.connect()  # a missing permission is reported now, not at the first press
 
     def begun(site: ViewerSite) -> Drawing:
         known = ViewerState()

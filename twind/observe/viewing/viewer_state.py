@@ -32,7 +32,7 @@ class RobotAnnounced:
 
 @dataclass(frozen=True, slots=True)
 class DaemonLost:
-    """The daemon is gone, or cannot be reached; the next message says that it is back."""
+    """The daemon is gone, or cannot be reached; the next message shows that it is back."""
 
     why: str
 
@@ -92,7 +92,7 @@ class ViewerSnapshot:
     latency: Sequence[Message]
     refusals: tuple[Message, ...]  # verdicts with refusals, the newest first
     events: tuple[Message, ...]  # warnings and errors, the newest first
-    age: float | None = None  # s since the joints were heard of; None: never yet
+    age: float | None = None  # s since the last joints; None: none yet
 
     @property
     def mode(self) -> str:

@@ -1,1 +1,1 @@
-"""How a recording is written: a client of the daemon, its files and their folder."""
+"""Writing of recordings: a client of the daemon, its files and their folder."""

@@ -58,12 +58,12 @@ def shifted(line: RecordLine, by: int) -> RecordLine:
 
 
 def note(clocks: ClockPair, time: float, kind: str, /, **said: Any) -> RecordLine:
-    """A message of whoever records, at `time` (s, monotonic)."""
+    """A message of the recorder itself, at `time` (s, monotonic)."""
     return RecordLine(NOTES, clocks.wall(time), _json.encode({"kind": kind, **said}))
 
 
 class RecordEncoder:
-    """Writes one robot's answers down. `mode`: where commands go, as last heard.
+    """Encoder of one robot's answers. `mode`: the last reported target of commands.
 
     `state` answers may come from another thread than all others.
     """
@@ -76,10 +76,10 @@ class RecordEncoder:
         self._only = JointStateBuffer(joints, velocity=False, effort=False)
         self._slow_due = float("-inf")
         self._inertial = ImuBuffer()
-        self._felt = float("-inf")  # ms, when the last that was written was heard
+        self._felt = float("-inf")  # ms, time of the last written reading
 
     def take(self, answer: Answer) -> Iterator[RecordLine]:
-        """What one answer says; nothing where it is of no topic that is recorded."""
+        """Messages of one answer; none for a topic that is not recorded."""
         topic = answer["topic"]
         time = self.clocks.wall(answer["time"])
         if topic == "state":

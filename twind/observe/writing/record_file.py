@@ -21,9 +21,9 @@ PROFILE = "ros2"
 
 
 class BufferedFile:
-    """Bytes to a file that must not be there yet. They wait until `flush`: few writes cost less.
+    """Bytes to a new file. They wait until `flush`: few writes cost less.
 
-    Locked while it is open, so that nobody takes it for an old one.
+    Locked while it is open, so that no other process removes it as an old one.
     """
 
     def __init__(self, path: Path) -> None:

@@ -15,7 +15,7 @@ _OURS = re.compile(r"twind-[0-9]{8}T[0-9]{6}Z-[\w-]{1,60}(?<!-recovered)(\.[0-9]
 
 @dataclass(frozen=True, slots=True)
 class DiskQuota:
-    """What recordings may take of a disk, bytes and s."""
+    """Limits of recordings on a disk, bytes and s."""
 
     keep: int  # all of them in this folder
     free: int  # what stays free of the disk
@@ -33,7 +33,7 @@ def fresh(folder: Path, time_ns: int, name: str) -> Path:
     when = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = re.sub(r"[^\w-]+", "-", name).strip("-")[:59] or "robot"
     if f"-{word}".endswith("-recovered"):
-        word += "_"  # that end is of the files of `twindctl recover`, which are nobody's to remove
+        word += "_"  # that end is of the files of `twindctl recover`, which are never removed
     for more in range(1, 10_000):
         path = folder / f"twind-{when}-{word}{f'.{more}' if more > 1 else ''}.mcap"
         if not path.exists():
@@ -42,11 +42,11 @@ def fresh(folder: Path, time_ns: int, name: str) -> Path:
 
 
 def make_room(folder: Path, keep: int, spare: Path | None = None, newest: Sequence[Path] = ()) -> list[Path]:
-    """Remove the oldest recordings of ours until the rest takes at most `keep` bytes; what was removed.
+    """Remove our oldest recordings until the rest takes at most `keep` bytes; return the removed ones.
 
-    The oldest are those that were not written to for longest: a name may be of a wrong clock. `newest`, in
-    their order, go last, since the time of a file may be of that clock too.
-    Others' files are never touched, nor a recording that somebody writes right now, nor `spare`.
+    The oldest are those with the oldest last write: a name may be of a wrong clock. `newest`, in their order,
+    go last, since the time of a file may be of that clock too.
+    Files of others, a recording that is being written, and `spare` are never touched.
     """
     places = {path: place for place, path in enumerate(newest)}
     files = sorted((places.get(path, -1), time, path, size) for time, path, size in _ours(folder))
@@ -77,7 +77,7 @@ def _ours(folder: Path) -> Iterator[tuple[int, Path, int]]:
 
 
 def _remove(path: Path) -> bool:
-    """False: somebody writes it, or it cannot be removed."""
+    """False: another process writes it, or it cannot be removed."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError:
@@ -95,7 +95,7 @@ def _remove(path: Path) -> bool:
 
 
 def _idle(fd: int) -> bool:
-    """Nobody writes it. Raises OSError where nobody can say."""
+    """True if no process writes it. Raises OSError if the file system has no locks."""
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

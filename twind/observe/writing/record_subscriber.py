@@ -19,9 +19,9 @@ OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at 
 
 
 class RecordSubscriber:
-    """A daemon that is listened to, from `__init__` to `close`. `ended` says why it is over before that.
+    """Subscription to a daemon, from `__init__` to `close`. `ended`: why it is over before that.
 
-    `failure`: what ended it, where that is an error of ours or of what the daemon says.
+    `failure`: the exception that ended it: a defect of twind, or an unreadable message.
     """
 
     def __init__(self, options: argparse.Namespace, writer: RecordWriter) -> None:
@@ -53,13 +53,13 @@ class RecordSubscriber:
             thread.start()
 
     def close(self) -> None:
-        """Hang up. What was heard is with the writer."""
+        """Disconnect. The writer has all received messages."""
         self._stop.set()
         for thread in self._threads:
             thread.join(1.0)
 
     def _ask(self, client: Client, clocks: ClockPair) -> tuple[RecordSession, list[str]]:
-        """Which robot it is, and the names of its joints."""
+        """Ask for the robot and the names of its joints."""
         status = client.call("GetStatus", joints=True)
         robot = client.call("GetRobot")
         individual = client.call("GetParameters")["parameters"].get("individual")
@@ -101,7 +101,7 @@ class RecordSubscriber:
         except Exception as error:  # noqa: BLE001  a thread that dies in silence goes on "recording"
             self._writer.missed(1)
             self.failure = self.failure or error
-            self.ended = self.ended or f"what it says cannot be understood: {type(error).__name__}: {error}"
+            self.ended = self.ended or f"a message is unreadable: {type(error).__name__}: {error}"
         else:
             if not self._stop.is_set():
                 self.ended = self.ended or "the daemon ended the stream"

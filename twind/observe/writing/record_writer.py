@@ -72,7 +72,7 @@ class RecordCounts:
 
 
 class RecordWriter:
-    """`put` lines from any thread. After `close`, or once `stopped` says why, nothing is written any more."""
+    """Writer of lines from any thread. It writes nothing after `close`, or once `stopped` has a reason."""
 
     def __init__(
         self,
@@ -304,7 +304,7 @@ class RecordWriter:
             self._noted = lost
 
     def _make_room(self) -> None:
-        """Old recordings go; where the disk is too full all the same, `stopped` says so."""
+        """Remove old recordings; set `stopped` if the disk is too full all the same."""
         if self._single is None:
             gone = make_room(self.folder, self.quota.keep, self.tally.path, self.tally.files)
             self.tally = replace(self.tally, removed=self.tally.removed + len(gone))

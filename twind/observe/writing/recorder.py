@@ -1,4 +1,4 @@
-"""One run of `twindctl record`: over as many daemons as there are, until somebody or the disk stops it."""
+"""One run of `twindctl record`: over any number of daemons, until a user or the disk stops it."""
 
 import argparse
 import contextlib
@@ -24,15 +24,15 @@ MARKED = 1.0  # s in which a mark that the daemon took comes back as an event
 
 @dataclass(slots=True)
 class Recorder:
-    """What runs: `run` returns the exit code."""
+    """Run of the verb: `run` returns the exit code."""
 
     options: argparse.Namespace
     writer: RecordWriter
     stop: threading.Event
     begun: float = 0.0  # s, monotonic, of the first connection
     ours: ClockPair | None = None  # of the file
-    failed: bool = False  # an error of ours was told
-    named: int = 0  # files that were told of
+    failed: bool = False  # a defect was reported
+    named: int = 0  # files that were named
     parted: int = 0  # ns that the wall clock is off from them, as last noted
 
     def run(self) -> int:
@@ -65,7 +65,7 @@ class Recorder:
         """Until it is over, or the daemon is gone."""
         last = time.monotonic()
         count = listening.answers
-        if self.options.per_episode:  # no file before somebody begins one
+        if self.options.per_episode:  # no file before the first episode
             self._print_line(
                 progress, f"recording episodes of {listening.session.robot} into {self.writer.folder}"
             )
@@ -109,7 +109,7 @@ class Recorder:
         return None
 
     def _explain(self, failure: Exception | None) -> None:
-        """Where an error of ours is, once: it may come back at every connection."""
+        """Print the traceback of a defect once: it may come back at every connection."""
         if failure is not None and not self.failed:
             self.failed = True
             traceback.print_exception(failure)
@@ -123,14 +123,14 @@ class Recorder:
                 client.call("Mark", kind=kind, task=self.options.task)
         except ClientError as error:
             said: dict[str, Any] = {"kind": kind, "task": self.options.task}
-            why = f"the daemon was not told: {error}"
+            why = f"the daemon did not receive the mark: {error}"
             told = note(listening.session.clocks, time.monotonic(), "episode", annotation=said, text=why)
             self.writer.put(told._replace(mark=said))
         limit = time.monotonic() + MARKED
         while (self.writer.tally.episode is None) == (kind == "begin") and time.monotonic() < limit:
             time.sleep(0.02)
 
-    # ------------------------------------------------------------------------------------------ told
+    # ------------------------------------------------------------------------------------------ output
 
     def _print_line(self, progress: ProgressLine, text: str) -> None:
         progress.clear()
@@ -173,7 +173,7 @@ def line(tally: RecordCounts, rate: float) -> str:
 
 
 def summary(tally: RecordCounts, seconds: float) -> str:
-    """What was recorded, for people."""
+    """Summary of a recording as text."""
     if not tally.files:
         return "nothing was recorded"
     lines = [str(path) for path in tally.files]

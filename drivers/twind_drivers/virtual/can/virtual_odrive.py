@@ -46,7 +46,6 @@ IDLE = 1
 CLOSED_LOOP = 8
 # control modes
 BY_TORQUE = 1
-BY_VELOCITY = 2
 BY_POSITION = 3
 MOTOR_FAILED = 0x40  # axis error of a 3.x
 

@@ -50,7 +50,7 @@ class DdsWriter:
         return guid(self._library, self._entity)
 
     def write(self, data: bytes) -> bool:
-        """Whether it went out within `BLOCKING`; False: dropped. Raises OperationFailed."""
+        """Send CDR bytes; return False if they were dropped after `BLOCKING`. Raises OperationFailed."""
         library = self._library
         with self._lock:
             if self._type is None:
@@ -82,10 +82,10 @@ def guid(library: ct.CDLL, entity: int) -> bytes:
 def quality(library: ct.CDLL, topic: RosTopic) -> Iterator[ct.c_void_p]:
     """The QoS of the writer of a topic."""
     qos = library.dds_create_qos()
-    told = user_data(topic)
+    data = user_data(topic)
     library.dds_qset_reliability(qos, _RELIABLE, BLOCKING)
     library.dds_qset_history(qos, _KEEP_LAST, topic.depth)
-    library.dds_qset_userdata(qos, told, len(told))
+    library.dds_qset_userdata(qos, data, len(data))
     library.dds_qset_data_representation(qos, 1, (ct.c_int16 * 1)(_XCDR1))
     library.dds_qset_writer_data_lifecycle(qos, False)  # leaving does not dispose earlier samples
     if topic.latched:

@@ -92,7 +92,7 @@ def load() -> ct.CDLL:
     version = importlib.metadata.version("cyclonedds")
     if version != KNOWN:
         raise OperationFailed(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_remedy()}")
-    # Says where the library lies; the package itself takes 0.16 s of CPU to import.
+    # It names the path of the library; the package itself takes 0.16 s of CPU to import.
     where = runpy.run_path(str(Path(found.submodule_search_locations[0], "__library__.py")))["library_path"]
     library = ct.CDLL(str(where))  # each call releases the interpreter's lock
     for name, (result, arguments) in _FUNCTIONS.items():
@@ -103,7 +103,7 @@ def load() -> ct.CDLL:
 
 
 def checked(library: ct.CDLL, result: int, doing: str) -> int:
-    """`result`, where it is none of an error. Raises OperationFailed, which says what was being done."""
+    """Return `result` if it is no error. Raises OperationFailed, which names `doing`."""
     if result < 0:
         raise OperationFailed(f"dds: {doing}: {library.dds_strretcode(result).decode()}")
     return result

@@ -35,7 +35,7 @@ class ZenohAttachment:
 
 
 def attachment(data: bytes) -> ZenohAttachment:
-    """What they say, in either form. Raises InvalidInput."""
+    """Decode an attachment of either form. Raises InvalidInput."""
     if len(data) == _PLAIN.size and data[_PLAIN.size - _WIDTH - 1] == _WIDTH:
         number, time_ns, _, gid = _PLAIN.unpack(data)
         return ZenohAttachment(number, time_ns, gid)

@@ -23,7 +23,7 @@ class Broadcast:
         answer."""
         errands = self._errands()
         if not errands:
-            tell(StopOutcome(False, f"{self._name}: nobody was asked", "no robot was found yet"))
+            tell(StopOutcome(False, f"{self._name}: no robot was asked", "no robot was found yet"))
         count = _ReplyCount(self._name, frozenset(errands), tell)
         for name, errand in errands.items():
             errand.ask(partial(count.answered, name))
@@ -64,7 +64,7 @@ ALL = "all robots"  # no name of a robot: they have no spaces
 
 
 class FleetPage:
-    """What changes is HTML, sent where it differs. The last of `said` is the sum of all."""
+    """HTML of several robots, sent where it differs."""
 
     def __init__(self, server: Any, company: RobotRegistry) -> None:
         self._gui = server.gui

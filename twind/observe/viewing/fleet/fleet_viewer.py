@@ -1,4 +1,4 @@
-"""Several robots side by side, until told to end: this thread draws, the company listens."""
+"""Several robots side by side: this thread draws, the threads of the registry receive."""
 
 import threading
 import time
@@ -43,7 +43,7 @@ class FleetViewer:
         self._hows: dict[str, RobotHealth] = {}
         self._traced: dict[str, TransitionReporter] = defaultdict(
             TransitionReporter
-        )  # by name; "": what is nobody's
+        )  # by name; "": of no robot
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
         self._turn = 0
         server.scene.add_grid(
@@ -60,7 +60,7 @@ class FleetViewer:
         self._company.close()
 
     def draw(self) -> None:
-        """One picture, if anybody looks."""
+        """Draw one picture, if a browser is connected."""
         if not self._server.get_clients():
             return
         members = self._company.members

@@ -15,8 +15,8 @@ class HealthLevel(StrEnum):
     STOPPED = "e-stop"
     FAULT = "fault"
     LOST = "lost"  # nothing comes from it
-    ODD = "odd"  # what it says cannot be understood
-    OLD = "old"  # it is there, and its joints were not heard of lately
+    ODD = "odd"  # its messages are unreadable
+    OLD = "old"  # it is there, but sent no joints lately
     WARNED = "warned"
     MOVING = "moving"
     WELL = "well"
@@ -32,8 +32,8 @@ COLOURS = {
     HealthLevel.MOVING: "#2563eb",
     HealthLevel.WELL: status_html.GREEN,
 }
-PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is told
-GREY = (HealthLevel.LOST, HealthLevel.ODD, HealthLevel.OLD)  # what is drawn of it says nothing of now
+PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is reported
+GREY = (HealthLevel.LOST, HealthLevel.ODD, HealthLevel.OLD)  # its drawing is not current
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +55,9 @@ def standing(now: ViewerSnapshot) -> RobotHealth:
     if now.lost is not None:
         return RobotHealth(HealthLevel.LOST, "lost" if status is not None else "not reached")
     if status is None or now.age is None:
-        return RobotHealth(HealthLevel.LOST, "nothing was heard yet")
+        return RobotHealth(HealthLevel.LOST, "no message yet")
     if now.age >= status_html.OLD:
-        return RobotHealth(HealthLevel.OLD, f"not heard for {now.age:.0f} s")
+        return RobotHealth(HealthLevel.OLD, f"no message for {now.age:.0f} s")
     said = _format_status(status)
     if status["state"] == "estop":
         return RobotHealth(HealthLevel.STOPPED, said)
@@ -77,9 +77,7 @@ def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
         how = standing(now)
         return how, page(now, how, problem)
     except Exception as error:  # noqa: BLE001
-        how = RobotHealth(
-            HealthLevel.ODD, f"what it says cannot be understood: {type(error).__name__}: {error}"
-        )
+        how = RobotHealth(HealthLevel.ODD, f"a message is unreadable: {type(error).__name__}: {error}")
         return how, status_html.block([status_html.row("state", how.said, how.colour)])
 
 
@@ -122,7 +120,7 @@ def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
     if problem:
         rows.append(status_html.row("picture", problem, status_html.RED))
     if now.status is not None and how.kind in GREY:
-        rows.append(status_html.row("said last", _format_status(now.status), status_html.GREY))
+        rows.append(status_html.row("last state", _format_status(now.status), status_html.GREY))
     rows += _status(now.status) if now.status is not None else []
     if now.joints is not None and now.told is not None and how.kind not in GREY:
         names = [str(joint["name"]) for joint in now.told["robot"]["joints"]]

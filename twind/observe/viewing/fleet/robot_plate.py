@@ -1,9 +1,9 @@
-"""Where robots stand on the page, and one of them there: a plate in the colour of how it is, its name, it.
+"""Places of robots on the page, and one robot on its plate, with its name, in the colour of its health.
 
 | you see | it is |
 |---|---|
 | the robot | measured; in mode sim the simulation |
-| a body in red, amber, purple | its joint is not heard, is old, tells a fault |
+| a body in red, amber, purple | its joint is missing, is old, reports a fault |
 | all of it grey and translucent | lost or old: it stands where it was seen last |
 """
 
@@ -37,7 +37,7 @@ def spots(count: int, apart: float) -> Floats:
 
 
 def camera(spots: Floats, size: float) -> tuple[Floats, Floats]:
-    """Where to look from, and at: all stand in sight. `size`: m, of the largest."""
+    """Position and target of a camera that sees all robots. `size`: of the largest, m."""
     low = spots.min(axis=0)
     high = spots.max(axis=0)
     middle = np.array([*(0.5 * (low + high)), 0.5 * size])
@@ -132,7 +132,7 @@ class _PlacedFigure:
         told = joints is not None and len(joints.measured) == len(self._pose)
         if joints is not None and told:
             known = np.isfinite(joints.measured)
-            self._pose[known] = joints.measured[known]  # who is not heard stays where it was seen last
+            self._pose[known] = joints.measured[known]  # a silent joint stays where it was seen last
         places = self.likeness.places(self._pose)
         self._solid.seen(wanted=not faded)
         self._solid.place(places)

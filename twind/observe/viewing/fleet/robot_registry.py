@@ -20,7 +20,7 @@ MOST = 64  # robots on one page
 LOOKED = 1.0  # s between two looks who is there
 PARTING = 1.0  # s that threads may take to end
 
-Whose = tuple[str, str]  # a robot's name, and where it is: together nobody else's
+Whose = tuple[str, str]  # a robot's name and place, unique together
 Found = Callable[
     [], Mapping[Whose, RobotConnections]
 ]  # who is there; may take seconds, may raise ClientError
@@ -51,7 +51,7 @@ class RobotRegistry:
         self._ended = threading.Event()
         self._names: dict[Whose, str] = {}
         self._members: tuple[RegisteredRobot, ...] = ()
-        self.problem = ""  # why nobody else can be found
+        self.problem = ""  # why no other robot can be found
         self._looking = _started("who is there", self._look)
 
     @property
