@@ -444,6 +444,13 @@ def test_voltage_what_was_not_read_before_the_arming_has_two_seconds_to_be_read(
     assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
 
 
+def test_voltage_a_second_arming_has_two_seconds_again() -> None:
+    watch = Supply(health_time=np.full(N, 1.0))
+    watch.tick(0.5)
+    watch.tick(5.0, torque_expected=False)
+    assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
+
+
 def test_without_ratings_no_supply_is_too_low() -> None:
     guard = Guard(LIMITS)
     for tick in range(5):
