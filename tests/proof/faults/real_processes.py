@@ -157,7 +157,8 @@ def hangs(ground: Ground) -> None:
     manager.bind(address)
     manager.setblocking(False)
     ground.stack.callback(manager.close)
-    os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"] = address, "2000000"
+    os.environ["NOTIFY_SOCKET"] = address
+    os.environ["WATCHDOG_USEC"] = "2000000"
     try:
         _with(ground, HANG)
     finally:

@@ -35,11 +35,12 @@ class Invariants:
         self._heard = 0
         self._epoch = 0
         self.sound = True  # nothing was wrong so far
-        self._time, self._state, self._mode = -np.inf, "disconnected", str(self.world.loop.mode.value)
+        self._time = -np.inf
+        self._state = "disconnected"
+        self._mode = str(self.world.loop.mode.value)
         self._rest = rest
         self._born = self.world.clock.now()
         self._latched = False
-        self._armings: list[tuple[float, bool]] = []
 
     def tick(self, news: list[Any]) -> None:
         """After a tick, with what it told."""

@@ -129,7 +129,8 @@ class World(Rig):
         for ticket, op in list(self._calls.items()):
             if which(op):
                 del self._calls[ticket]
-                op.result, op.end = op.result or "lost", min(op.end, now)
+                op.result = op.result or "lost"
+                op.end = min(op.end, now)
         for op in self._motions.values():
             if which(op):
                 op.kept = min(op.kept, now)
