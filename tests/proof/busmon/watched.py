@@ -106,9 +106,9 @@ class Watched:
         for monitor in self.monitors.values():
             monitor.look(now)
 
-    def verdict(self, said: str = "") -> None:
+    def verdict(self, report: str = "") -> None:
         """Raises AssertionError with what was broken and the last packets before it."""
         for name, monitor in self.monitors.items():
             if monitor.violations:
-                lines = [said, *map(str, monitor.violations[:10]), f"last packets on {name}:"]
+                lines = [report, *map(str, monitor.violations[:10]), f"last packets on {name}:"]
                 raise AssertionError("\n".join([*lines, *(str(seen)[:400] for seen in monitor.last)]))
