@@ -1,7 +1,7 @@
 """Check of names, docstrings and tests: `python tools/check_names.py [--shrink | --allow] [ROOT]`.
 
 `make lint` runs it. Class names are unique in the program, module names in each package. A docstring begins
-with a noun or a verb. Retired words stand in no name of a class, module or function. No file of
+with a noun or a verb. Retired words stand in no name of a class, module, function or parameter. No file of
 the tests imports a test module or uses a private attribute that it does not define.
 `tools/allowed_names.txt` lists the offenders that are left. An entry without an offender fails the check too,
 so the list can only shrink. `--allow` writes the list anew, for a rule that becomes stricter.
@@ -56,6 +56,12 @@ def duplicates(kind: str, places: dict[str, list[str]]) -> Iterator[str]:
             yield f"{kind} {name}: {', '.join(sorted(paths))}"
 
 
+def parameters(arguments: ast.arguments) -> list[str]:
+    """Names of all parameters of a function."""
+    rest = [each for each in (arguments.vararg, arguments.kwarg) if each]
+    return [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, *rest)]
+
+
 def imported_modules(node: ast.AST) -> list[str]:
     """Names that an import statement makes available, with their packages."""
     if isinstance(node, ast.ImportFrom):
@@ -99,6 +105,10 @@ def offenders_in_names(place: str, tree: ast.Module, retired: set[str]) -> Itera
     if RELATIVE_CLAUSE.match(ast.get_docstring(tree) or ""):
         yield f"docstring {place}"
     for name, node in definitions(tree):
+        arguments = [] if isinstance(node, ast.ClassDef) else parameters(node.args)
+        yield from (
+            f"retired-word {place}::{name}({argument})" for argument in arguments if words(argument) & retired
+        )
         if words(node.name) & retired:
             yield f"retired-word {place}::{name}"
         if RELATIVE_CLAUSE.match(ast.get_docstring(node) or ""):

@@ -72,6 +72,11 @@ def test_a_tree_without_an_offender_passes(tree: Path) -> None:
             id="test-word",
         ),
         pytest.param(
+            {"twind/a.py": "def reply(joint, *, told=0): ...\n"},
+            "retired-word twind/a.py::reply(told)",
+            id="parameter-word",
+        ),
+        pytest.param(
             {"twind/a.py": "class StateTold: ...\n"}, "retired-word twind/a.py::StateTold", id="class-word"
         ),
         pytest.param({"twind/reins.py": ""}, "retired-word twind/reins.py", id="module-word"),
