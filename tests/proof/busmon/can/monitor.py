@@ -15,9 +15,9 @@ from tests.proof.busmon.can.motors import CanLimits
 from tests.proof.busmon.can.odrive import ODrive
 from tests.proof.busmon.can.robstride import RobStride
 from tests.proof.busmon.can.text import Frame, Lines, Malformed, frame, set_up
-from tests.proof.busmon.monitor import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.shadow import Servos
 from tests.proof.busmon.stopping import Stopping
+from tests.proof.busmon.violation import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.words import Words
 
 LONGEST = 0.1  # s, the longest watchdog that counts as one
