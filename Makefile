@@ -28,7 +28,7 @@ demo: $(VENV)/.ready
 # Whose claim is timing has the machine to itself; the others share it.
 test: $(VENV)/.ready
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/end_to_end
-	$(BIN)/pytest -n 2 --dist loadfile tests/end_to_end/concurrent tests/end_to_end/wired
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/end_to_end/concurrent tests/end_to_end/wired
 	$(BIN)/pytest tests/end_to_end/exclusive
 
 test-fast: $(VENV)/.ready
@@ -47,7 +47,7 @@ check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) --no-print-directory docs
 	$(MAKE) $(TWO) imports computed lived
-	$(BIN)/python tools/second_run.py first tests/end_to_end/wired -n 2 --dist loadfile
+	$(BIN)/python tools/second_run.py first tests/end_to_end/wired -n 2 --dist loadfile --no-loadscope-reorder
 	$(BIN)/python tools/second_run.py first tests/end_to_end/exclusive
 	$(BIN)/python tools/second_run.py again $(addprefix tests/end_to_end/,concurrent wired exclusive)
 
@@ -58,7 +58,7 @@ computed: $(VENV)/.ready
 	$(IDLE) $(BIN)/pytest -n auto --dist worksteal -m '' --ignore tests/end_to_end
 
 lived: $(VENV)/.ready
-	$(BIN)/python tools/second_run.py first tests/end_to_end/concurrent -n 2 --dist loadfile
+	$(BIN)/python tools/second_run.py first tests/end_to_end/concurrent -n 2 --dist loadfile --no-loadscope-reorder
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -34,6 +34,19 @@ FAST_TESTS = "not slow"  # the marker expression of pyproject.toml; another one 
 
 # Begun first: two workers then end together.
 LONGEST = ("test_six_minutes_of_a_random_life", "test_three_minutes_without_a_fault")
+# Files of end-to-end tests that last longest; each file stays with one worker.
+LONGEST_FILES = (
+    "test_systemd_robot",
+    "test_systemd_packaged",
+    "test_docs_tutorial",
+    "test_docs_live",
+    "test_prove_command",
+    "test_calibrate_commands",
+    "test_fleet_command",
+    "test_sockets_gone",
+    "test_reload",
+    "test_failsafe_live",
+)
 
 
 END_TO_END = Path(__file__).parent / "end_to_end"
@@ -81,7 +94,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("realtime")
             if not item.path.is_relative_to(END_TO_END / "concurrent"):
                 item.add_marker("wired" if item.path.is_relative_to(END_TO_END / "wired") else "alone")
-    items.sort(key=lambda item: not item.name.startswith(LONGEST))
+    items.sort(key=lambda item: not (item.name.startswith(LONGEST) or item.path.stem in LONGEST_FILES))
 
 
 @cache

@@ -1,7 +1,7 @@
 """Bus contract between the loop and every actuator driver: reader, writer, scripts, samples, errors.
 
 A driver works in raw counts and registers. Radians, joint names and files do not occur in it. Time is an
-argument.
+argument. `twind.exceptions` draws the tree of errors.
 
 A bus carries **one transaction at a time**. The loop begins it: `request` for the cyclic reading, `begin` for
 the rare path. It calls `feed` until that returns True or `deadline` passes, then ends it: `finish`, `answer`.
@@ -10,8 +10,6 @@ and is sent its reply. The loop steps it, one transaction per tick.
 
 The `BusReader` exists in mirror and live, the `BusWriter` in live only: a mirror has no object that could
 write.
-
-`twind.exceptions` draws the tree of errors.
 """
 
 from collections.abc import Generator, Mapping, Sequence
@@ -31,9 +29,6 @@ if TYPE_CHECKING:
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
-
-
-# --------------------------------------------------------------------------------------------- errors
 
 
 class BusError(TwindError):
@@ -63,19 +58,6 @@ class PortError(BusError):
     def lost(self) -> bool:
         """True if the port is gone."""
         return self.kind is PortErrorCause.LOST
-
-
-def output_full(port: str, waiting: int, most: int) -> PortError:
-    """Build the error for a port whose output was dropped.
-
-    `waiting`: bytes that were in it; `most`: bytes of the last packet.
-    """
-    return PortError(
-        port,
-        f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
-        "sent; is the adapter stuck, or slower than its baud rate says?",
-        PortErrorCause.OUTPUT_FULL,
-    )
 
 
 class NoReply(BusError):
@@ -120,9 +102,6 @@ class WireClamp(BusError):
         self.upper = upper
 
 
-# --------------------------------------------------------------------------------------------- data
-
-
 @dataclass(frozen=True, slots=True)
 class BusSample:
     """One cyclic reading of one bus, in the order of the bus's ids. Raw units; arrays are (m,).
@@ -144,9 +123,8 @@ class BusSample:
     # statuses of one device, another master's instructions, statuses while nothing was outstanding.
     foreign: int
     effort_told: Bools | None = None  # (m,) devices that reported an effort; None: all with `heard`
-    line: int = (
-        0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (CAN_BUS_STATE)
-    )
+    # Of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (CAN_BUS_STATE).
+    line: int = 0
     # Since the last sample: data bytes of each status that a sensor sent out of its turn. They are neither
     # foreign nor discarded: a sensor's delay is no fault of the servos.
     late: tuple[int, ...] = ()
@@ -286,32 +264,11 @@ class PortHandle(WaitableSource, Protocol):
         """Release the port. May be called twice."""
 
 
-class ByteTransport(PortHandle, Protocol):
-    """Byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
-
-    holds: bool  # written bytes may wait in it, and `backlog` counts them
-
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send all of `data` in one system call. Raises PortError of kind LOST."""
-
-    def read_into(self, buffer: memoryview) -> int:
-        """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
-
-    def drain(self, thrown: bytearray | None = None) -> int:
-        """Discard received bytes; return their number and copy them to `thrown`. Called before each request.
-
-        Without it a late reply would be taken for the reply to the next request.
-        """
-
-    def backlog(self) -> int:
-        """Bytes written that have not left yet; 0 where that is unknown. Raises PortError of kind LOST."""
-
-    def flush(self) -> None:
-        """Throw away what has not left yet. Raises PortError of kind LOST."""
-
-
 class BusReader(Protocol):
-    """Reading half of a driver, all that a mirror has. `ids` fixes the order of every array."""
+    """Reading half of a driver, all that a mirror has. `ids` fixes the order of every array.
+
+    Wide, since one bus serves all at once: cyclic reading, rare path and its times, identification, doctor.
+    """
 
     name: str
     ids: tuple[int, ...]

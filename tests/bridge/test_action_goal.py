@@ -1,4 +1,4 @@
-"""Goals of FollowJointTrajectory as the daemon takes them; what becomes of them as their clients read it."""
+"""Goals of FollowJointTrajectory in the daemon's form, and their outcomes in the form of their clients."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""What became of each command is written down, and whoever reads that holds up nobody."""
+"""Journal of commands: each result is written, and a blocked reader delays no command."""
 
 import threading
 

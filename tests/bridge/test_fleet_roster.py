@@ -1,4 +1,4 @@
-"""The list of robots: nobody who was known is forgotten, and nothing old looks like now."""
+"""The list of robots: known robots stay in it, and old values do not look like present ones."""
 
 import json
 from typing import Any

@@ -1,6 +1,6 @@
-"""Whoever has the lease from afar: no goal begins after a stop, none runs without its lease.
+"""Keeper of a remote lease: no goal begins after a stop, none runs without its lease.
 
-The daemon is written by hand here (`told_line.py`); what a real one makes of it is in the live tests.
+The daemon is a scripted one (`scripted_line.py`); the live tests use a real one.
 """
 
 import subprocess

@@ -32,7 +32,7 @@ class Hand:
         self.driving = MotionSession(self.daemon.client, lambda: self.time)
 
     def after(self, seconds: float) -> list[MotionEnd]:
-        """What ended after so long, looked at ten times a second."""
+        """Return the motions that end within `seconds`, polled ten times a second."""
         over = []
         for _ in range(round(seconds / 0.1)):
             self.time += 0.1

@@ -1,4 +1,4 @@
-"""Whoever else takes commands in a graph is known by what he says of himself, and gone when he is silent."""
+"""Peer bridges that take commands in a graph are known by their status, and gone when it stops."""
 
 import json
 from typing import Any

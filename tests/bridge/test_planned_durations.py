@@ -1,4 +1,4 @@
-"""How far a motion is: the share of its planned time, never its end."""
+"""Progress of a motion: the share of its planned time, never its end."""
 
 from typing import Any
 

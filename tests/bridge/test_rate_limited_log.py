@@ -1,4 +1,4 @@
-"""What an uplink says: all of it, unless somebody far away makes it say too much."""
+"""Log of an uplink: complete, unless a remote sender causes too many lines."""
 
 from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
 

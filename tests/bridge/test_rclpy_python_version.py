@@ -1,4 +1,4 @@
-"""What runs under a distribution's interpreter: standard library, rclpy and twind, all of it Python 3.10."""
+"""Modules under a distribution's interpreter: standard library, rclpy and twind, all of it Python 3.10."""
 
 import json
 import os

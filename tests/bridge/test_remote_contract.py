@@ -1,4 +1,4 @@
-"""What may be asked over Zenoh: what is no question is refused with the reason, whatever the bytes are."""
+"""Remote queries over Zenoh: invalid ones are refused with the reason, whatever the bytes are."""
 
 import json
 

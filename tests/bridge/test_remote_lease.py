@@ -1,4 +1,4 @@
-"""Who may send goals from afar: one holder, a second without a renewal; nothing that lapsed comes back."""
+"""Lease of remote clients: one holder, a second without a renewal; a lapsed lease does not come back."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""What comes from afar waits in order and in bounds: answers stay, news may go, and then they are counted."""
+"""Queue of remote replies, ordered and bounded: answers stay, news may be dropped and are then counted."""
 
 import json
 import threading

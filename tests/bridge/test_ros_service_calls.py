@@ -1,4 +1,4 @@
-"""Stops, modes and questions from ROS: a stop waits for nobody, and no word of it is needed."""
+"""Stops, modes and queries from ROS: a stop waits for no other call, whatever its bytes are."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""What the robot does becomes messages of ROS: of what was heard, stamped when it was, and nothing else."""
+"""Messages of the robot's state for ROS: fresh values alone, stamped with the time of their reading."""
 
 import math
 from typing import Any

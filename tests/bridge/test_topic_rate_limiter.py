@@ -1,4 +1,4 @@
-"""Of what a robot says so much is heard as was asked for, from the slowest of its rates that is enough."""
+"""Rate of a robot's news for a remote client: the requested one, from the slowest rate that suffices."""
 
 import pytest
 from hypothesis import given
@@ -32,7 +32,7 @@ def news(time: float) -> bytes:
 
 @given(st.floats(0.5, 150.0), st.lists(st.floats(-0.2, 0.2), min_size=300, max_size=300))
 def test_as_many_a_second_as_asked_whatever_the_jitter(rate: float, jitter: list[float]) -> None:
-    """Of a robot at 100 Hz: no more can be had."""
+    """The robot runs at 100 Hz, which bounds the rate."""
     thinned = TopicRateLimiter("state", rate)
     sent = 100.0 if offered(rate) == "full" else float(offered(rate))
     taken = sum(thinned.takes(news(100.0 + (place + late) / sent)) for place, late in enumerate(jitter))

@@ -1,4 +1,4 @@
-"""Commands from ROS: each meets the gate or is refused, and its sender can tell what became of it."""
+"""Commands from ROS: each meets the gate or is refused, and its sender gets a report."""
 
 from collections.abc import Callable
 from typing import Any

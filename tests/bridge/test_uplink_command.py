@@ -1,4 +1,4 @@
-"""The words of `twindctl uplink`: what makes no sense is said before anybody is connected to."""
+"""Options of `twindctl uplink`: invalid ones are refused before any connection."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""Goals from afar: each once, none too late, and a bounded number of them."""
+"""Remote goals: each once, none too late, and a bounded number of them."""
 
 from contextlib import suppress
 

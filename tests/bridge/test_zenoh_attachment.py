@@ -1,4 +1,4 @@
-"""What goes beside a message: the bytes of zenoh-ros2-sdk, and those of Zenoh's own serializer."""
+"""Attachment of a message: the bytes of zenoh-ros2-sdk, and those of Zenoh's own serializer."""
 
 import pytest
 from hypothesis import given

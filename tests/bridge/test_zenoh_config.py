@@ -1,4 +1,4 @@
-"""The session of a ROS node over Zenoh: whose word counts, and what nobody said."""
+"""Session of a ROS node over Zenoh: precedence of its settings, and the defaults."""
 
 import json
 from pathlib import Path

@@ -18,7 +18,7 @@ class Terminal(io.StringIO):
         return True
 
 
-class Told:
+class TimedProgress:
     """A progress under a clock that the test moves."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, json: bool = False, **how: float) -> None:
@@ -37,26 +37,26 @@ class Told:
 
 
 def test_a_progress_line_shows_share_elapsed_and_remaining_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told(monkeypatch)
+    timed = TimedProgress(monkeypatch)
     bar = "━" * (BAR // 4) + "─" * (BAR - BAR // 4)
-    assert told.after(1.0, "57600 baud", 0.25) == f"\rscan  {bar}  25%  0:01  57600 baud\x1b[K"
-    assert told.after(2.0, "1 Mbaud", 0.25) == f"\rscan  {bar}  25%  0:03, about 0:09 left  1 Mbaud\x1b[K"
+    assert timed.after(1.0, "57600 baud", 0.25) == f"\rscan  {bar}  25%  0:01  57600 baud\x1b[K"
+    assert timed.after(2.0, "1 Mbaud", 0.25) == f"\rscan  {bar}  25%  0:03, about 0:09 left  1 Mbaud\x1b[K"
 
 
 def test_a_step_with_escapes_in_its_name_moves_no_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Told(monkeypatch).after(0.0, "bus\x1b[2J\n").endswith("bus?[2J?\x1b[K")
+    assert TimedProgress(monkeypatch).after(0.0, "bus\x1b[2J\n").endswith("bus?[2J?\x1b[K")
 
 
 def test_an_unknown_share_is_not_estimated(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Told(monkeypatch).after(65.0, "asking") == "\rscan  1:05  asking\x1b[K"
-    assert "25%" in Told(monkeypatch, seconds=40.0).after(10.0, "asking")
+    assert TimedProgress(monkeypatch).after(65.0, "asking") == "\rscan  1:05  asking\x1b[K"
+    assert "25%" in TimedProgress(monkeypatch, seconds=40.0).after(10.0, "asking")
 
 
 @pytest.mark.parametrize(("share", "shown"), [(-1.0, "   0%"), (7.0, " 100%")])
 def test_a_share_beyond_the_whole_breaks_no_bar(
     monkeypatch: pytest.MonkeyPatch, share: float, shown: str
 ) -> None:
-    line = Told(monkeypatch).after(0.0, "", share)
+    line = TimedProgress(monkeypatch).after(0.0, "", share)
     assert shown in line
     assert line.count("━") + line.count("─") == BAR
 
@@ -64,41 +64,41 @@ def test_a_share_beyond_the_whole_breaks_no_bar(
 def test_a_step_is_drawn_ten_times_a_second_at_most_and_a_new_one_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told = Told(monkeypatch)
-    assert told.after(0.0, "one")
-    assert told.after(0.05, "one", 0.9) == ""
-    assert "two" in told.after(0.0, "two")
-    assert "two" in told.after(0.15, "two")
-    told.progress.clear()
-    assert told.out.getvalue().endswith("\r\x1b[K")
-    assert "two" in told.after(0.0, "two")
+    timed = TimedProgress(monkeypatch)
+    assert timed.after(0.0, "one")
+    assert timed.after(0.05, "one", 0.9) == ""
+    assert "two" in timed.after(0.0, "two")
+    assert "two" in timed.after(0.15, "two")
+    timed.progress.clear()
+    assert timed.out.getvalue().endswith("\r\x1b[K")
+    assert "two" in timed.after(0.0, "two")
 
 
 def test_clearing_what_is_not_shown_writes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told(monkeypatch)
-    with told.progress as progress:
+    timed = TimedProgress(monkeypatch)
+    with timed.progress as progress:
         progress.clear()
-    assert told.out.getvalue() == ""
+    assert timed.out.getvalue() == ""
 
 
 def test_an_interrupted_work_erases_its_progress_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told(monkeypatch)
+    timed = TimedProgress(monkeypatch)
 
     def interrupted() -> None:
-        with told.progress as progress:
+        with timed.progress as progress:
             progress.update("half", 0.5)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert told.out.getvalue().endswith("\r\x1b[K")
-    assert "\x1b[?" not in told.out.getvalue()  # neither a hidden cursor nor another screen
+    assert timed.out.getvalue().endswith("\r\x1b[K")
+    assert "\x1b[?" not in timed.out.getvalue()  # neither a hidden cursor nor another screen
 
 
 def test_in_a_pipe_with_json_and_on_a_terminal_that_moves_no_cursor_it_is_silent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert Told(monkeypatch, json=True).after(0.0, "x", 0.5) == ""
+    assert TimedProgress(monkeypatch, json=True).after(0.0, "x", 0.5) == ""
     pipe = io.StringIO()
     ProgressLine(argparse.Namespace(json=False), "scan", out=pipe).update("x", 0.5)
     assert pipe.getvalue() == ""
@@ -120,12 +120,12 @@ def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch
 
 
 def test_progress_advances_as_items_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told(monkeypatch)
+    timed = TimedProgress(monkeypatch)
     taken = []
-    for thing in told.progress.each("abcd", "letter {}".format):
+    for thing in timed.progress.each("abcd", "letter {}".format):
         taken.append(thing)
-        told.time += 1.0
+        timed.time += 1.0
     assert taken == list("abcd")
-    shown = told.out.getvalue().split("\r")[1:]
+    shown = timed.out.getvalue().split("\r")[1:]
     assert [line.split()[2] for line in shown] == ["0%", "25%", "50%", "75%"]
     assert [line.split()[-1] for line in shown] == [f"{letter}\x1b[K" for letter in "abcd"]

@@ -1,27 +1,17 @@
 """The whole picture at several sizes, letter by letter, and what is dropped where there is little room."""
 
-from io import StringIO
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from tests.support.picture_messages import NAMES, bus, joints, troubled, view
 from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
-from twind.ctl.picture.picture_renderer import RichPicture, plain
+from twind.ctl.picture.picture_renderer import plain
 from twind.ctl.picture.picture_state import PictureState
 from twind.ctl.picture.styled_lines import length
 
 GOLDEN = Path(__file__).parents[1] / "data" / "monitor"
 SIZES = [(80, 24), (120, 40), (200, 60)]
-
-
-def printed(seen: PictureState, width: int, height: int, shown: PageSelection | None = None) -> str:
-    """As rich prints it on a console of that size."""
-    console = Console(width=width, height=height, file=StringIO(), color_system=None)
-    console.print(RichPicture(picture(seen, width, height, shown, seen.now)), end="")
-    assert isinstance(console.file, StringIO)
-    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines()) + "\n"
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
@@ -30,7 +20,7 @@ def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -
     """To change a picture: delete the file, run again, read what was written."""
     seen = view() if kind == "fine" else troubled()
     file = GOLDEN / f"{kind}-{width}x{height}.txt"
-    shown = printed(seen, width, height)
+    shown = plain(picture(seen, width, height, None, seen.now)) + "\n"
     if not file.exists():
         file.write_text(shown)
         pytest.fail(f"{file.name} was not there: written, read it")

@@ -8,9 +8,9 @@ import pytest
 from rich.color import ColorSystem
 from rich.console import Console
 
-from tests.support.picture_messages import troubled, view
+from tests.support.picture_messages import troubled
 from twind.ctl.picture.picture_layout import picture
-from twind.ctl.picture.picture_renderer import STYLES, Palette, plain, svg
+from twind.ctl.picture.picture_renderer import STYLES, Palette, plain
 from twind.ctl.picture.styled_lines import line
 
 EVERY = line(*[(name or "plain", name) for name in STYLES])
@@ -51,11 +51,3 @@ def test_the_words_are_the_same_with_colours_and_without() -> None:
         assert [row.rstrip() for row in re.sub(r"\x1b\[[\d;]*m", "", text).splitlines()] == plain(
             lines
         ).splitlines()
-
-
-def test_a_drawing_shows_the_picture_and_is_the_same_for_the_same_view() -> None:
-    drawn = svg(view(), title="twindctl monitor", width=100, height=30)
-    assert drawn == svg(view(), title="twindctl monitor", width=100, height=30)
-    assert drawn.startswith("<svg")
-    assert "l_hip_roll" in drawn
-    assert "twindctl&#160;monitor" in drawn or "twindctl monitor" in drawn

@@ -11,7 +11,7 @@ from twind.ctl.picture.picture_state import MonitorCollector
 from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
 
 
-def said(**different: Any) -> tuple[str, set[str], bool]:
+def bus_row(**different: Any) -> tuple[str, set[str], bool]:
     shown = buses(view(buses=[bus("upper", **different)]), 100).rows[0]
     return plain([shown.line]), {style for _, style in shown.line}, shown.urgent
 
@@ -28,7 +28,7 @@ def said(**different: Any) -> tuple[str, set[str], bool]:
     ],
 )
 def test_a_bus_fault_is_shown_as_a_word_or_a_style(different: dict[str, Any], word: str, style: str) -> None:
-    text, styles, _ = said(**different)
+    text, styles, _ = bus_row(**different)
     assert word in text
     assert style in styles
 

@@ -1,4 +1,4 @@
-"""Who is looked at while a reading comes in, and when: no bus for another's sake, no frame one by one."""
+"""Polls while readings come in: no bus is polled for another, and no frame one by one."""
 
 from collections import Counter
 from typing import Any
@@ -41,7 +41,7 @@ def test_a_bus_that_waits_for_a_servo_is_not_polled_when_the_other_bus_has_data(
 
 
 class Watched(Rig):
-    """Of each whole CAN reading: how long after its last frame it was taken, and after how many looks."""
+    """Delay from the last frame of each whole CAN reading until it is taken, and the polls it took."""
 
     def open_port(self, name: str) -> Any:
         reader = super().open_port(name)

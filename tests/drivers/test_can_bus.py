@@ -1,4 +1,4 @@
-"""What a CAN bus must hold beyond the contract of all drivers: stale goals, turns, masters, watchdogs."""
+"""Rules of a CAN bus beyond the contract of all drivers: stale goals, turns, masters, watchdogs."""
 
 from collections.abc import Sequence
 

@@ -10,7 +10,6 @@ import pytest
 
 from tests.support.can_channels_rig import Terminal
 from tests.support.can_frames import cycle, heard, messages_of, mixed, same
-from tests.support.driver_rig import is_output_full
 from twind_drivers.bus import PortError
 from twind_drivers.can import can_ports
 from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
@@ -54,20 +53,6 @@ def test_a_serial_adapter_opens_by_its_name_and_transfers_both_ways(terminal: Te
     assert channel.fileno() == -1
 
 
-@pytest.mark.parametrize("size", [1, 7, 64])
-def test_frames_that_come_in_pieces_come_whole(terminal: Terminal, size: int) -> None:
-    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
-    text = encode(cycle(24))
-    parts = []
-    for begin in range(0, len(text), size):
-        os.write(terminal.master, text[begin : begin + size])
-        if begin % (3 * size) == 0:
-            parts.append(channel.receive(0.0))
-    parts.append(heard(channel, 24 - sum(map(len, parts))))
-    assert np.concatenate(parts).tobytes() == cycle(24).tobytes()
-    channel.close()
-
-
 def test_an_unplugged_adapter_is_lost_by_reading_and_by_writing_and_closes_quietly(
     terminal: Terminal,
 ) -> None:
@@ -86,24 +71,6 @@ def test_an_unplugged_adapter_is_lost_by_reading_and_by_writing_and_closes_quiet
         with pytest.raises(PortError, match="unplugged") as lost:
             act()
         assert lost.value.lost
-    channel.close()
-
-
-def test_an_adapter_that_reads_nothing_fills_up_and_is_lost_after_a_second(terminal: Terminal) -> None:
-    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
-    full = []
-    for tick in range(1000):
-        try:
-            channel.send(cycle(24), tick * 0.01)
-        except PortError as error:
-            full.append((tick, error))
-            if error.lost:
-                break
-    first = full[0]
-    last = full[-1]
-    assert is_output_full(first[1])
-    assert last[1].lost
-    assert 100 <= last[0] - first[0] <= 150
     channel.close()
 
 

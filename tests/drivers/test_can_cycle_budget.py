@@ -1,4 +1,4 @@
-"""What a cycle costs on a CAN wire: the arithmetic of the facts, and a refusal that shows it."""
+"""Cost of a cycle on a CAN wire: the arithmetic of the facts, and a refusal that shows it."""
 
 from dataclasses import replace
 

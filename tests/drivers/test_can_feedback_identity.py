@@ -1,4 +1,4 @@
-"""What a CAN actuator tells, and what it does not: the one never passes for the other."""
+"""Values that a CAN actuator reports never pass for those that it does not report."""
 
 import numpy as np
 

@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tests.support.can_codec_frames import ranges
+from tests.support.can_codec_frames import column, decode_all, noise, ranges
+from tests.support.examples import examples
+from twind_drivers.bus import WireClamp
 from twind_drivers.can.actuator_family import ActuatorFamily, ValuelessCommand
 from twind_drivers.can.can_models import MODELS, model, number_of
 from twind_drivers.can.codec_factory import FAMILIES, apart, make, ranges_of
 from twind_drivers.can.damiao_codec import DamiaoCodec
-from twind_drivers.can.frame import STANDARD_MASK
+from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
 from twind_drivers.can.odrive_codec import ODriveCodec
 
 # As the project's facts have them: rad, rad/s, N·m.
@@ -101,7 +105,9 @@ def test_a_damiao_has_its_id_and_10h_as_default_feedback_id() -> None:
     assert list(beside.ranges.velocity) == [30.0, 8.0]
     for id, family in ((0x12, beside), (0x21, given)):
         heard = np.zeros(1, beside.make_position_request().dtype)
-        heard["id"], heard["size"], heard["data"][0, 0] = id, 8, 0x12
+        heard["id"] = id
+        heard["size"] = 8
+        heard["data"][0, 0] = 0x12
         heard["data"][0, 1] = 0x7F
         assert list(family.feedback(heard)[0].rows) == [1]
 
@@ -187,3 +193,50 @@ def test_every_frame_of_ours_has_an_id_that_is_claimed(family: str) -> None:
     made += [codec.read(0, parameter) for parameter in codec.parameters.values()]
     ids = {int(id) & STANDARD_MASK for frames in made for id in frames["id"]}
     assert ids <= codec.claims
+
+
+@pytest.mark.parametrize(
+    ("family", "what"),
+    [("cubemars", "CLEAR"), ("cubemars", "REBOOT"), ("damiao", "REBOOT"), ("robstride", "REBOOT")],
+)
+def test_an_order_that_a_family_lacks_is_refused(family: str, what: str) -> None:
+    with pytest.raises(ValueError, match=f"id 2: a .* has no {what.lower()}"):
+        of(family, 1, 2).encode_valueless_command(1, ValuelessCommand[what])
+
+
+@pytest.mark.parametrize(
+    ("family", "ids"),
+    [
+        *(("cubemars", ids) for ids in ((1, 1), (0, 1), (1, 0x100))),
+        *(("odrive", ids) for ids in ((1, 1), (0, 0x40), (-1, 1))),
+    ],
+)
+def test_ids_must_differ_and_fit_their_field(family: str, ids: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=f"{family} id"):
+        of(family, *ids)
+
+
+@pytest.mark.parametrize("family", ["cubemars", "damiao", "robstride"])
+def test_a_torque_beyond_its_field_is_refused(family: str) -> None:
+    zero = np.zeros(2)
+    with pytest.raises(WireClamp, match=r"can0: id 2: torque 10.01 outside -10.0..10.0"):
+        of(family, 1, 2).command(zero, zero, zero, zero, column(0.0, 10.01))
+
+
+NEAR = {
+    "damiao": (1, 2, 0x11, 0x12, 0x7FF, 0x101, 0x202),
+    "cubemars": (0, 1, 2),
+    "robstride": tuple(
+        EXTENDED | kind << 24 | sender << 8 | target
+        for kind in (0, 1, 2, 3, 4, 6, 0x11, 0x12, 0x15, 0x18)
+        for sender, target in ((1, 0xFD), (2, 0xFD), (0xFD, 1), (0xFD, 2), (1, 0xFE))
+    ),
+    "odrive": tuple(node << 5 | command for node in (1, 2) for command in range(32)),
+}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(st.data())
+@examples(30)
+def test_no_frames_whatever_make_a_decoder_raise(family: str, data: st.DataObject) -> None:
+    decode_all(of(family, 1, 2), data.draw(noise(NEAR[family])))

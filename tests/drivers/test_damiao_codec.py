@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.can_codec_frames import column, frame, noise, ranges, wire
 from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
@@ -49,11 +49,6 @@ def test_special_frames(what: str, last: str) -> None:
     assert wire(damiao().encode_valueless_command(2, ValuelessCommand[what])) == [
         (0x15, "FF FF FF FF FF FF FF " + last)
     ]
-
-
-def test_there_is_no_reboot() -> None:
-    with pytest.raises(ValueError, match="id 2: a Damiao actuator has no reboot"):
-        damiao().encode_valueless_command(1, ValuelessCommand.REBOOT)
 
 
 def test_the_question_asks_each_for_one_frame() -> None:
@@ -142,16 +137,6 @@ def test_register_traffic_never_passes_for_feedback(order: int, register: int) -
         assert answers[0] == (1, register, bytes([1, 2, 3, 4]), order == 0x55)
 
 
-def test_the_traps_that_were_met_would_otherwise_be_places() -> None:
-    motor = damiao()
-    acknowledged = motor.scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
-    assert acknowledged[0, 0] == pytest.approx(-12.468, abs=1e-3)
-    asked = motor.scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
-    assert asked[0, 0] == pytest.approx(-12.422, abs=1e-3)
-    assert not motor.feedback(frame(0x11, "01 00 55 09 00 00 00 00"))[1].any()
-    assert not motor.feedback(frame(0x7FF, "01 00 CC 00 00 00 00 00"))[1].any()
-
-
 def test_feedback_that_resembles_a_register_reply_is_decoded() -> None:
     at_rest = frame(0x12, "12 00 55 7F F7 FF 1E 1E")  # velocity 0: D3 is no register
     feedback, told = damiao().feedback(at_rest)
@@ -183,12 +168,6 @@ def test_an_answer_must_name_its_sender_in_full() -> None:
     for id in ("05 00", "15 01", "25 00"):
         assert not damiao().decode_register_replies(frame(0x11, f"{id} 33 09 00 00 00 00"))[1].any()
     assert damiao().decode_register_replies(frame(0x11, "15 00 33 09 00 00 00 00"))[1].all()
-
-
-@given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
-@examples(30)
-def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
-    decode_all(damiao(), frames)
 
 
 @given(noise((*IDS, *MASTERS)))
@@ -290,10 +269,6 @@ def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     parameter: FamilyRegister = PARAMETERS["position_range"]
     assert answer.address == parameter.address
     assert struct.unpack(parameter.kind.value, answer.data)[0] == value
-
-
-def test_no_gains_go_out_beside_the_commands() -> None:
-    assert len(damiao().gains(np.ones(3), np.ones(3))) == 0
 
 
 @pytest.mark.parametrize(

@@ -147,32 +147,23 @@ def test_a_servo_that_restarts_is_back_soon_and_its_slow_registers_are_known_in_
     assert rig.clock.now() - rig.reader.registers.health_time[place] < 1.5 * PERIOD
 
 
-def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
-    """What it says is no reading, but it is there."""
+@pytest.mark.parametrize("query", [ReadRequest((7,), 64, 1), ReadRequest((7,), 126, 10)])
+@pytest.mark.parametrize("error", [0, p.StatusErrorCode.DATA_LENGTH])
+def test_a_parked_servo_that_answers_any_queryis_back(query: ReadRequest, error: int) -> None:
+    """An error alone is no reading, but the servo is there."""
     servos = Servos(IDS)
     rig = Rig(servos)
     servos.silent = {7}
     for _ in range(10):
         rig.tick()
     servos.silent = set()
-    servos.error[7] = p.StatusErrorCode.DATA_LENGTH
-    rig.reader.begin(ReadRequest((7,), 126, 10), rig.clock.now())
+    servos.error[7] = error
+    rig.reader.begin(query, rig.clock.now())
     rig.reader.feed(rig.clock.now())
     rig.reader.answer(rig.clock.now())
-    assert rig.read().asked.all()
-
-
-def test_a_parked_servo_that_answers_any_request_is_back() -> None:
-    servos = Servos(IDS)
-    rig = Rig(servos)
-    servos.silent = {7}
-    for _ in range(10):
-        rig.tick()
-    servos.silent = set()
-    rig.reader.begin(ReadRequest((7,), 64, 1), rig.clock.now())
-    rig.reader.feed(rig.clock.now())
-    rig.reader.answer(rig.clock.now())
-    assert rig.tick().heard.all()
+    sample = rig.read()
+    assert sample.asked.all()
+    assert sample.heard.all() == (error == 0)
     assert rig.asked[-1].instruction == PLAIN  # a late answer to its probe is no row of a fast reading
     assert rig.asked[-1].params[2] != 10
 

@@ -133,7 +133,7 @@ def test_old_firmware_reads_plainly() -> None:
 
 
 def transactions(servos: Servos, delay_us: float = 0.0, ids: Sequence[int] = tuple(range(1, 25))) -> int:
-    """How many ticks identification takes: one transaction each."""
+    """Count the ticks of an identification: one transaction each."""
     wire = Wire(servos)
     bus = DynamixelReader("main", wire, ids, [1020] * len(ids), baud=1_000_000, return_delay_us=delay_us)
     assert len(perform(bus, bus.identify(), FakeClock())) == len(servos.memory) - len(servos.silent)

@@ -1,4 +1,4 @@
-"""What each model is: modes, units and firmware, beside what the vendor's own files say of them."""
+"""Modes, units and firmware of each model, against the vendor's own files."""
 
 from math import pi
 from pathlib import Path

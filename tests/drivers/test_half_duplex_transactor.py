@@ -3,7 +3,8 @@
 import pytest
 
 from tests.support.driver_rig import is_output_full
-from twind_drivers.bus import PortError, output_full
+from twind_drivers.bus import PortError
+from twind_drivers.byte_transport import output_full
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply

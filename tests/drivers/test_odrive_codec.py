@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.can_codec_frames import column, frame, ranges, wire
 from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
@@ -225,12 +225,6 @@ def test_foreign_frames_are_ignored(stranger: Frames) -> None:
     assert not axes().decode_register_replies(stranger)[1].any()
 
 
-@given(noise([node << 5 | cmd for node in IDS for cmd in range(32)]))
-@examples(30)
-def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
-    decode_all(axes(), frames)
-
-
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
     axis = axes()
     zero = np.zeros(2)
@@ -259,9 +253,3 @@ def test_every_command_number_counts_as_a_command_unless_it_only_reports() -> No
         assert (remote == -1) == (data == -1) == (number in telling or number == 0x04)
     assert axes().commanded_rows(frame(0x3F << 5 | 4, bytes(8)))[0] == 1  # writes an endpoint on later boards
     assert axes().commanded_rows(frame(0x3F << 5 | 4 | REMOTE))[0] == -1
-
-
-def test_nodes_must_differ_and_fit_six_bits() -> None:
-    for ids in ((1, 1), (0, 0x40), (-1, 1)):
-        with pytest.raises(ValueError, match="odrive id"):
-            ODriveCodec("can0", ids, ranges(2), [False, False])

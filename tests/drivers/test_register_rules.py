@@ -56,7 +56,7 @@ def test_every_model_that_we_drive_has_its_factory_values() -> None:
 
 @pytest.mark.parametrize("each", RULED, ids=[each.stem for each in RULED])
 def test_every_setting_that_a_model_has_is_known(each: ControlTable) -> None:
-    """What the pages leave open: goals and profiles of the P layout, the gains of -R(A) and gripper."""
+    """The pages leave open: goals and profiles of the P layout, the gains of -R(A) and gripper."""
     may_be_open = {"goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity"}
     allowed = may_be_open if each.stem in P_SERIES else set()
     if None in FACTORY[each.stem].gains:

@@ -30,7 +30,7 @@ def test_the_block_that_holds_all_fields_is_read_and_each_found_in_it() -> None:
 
 
 def test_after_a_miss_another_length_is_asked_until_two_are_answered() -> None:
-    """What was asked before may still be answered: a late answer is known by its length."""
+    """The earlier question may still be answered: a late answer is known by its length."""
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
     assert sensor.take(request_reply(), 0.002) is None
@@ -81,7 +81,7 @@ def test_the_wait_for_a_late_reply_lasts_as_long_as_its_earlier_delay() -> None:
 
 
 def served(sensor: Sensor, seconds: float, fails: Callable[[int], bool], harm: bool = False) -> list[float]:
-    """When it was asked (s), tick by tick; of its questions those that `fails` names are not answered."""
+    """Return the times (s) when it was asked, tick by tick; questions that `fails` names get no answer."""
     asked: list[float] = []
     for tick in range(round(seconds * 100)):
         now = 0.01 * tick

@@ -156,7 +156,7 @@ MANY = tuple(range(1, 25))
 
 
 def many(kind: type[StatusReply | FastSyncReadReply]) -> list[bytes]:
-    """What each of 24 devices puts on the wire."""
+    """Return the bytes that each of 24 devices puts on the wire."""
     if kind is StatusReply:
         return [p.status(id, 0, block(id)) for id in MANY]
     return p.fast_status([(0, id, block(id)) for id in MANY], len(MANY) * (SIZE + 4) + 1)

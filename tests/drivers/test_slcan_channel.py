@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
 from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening
@@ -35,7 +36,8 @@ def one_frame(draw: st.DrawFn) -> tuple[int, bytes, int]:
 def made(rows: list[tuple[int, bytes, int]]) -> Frames:
     found = np.zeros(len(rows), FRAME)
     for place, (id, data, size) in enumerate(rows):
-        found[place]["id"], found[place]["size"] = id, size
+        found[place]["id"] = id
+        found[place]["size"] = size
         found[place]["data"][: len(data)] = list(data)
     return found
 
@@ -177,7 +179,8 @@ def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
 @pytest.mark.parametrize(("id", "size"), [(0x800, 1), (1 | ERROR, 8), (1, 9), (0x3FFFFFFF | EXTENDED, 0)])
 def test_an_invalid_frame_is_not_sent(id: int, size: int) -> None:
     wrong = cycle(3)
-    wrong[1]["id"], wrong[1]["size"] = id, size
+    wrong[1]["id"] = id
+    wrong[1]["size"] = size
     with pytest.raises(ValueError, match="frame 1"):
         encode(wrong)
 
@@ -253,7 +256,7 @@ def opened(adapter: Adapter) -> SlcanChannel:
 
 
 def lost_at(adapter: Adapter, *, stuck_until: float) -> float | None:
-    """When a channel that sends 100 times a second says that its port is lost; None: never."""
+    """Return the time when a channel that sends 100 times a second reports a lost port; None: never."""
     channel = opened(adapter)
     for tick in range(1, 300):
         now = tick * 0.01

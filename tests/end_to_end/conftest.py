@@ -1,6 +1,8 @@
 """One machine for all tests of this folder: booted for the first, down after the last, also after Ctrl-C."""
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -29,6 +31,18 @@ def robot(machine: Machine, request: pytest.FixtureRequest) -> Iterator[Robot]:
     made = Robot(machine, request.module.__name__)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def blank_messages() -> Iterator[None]:
+    """Processes that the tests of this file start send an `x` instead of each text (tests/support/blanked).
+
+    Bridge and uplink must know a stop and the end of a motion without reading messages.
+    """
+    blanked = str(Path(__file__).parents[1] / "support" / "blanked")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", blanked, prepend=os.pathsep)
+        yield
 
 
 @pytest.hookimpl(wrapper=True)

@@ -56,15 +56,6 @@ def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] |
         ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {}, True),
         ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {"start_in": 0.03}, True),
     ],
-    ids=[
-        "slower by two points",
-        "as asked",
-        "slower",
-        "with a stop",
-        "both",
-        "led in",
-        "led in at a later start",
-    ],
 )
 def test_the_published_trajectory_equals_the_one_the_loop_follows(
     armed: Rig, way: list[float], time: list[float], velocity: list[float] | None, asked: Any, later: bool

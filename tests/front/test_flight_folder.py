@@ -28,6 +28,10 @@ def write(folder: FlightFolder, label: str = "DUMP", at: float = 1_800_000_000.0
     return path
 
 
+def no_space(_fd: int) -> None:
+    raise OSError(28, "No space left on device")
+
+
 def test_a_file_is_named_by_its_time_and_code(tmp_path: Path) -> None:
     folder = FlightFolder(tmp_path / "state" / "flight")
     assert (
@@ -128,10 +132,7 @@ def test_a_disk_that_what_was_left_here_fills_is_cleared_before_it_is_written_to
     (tmp_path / ".flight-old-CRASH-7.tmp").write_text("half")
     os.utime(tmp_path / ".flight-old-CRASH-7.tmp", (0, 0))
 
-    def full(_fd: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", no_space)
     with pytest.raises(OSError, match="No space"):
         write(FlightFolder(tmp_path, kept=2), "NEW", 1_800_000_100.0)
     assert sorted(os.listdir(tmp_path)) == [
@@ -140,10 +141,7 @@ def test_a_disk_that_what_was_left_here_fills_is_cleared_before_it_is_written_to
 
 
 def test_a_failed_write_leaves_no_file_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_fd: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", no_space)
     with pytest.raises(OSError, match="No space"):
         write(FlightFolder(tmp_path))
     assert os.listdir(tmp_path) == []

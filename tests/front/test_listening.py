@@ -47,6 +47,21 @@ class Desk:
         for name in ("control", "observe"):
             self.listening.add(name, Listener.of(listen(self.folder, name), own=own), checked=checked)
 
+    def open(self, *, own: bool = True, checked: bool = True) -> None:
+        self.add(own=own, checked=checked)
+        self.listening.open()
+
+    def close(self) -> None:
+        self.listening.close()
+        self.loop.close()
+
+    def report(self) -> link.Reachable:
+        """Check the sockets; return the single report to the loop."""
+        self.listening.check()
+        (report,) = self.wire.sent
+        assert isinstance(report, link.Reachable)
+        return report
+
     def _accept(self, listener: socket.socket, role: str) -> None:
         listener.accept()[0].close()
         self.accepted.append(role)
@@ -68,8 +83,7 @@ class Desk:
 def desk(tmp_path: Path) -> Iterator[Desk]:
     made = Desk(tmp_path)
     yield made
-    made.listening.close()
-    made.loop.close()
+    made.close()
 
 
 def test_the_first_report_confirms_the_sockets_and_none_follows(desk: Desk) -> None:
@@ -83,8 +97,7 @@ def test_the_first_report_confirms_the_sockets_and_none_follows(desk: Desk) -> N
 
 
 def test_a_removed_socket_is_bound_again_handed_to_the_loop_and_served_by_its_role(desk: Desk) -> None:
-    desk.add()
-    desk.listening.open()
+    desk.open()
     desk.listening.check()
     path = desk.remove("observe")
     desk.listening.check()
@@ -97,13 +110,10 @@ def test_a_removed_socket_is_bound_again_handed_to_the_loop_and_served_by_its_ro
 
 
 def test_a_link_that_takes_no_socket_is_reported_and_tried_again(desk: Desk) -> None:
-    desk.add()
-    desk.listening.open()
+    desk.open()
     path = desk.remove()
     desk.wire.full = True
-    desk.listening.check()
-    (report,) = desk.wire.sent
-    assert isinstance(report, link.Reachable) and "the loop does not take the new socket" in report.missing
+    assert "the loop does not take the new socket" in desk.report().missing
     desk.wire.full = False
     desk.listening.check()
     assert desk.wire.sent[-1] == link.Reachable(rebound=[str(path)])
@@ -112,8 +122,7 @@ def test_a_link_that_takes_no_socket_is_reported_and_tried_again(desk: Desk) -> 
 
 
 def test_nothing_is_bound_after_the_loop_has_ended(desk: Desk) -> None:
-    desk.add()
-    desk.listening.open()
+    desk.open()
     path = desk.remove()
     desk.wire.is_closed = True
     desk.listening.check()
@@ -124,14 +133,12 @@ def test_nothing_is_bound_after_the_loop_has_ended(desk: Desk) -> None:
 def test_a_missing_socket_of_the_service_manager_is_reported_with_the_command(
     desk: Desk, file: str | None
 ) -> None:
-    desk.add(own=False)
-    desk.listening.open()
+    desk.open(own=False)
     path = desk.remove()
     if file is not None:
         path.write_text(file)
-    desk.listening.check()
-    (report,) = desk.wire.sent
-    assert isinstance(report, link.Reachable) and str(path) in report.missing
+    report = desk.report()
+    assert str(path) in report.missing
     assert "`systemctl restart twind-control.socket twind-observe.socket twind.service`" in report.missing
     assert path.exists() is (file is not None)
 
@@ -140,8 +147,7 @@ def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`rm -r` removes the files, then the folder: a check between the two still finds the folder."""
-    desk.add()
-    desk.listening.open()
+    desk.open()
     desk.remove("control")
     desk.remove("observe")
     check_folder = listening_sockets.check_folder
@@ -168,15 +174,11 @@ def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instanc
     monkeypatch.setattr("twind.front.listening.SYSTEM", str(tmp_path), raising=False)
     desk = Desk(tmp_path / "arm")
     try:
-        desk.add(own=False)
-        desk.listening.open()
+        desk.open(own=False)
         desk.remove()
-        desk.listening.check()
+        report = desk.report()
     finally:
-        desk.listening.close()
-        desk.loop.close()
-    (report,) = desk.wire.sent
-    assert isinstance(report, link.Reachable)
+        desk.close()
     units = "twind-control@arm.socket twind-observe@arm.socket twind@arm.service"
     assert f"`systemctl restart {units}`" in report.missing
 
@@ -197,8 +199,7 @@ def test_a_folder_that_went_away_from_a_service_is_refused_with_what_brings_it_b
 
 
 def test_a_socket_whose_file_is_not_known_is_not_checked(desk: Desk) -> None:
-    desk.add(checked=False)
-    desk.listening.open()
+    desk.open(checked=False)
     path = desk.remove()
     desk.listening.check()
     assert not path.exists() and desk.wire.sent == [link.Reachable(rebound=[])]

@@ -100,12 +100,7 @@ def test_an_action_that_is_none_holds(world: World, action: list[float]) -> None
     world.action = np.float32(action)
     done = world.step()
     assert isinstance(done, PolicyHold) and "action of" in done.reason and not world.sent
-
-
-def test_a_policy_that_gives_nothing_else_is_the_end(world: World) -> None:
-    world.action = np.float32([nan, nan])
-    done = [world.step() for _ in range(60)]
-    assert isinstance(done[-1], PolicyEnd) and "action of hip is nan" in done[-1].reason
+    assert isinstance([world.step() for _ in range(60)][-1], PolicyEnd)
 
 
 def test_a_reading_that_is_not_finite_holds_and_is_named(world: World) -> None:
@@ -141,13 +136,6 @@ def test_the_policy_resumes_from_the_resting_pose(world: World) -> None:
     assert isinstance(back, PolicySetpoint) and world.controller.holding is None
     assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
     assert np.abs(back.velocity).max() <= 20.0 * PERIOD
-
-
-def test_the_policy_waits_until_the_loop_has_decelerated(world: World) -> None:
-    world.step(STALE + 0.01)
-    for _ in range(5):
-        world.goal = world.goal + 0.001
-        assert isinstance(world.step(), PolicyHold)
 
 
 def test_a_repeated_state_does_not_count_as_rest(world: World) -> None:
@@ -217,11 +205,6 @@ def test_an_unknown_goal_prevents_resumption(world: World) -> None:
     world.goal = np.array([nan, 0.0])
     found = replace(world.heard(), position=POSE)
     assert all(isinstance(world.controller.step(found, world.now), PolicyHold) for _ in range(3))
-
-
-def test_refusals_that_last_are_the_end(world: World) -> None:
-    done = [world.step(refused=True) for _ in range(80)]
-    assert isinstance(done[-1], PolicyEnd) and not world.sent
 
 
 def test_a_fallen_robot_ends_the_policy(world: World) -> None:

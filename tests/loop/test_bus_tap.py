@@ -13,7 +13,8 @@ from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
 from twind.loop.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
 from twind.robot.modes import Mode
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.can.frame import FRAME
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import HEADER

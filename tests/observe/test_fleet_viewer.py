@@ -147,7 +147,7 @@ def test_robots_stand_at_least_the_given_distance_apart_and_all_are_in_view(coun
     assert places[:, 1].min() <= what[1] <= places[:, 1].max()
 
 
-class Heard:
+class PendingAction:
     """An action that the test answers later."""
 
     def __init__(self) -> None:
@@ -162,7 +162,7 @@ class Heard:
 
 
 def test_a_broadcast_asks_all_robots_at_once_and_reports_a_failure_early() -> None:
-    robots = {name: Heard() for name in ("a", "b", "c")}
+    robots = {name: PendingAction() for name in ("a", "b", "c")}
     outcomes = list[StopOutcome]()
     Broadcast("stop", lambda: robots).ask(outcomes.append)
     assert all(each.tell is not None for each in robots.values())
@@ -175,7 +175,7 @@ def test_a_broadcast_asks_all_robots_at_once_and_reports_a_failure_early() -> No
 
 
 def test_a_fully_successful_broadcast_is_reported_once() -> None:
-    robots = {name: Heard() for name in ("a", "b")}
+    robots = {name: PendingAction() for name in ("a", "b")}
     outcomes = list[StopOutcome]()
     Broadcast("e-stop", lambda: robots).ask(outcomes.append)
     for each in robots.values():

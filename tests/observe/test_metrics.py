@@ -315,10 +315,6 @@ def check_queries(promtool: str, folder: Path, rules: Sequence[str], cases: Sequ
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_prometheus_takes_the_rules(promtool: str) -> None:
-    subprocess.run([promtool, "check", "rules", str(FILES / "twind.rules.yml")], check=True)
-
-
 def test_the_prometheus_linter_accepts_the_exported_text(promtool: str) -> None:
     text = generate_latest(Exported(ledger(*WHOLE)).registry)
     done = subprocess.run([promtool, "check", "metrics"], input=text, capture_output=True, check=False)

@@ -128,7 +128,8 @@ def test_the_slower_half_of_a_file_with_two_rates_is_seen() -> None:
 def test_the_thinned_line_of_an_hour_keeps_every_peak() -> None:
     time = np.arange(0.0, 3600.0, 0.01)
     value = np.sin(time)
-    value[123_457], value[234_561:234_900] = 9.0, nan
+    value[123_457] = 9.0
+    value[234_561:234_900] = nan
     thin = line(time, value, ALL)
     assert thin.time.size <= MOST + 1
     assert np.nanmax(thin.value) == 9.0 and (np.diff(thin.time) >= 0.0).all()

@@ -20,6 +20,7 @@ from tests.support.sample_recordings import (
     event,
     mark,
     state,
+    trajectories,
 )
 from twind.client.clock_pair import ClockPair
 from twind.command_line.verb import Rejected
@@ -297,7 +298,7 @@ def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path
     assert second.start_ns == CLOCKS.wall(100.5 + first.time.size / 2) + years
     assert "-2026" in files[0].name and "-2031" in files[1].name
     assert int(second.meta["wall_ns"]) - CLOCKS.wall(float(second.meta["monotonic"])) == years
-    assert second.notes[0].time < 60.0 and second.trajectories[0].what["start_in"] == 2.0
+    assert second.notes[0].time < 60.0 and trajectories(files[1])[0]["start_in"] == 2.0
     with files[1].open("rb") as stream:
         read = make_reader(stream, decoder_factories=[DecoderFactory()])
         states = [(log, said) for _, _, log, said in read.iter_decoded_messages(["/hw/joint_states"])]

@@ -13,7 +13,16 @@ from rosbags.highlevel import AnyReader
 
 from tests.support.doc_pages_text import ROOT
 from tests.support.replay_rig import flight, recording
-from tests.support.sample_recordings import CLOCKS, JOINTS, SteppedWriter, event, mark, state, status
+from tests.support.sample_recordings import (
+    CLOCKS,
+    JOINTS,
+    SteppedWriter,
+    event,
+    mark,
+    state,
+    status,
+    trajectories,
+)
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
@@ -102,23 +111,23 @@ def test_the_target_is_the_robot_in_live_and_the_simulation_otherwise(tmp_path: 
 
 
 def test_latency_is_columns_by_hop_with_the_last_histogram(tmp_path: Path) -> None:
-    def told(time: float, now: float | None, histogram: Any) -> dict[str, Any]:
+    def latencies(time: float, now: float | None, histogram: Any) -> dict[str, Any]:
         hops = [{"hop": "total", "now_ms": now, "violations": 2, "histogram": histogram}]
         return {"topic": "latency", "time": time, "latency": hops}
 
     buckets = [{"upper_ms": 1.0, "count": 3}, {"upper_ms": None, "count": 0}]
-    found = record(tmp_path, told(100.0, 1.5, buckets), told(100.1, None, None)).latency["total"]
+    found = record(tmp_path, latencies(100.0, 1.5, buckets), latencies(100.1, None, None)).latency["total"]
     assert found.time.tolist() == [0.0, 0.1] and found.columns["violations"].tolist() == [2.0, 2.0]
     assert found.columns["now_ms"][0] == 1.5 and np.isnan(found.columns["now_ms"][1])
     assert np.isnan(found.columns["p99_ms"]).all() and list(found.histogram) == buckets
 
 
 def test_episodes_follow_the_marks_of_any_client() -> None:
-    def said(*answers: dict[str, Any]) -> list[RecordedMessage]:
+    def events(*answers: dict[str, Any]) -> list[RecordedMessage]:
         return [RecordedMessage(answer["time"], answer["event"]) for answer in answers]
 
     begun = mark(3.0, "begin", "b"), mark(4.0, "begin", "c")
-    rows = said(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
+    rows = events(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
     found = marked(rows)
     assert [(each.task, each.success) for each in found] == [("a", True), ("b", None), ("c", None)]
     assert np.isnan(found[0].begin) and (found[1].begin, found[1].end) == (3.0, 4.0)
@@ -195,8 +204,6 @@ def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
     assert len(found.joints) == 24 and found.time[0] == 0.0 and (np.diff(found.time) > 0).all()
     assert found.live.all() and abs(found.measured[-1, knee] - 0.2) < 0.01
     assert abs(found.goal[-1, knee] - 0.2) < 1e-9 and found.meta["reason"] == "dump"
-    (path,) = found.trajectories
-    assert path.what["joint_names"] == ["l_knee"] and found.verdicts[0].what["id"] == path.what["id"]
     assert found.statuses and found.slow is not None and "total" in found.latency
     assert found.robot is not None and found.mjcf and found.calibration
 
@@ -216,9 +223,8 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     for name in ("measured", "velocity", "effort", "goal", "simulated"):
         np.testing.assert_array_equal(getattr(after, name)[heard], getattr(before, name)[rows][heard])
     assert [each.what for each in after.events] == [each.what for each in before.events]
-    assert [each.what["id"] for each in after.trajectories] == [
-        each.what["id"] for each in before.trajectories
-    ]
+    (path,) = trajectories(out)
+    assert path["joint_names"] == ["l_knee"] and path["id"] == before.verdicts[0].what["id"]
     assert [each.what for each in after.verdicts] == [each.what for each in before.verdicts]
     assert after.robot == before.robot and after.mjcf == before.mjcf
     file = McapScanner(out)

@@ -1,6 +1,7 @@
 """Refusals and reports of `twindctl replay`: untrusted files, no access to files of the user."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,49 +25,51 @@ from twind.observe.replaying.replay_files import lay_out
 from twind.observe.replaying.replay_script import score
 from twind_drivers.clock import FakeClock
 
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    code = main(["replay", *arguments])
-    told = capsys.readouterr()
-    return code, told.out + told.err
+Run = Callable[..., tuple[int, str]]
 
 
-def told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, **changes: Any
-) -> tuple[int, str]:
-    """Exit code and text of a replay in which nothing differs."""
-    asked = score(load(HERE / "limit.flight"))
-    verbatim = changes.pop("verbatim", 0.7)
-    missed = changes.pop("missed", 0)
-    asked = replace(asked, **changes)
-    outcome = expected("limit")
-    monkeypatch.setattr(
-        replay, "_play", lambda *_, **__: replay.ReplayResult(asked, outcome, verbatim, missed)
-    )
-    return run(capsys, str(HERE / "limit.flight"))
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the verb; return its exit code and output."""
+
+    def verb(*arguments: str) -> tuple[int, str]:
+        code = main(["replay", *arguments])
+        output = capsys.readouterr()
+        return code, output.out + output.err
+
+    return verb
 
 
-def test_equality_is_reported_only_for_the_replayed_part(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    code, text = told(capsys, monkeypatch)
+@pytest.fixture
+def replayed(run: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Report a replay in which nothing differs but the changes to its script."""
+
+    def report(*, verbatim: float = 0.7, missed: int = 0, **changes: Any) -> tuple[int, str]:
+        script = replace(score(load(HERE / "limit.flight")), **changes)
+        result = replay.ReplayResult(script, expected("limit"), verbatim, missed)
+        monkeypatch.setattr(replay, "_play", lambda *_, **__: result)
+        return run(str(HERE / "limit.flight"))
+
+    return report
+
+
+def test_equality_is_reported_only_for_the_replayed_part(replayed: Run) -> None:
+    code, text = replayed()
     assert code == DONE and "replayed: the same" in text and "time for every tick" in text
-    code, text = told(capsys, monkeypatch, missed=3)
+    code, text = replayed(missed=3)
     assert code == DONE and "no time for 3 ticks" in text
-    code, text = told(capsys, monkeypatch, verbatim=0.0)
+    code, text = replayed(verbatim=0.0)
     assert code == REFUSED and "the same (" not in text and "no question had its recorded answer" in text
-    code, text = told(capsys, monkeypatch, whole=False, left_out=("a reload",))
+    code, text = replayed(whole=False, left_out=("a reload",))
     assert code == REFUSED and "the same (" not in text and "not all was asked again" in text
     recorded = expected("limit")
     first = replace(recorded.answers[0], answered=False)
-    code, text = told(capsys, monkeypatch, recorded=replace(recorded, answers=(first, *recorded.answers[1:])))
+    code, text = replayed(recorded=replace(recorded, answers=(first, *recorded.answers[1:])))
     assert code == DONE and "not compared, 1:" in text and "command 1" in text
 
 
-def test_text_from_a_flight_file_cannot_control_the_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    code, text = told(capsys, monkeypatch, left_out=("\x1b[2Jreplayed\nreplayed: different",))
+def test_text_from_a_flight_file_cannot_control_the_terminal(replayed: Run) -> None:
+    code, text = replayed(left_out=("\x1b[2Jreplayed\nreplayed: different",))
     assert code == DONE and "\x1b" not in text
     assert not any(line.startswith("replayed: different") for line in text.splitlines())
 
@@ -165,32 +168,30 @@ def test_a_call_has_the_names_and_numbers_of_its_command() -> None:
     assert np.isfinite(asked.goal).all()
 
 
-def test_a_file_that_is_no_flight_file_is_a_usage_error(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    code, told = run(capsys, str(tmp_path / "run.mcap"))
-    assert code == USAGE and "no bytes" in told and "--view" in told
+def test_a_file_that_is_no_flight_file_is_a_usage_error(run: Run, tmp_path: Path) -> None:
+    code, text = run(str(tmp_path / "run.mcap"))
+    assert code == USAGE and "no bytes" in text and "--view" in text
     other = tmp_path / "other.flight"
     other.write_bytes(b"something else")
-    code, told = run(capsys, str(other))
-    assert code == REFUSED and "no flight file" in told
-    code, told = run(capsys, str(HERE / "limit.flight"), "--speed", "2")
-    assert code == USAGE and "--view" in told
+    code, text = run(str(other))
+    assert code == REFUSED and "no flight file" in text
+    code, text = run(str(HERE / "limit.flight"), "--speed", "2")
+    assert code == USAGE and "--view" in text
 
 
-def test_can_buses_are_refused_with_what_to_do(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_can_buses_are_refused_with_what_to_do(run: Run, tmp_path: Path) -> None:
     recorded = load(HERE / "limit.flight")
     description = dict(recorded.briefing.description)
     description["buses"] = [{**bus, "kind": "can"} for bus in description["buses"]]
     briefing = msgspec.structs.replace(recorded.briefing, description=description)
     path = tmp_path / "can.flight"
     save(path, {}, msgspec.msgpack.encode(briefing), recorded.contents)
-    code, told = run(capsys, str(path))
-    assert code == REFUSED and "CAN bus" in told and "--view" in told
+    code, text = run(str(path))
+    assert code == REFUSED and "CAN bus" in text and "--view" in text
 
 
 def test_a_robot_that_cannot_be_shown_is_refused_in_words(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def never(*_: Any, **__: Any) -> int:
         raise AssertionError("a page of no robot")
@@ -201,8 +202,8 @@ def test_a_robot_that_cannot_be_shown_is_refused_in_words(
     briefing = msgspec.structs.replace(recorded.briefing, description=description)
     path = tmp_path / "foreign.flight"
     save(path, {}, msgspec.msgpack.encode(briefing), recorded.contents)
-    code, told = run(capsys, "--view", str(path))
-    assert code == REFUSED and "cannot be shown" in told and "poses" in told
+    code, text = run("--view", str(path))
+    assert code == REFUSED and "cannot be shown" in text and "poses" in text
 
 
 def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import time
 from pathlib import Path
 
 from tests.support.doc_pages_text import README, fenced
-from tests.support.processes import BUSY
+from tests.support.processes import BUSY, until
+from twind.client import Client, ClientError
 
 # A shared machine may stop everybody for a tenth of a second; the daemon then holds and says so, as it must.
 # What is claimed here is that the commands do what the page says on a machine that lets them.
@@ -31,3 +32,18 @@ def run(command: str, folder: Path, environment: dict[str, str], seconds: float 
 
 def readme_lines() -> list[str]:
     return [line for block in fenced(README, "sh") for line in block.splitlines()]
+
+
+def wait_for(runtime: Path, **wanted: object) -> None:
+    """Wait until the status of the daemon below this runtime folder has these values."""
+
+    def is_reached() -> bool:
+        try:
+            with Client(runtime / "twind") as client:
+                status = client.call("GetStatus")["status"]
+        except ClientError:
+            return False
+        return all(status[key] == value for key, value in wanted.items())
+
+    log = runtime / "log"
+    until(is_reached, 30.0, lambda: f"{wanted}: {log.read_text() if log.exists() else ''}")

@@ -19,11 +19,11 @@ from pathlib import Path
 from PIL import Image
 
 from tests.support.browser import SIZE, browser, missing, opened
+from tests.support.picture_drawing import svg
 from tests.support.processes import Daemon, arm, daemon, go, robot, until
 from twind.client import Client, ClientError, Refused
 from twind.command_line.trajectory_files import load_motion
 from twind.ctl.picture.live_picture import MonitorFeed
-from twind.ctl.picture.picture_renderer import svg
 
 FOLDER = Path(__file__).parents[2] / "docs" / "pictures"
 MOST = 300_000  # bytes of one picture

@@ -6,13 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mcap.reader import make_reader
+
 from twind.client.clock_pair import ClockPair
 from twind.observe.recording.recording_columns import RobotRecording, open_recording
+from twind.observe.recording.recording_topics import TRAJECTORY
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_file import BufferedFile, RecordFile
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_schemas import clock_words
 from twind.observe.writing.record_writer import RecordSession, RecordWriter
+from twind.ros import JOINT_TRAJECTORY, decode
 
 JOINTS = ("hip", "knee")
 UNLIMITED = {"keep": 1 << 40, "free": 0, "file": 1 << 40}  # bytes
@@ -97,6 +101,19 @@ def write(path: Path, seconds: float = 1.0, rate: float = 100.0) -> Path:
             file.flush()
     file.finish()
     return path
+
+
+def trajectories(path: Path) -> list[dict[str, Any]]:
+    """Accepted trajectories in a recording: `id`, `start_in` (s after the message), names, points."""
+    with path.open("rb") as stream:
+        kept = [each for _, _, each in make_reader(stream).iter_messages(topics=[TRAJECTORY])]
+    found = []
+    for each in kept:
+        message = decode(JOINT_TRAJECTORY, each.data)
+        stamp = message["header"]["stamp"]
+        start_in = (stamp["sec"] * 10**9 + stamp["nanosec"] - each.log_time) / 1e9
+        found.append({**message, "id": message["header"]["frame_id"], "start_in": start_in})
+    return found
 
 
 class FullDisk(BufferedFile):

@@ -1,8 +1,7 @@
-"""Situations in which the front tells of each code: a real front process, real bytes on its sockets."""
+"""Situations in which the front process reports each reason code, by bytes on its sockets."""
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.raw_connection import Raw
@@ -10,26 +9,12 @@ from twind.robot.finding import ReasonCode
 
 Told = Iterable[str]
 Scene = Callable[[StandIn], Told]
-SCENES: dict[ReasonCode, Callable[[Path], Told]] = {}
-
-
-@contextmanager
-def front(folder: Path) -> Iterator[StandIn]:
-    stand_in = StandIn(folder)
-    try:
-        yield stand_in
-    finally:
-        assert stand_in.close() == 0
+SCENES: dict[ReasonCode, Scene] = {}
 
 
 def leads_to(code: ReasonCode) -> Callable[[Scene], Scene]:
     def keep(scene: Scene) -> Scene:
-        def run(folder: Path) -> Told:
-            with front(folder) as stand_in:
-                return list(scene(stand_in))
-
-        run.__name__ = scene.__name__
-        SCENES[code] = run
+        SCENES[code] = scene
         return scene
 
     return keep

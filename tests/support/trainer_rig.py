@@ -1,4 +1,4 @@
-"""Helpers shared by the computed and the real-time tests of learn training."""
+"""A small training for the tests of the trainer."""
 
 import threading
 from argparse import Namespace

@@ -9,7 +9,7 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
-from twind.twin.base_support import BY_ORDER, BY_TORQUE, NEVER
+from twind.twin.base_support import BY_ORDER, BY_TORQUE, NEVER, BaseSupport
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
@@ -24,6 +24,11 @@ def body(hold: str = BY_TORQUE) -> MujocoPhysics:
     return body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), hold=hold)
 
 
+def support(muscles: MujocoPhysics) -> BaseSupport:
+    assert muscles.crane is not None
+    return muscles.crane
+
+
 def torque(muscles: MujocoPhysics, on: Any) -> None:
     """Torque where `on` says, holding what is there."""
     one = np.ones(len(ROBOT.names))
@@ -34,14 +39,12 @@ def torque(muscles: MujocoPhysics, on: Any) -> None:
 
 
 def height(muscles: MujocoPhysics) -> float:
-    assert muscles.crane is not None
-    return float(muscles.crane.place[2])
+    return float(support(muscles).place[2])
 
 
 def tilt(muscles: MujocoPhysics) -> float:
     """Sine of half the angle by which the base leans."""
-    assert muscles.crane is not None
-    return hypot(*muscles.crane.place[4:6])
+    return hypot(*support(muscles).place[4:6])
 
 
 def run(muscles: MujocoPhysics, since: float, until: float, on: Any = None) -> None:
@@ -56,7 +59,7 @@ def test_a_limp_body_is_held_upright_on_the_floor_for_as_long_as_it_takes() -> N
     run(muscles, 0.0, 20.0)
     assert height(muscles) == pytest.approx(STANDING, abs=0.001)
     assert tilt(muscles) < 1e-4
-    assert muscles.crane is not None and muscles.crane.is_holding
+    assert support(muscles).is_holding
 
 
 def test_a_robot_without_base_support_or_torque_falls() -> None:
@@ -67,11 +70,10 @@ def test_a_robot_without_base_support_or_torque_falls() -> None:
 
 def test_the_base_support_is_released_after_a_second_of_torque_and_the_robot_stands() -> None:
     muscles = body()
-    assert muscles.crane is not None
     run(muscles, 0.0, 0.9, on=1)
-    assert muscles.crane.is_holding
+    assert support(muscles).is_holding
     run(muscles, 0.9, 1.2)
-    assert not muscles.crane.is_holding
+    assert not support(muscles).is_holding
     run(muscles, 1.2, 12.0)
     assert height(muscles) == pytest.approx(STANDING, abs=0.005)
     assert tilt(muscles) < 0.02
@@ -84,41 +86,38 @@ def test_a_leg_servo_without_torque_keeps_the_base_support() -> None:
     on = np.ones(len(LEGS))
     on[ROBOT.names.index("l_knee")] = 0.0
     run(muscles, 0.0, 3.0, on=on)
-    assert muscles.crane is not None and muscles.crane.is_holding
+    assert support(muscles).is_holding
 
 
 def test_a_robot_whose_legs_go_limp_is_supported_in_place_and_released_again() -> None:
     muscles = body()
-    assert muscles.crane is not None
     run(muscles, 0.0, 2.0, on=1)
     before = height(muscles)
     run(muscles, 2.0, 5.0, on=0)
-    assert muscles.crane.is_holding and height(muscles) == pytest.approx(before, abs=0.003)
+    assert support(muscles).is_holding and height(muscles) == pytest.approx(before, abs=0.003)
     run(muscles, 5.0, 8.0, on=1)
-    assert not muscles.crane.is_holding and height(muscles) == pytest.approx(STANDING, abs=0.01)
+    assert not support(muscles).is_holding and height(muscles) == pytest.approx(STANDING, abs=0.01)
 
 
 def test_a_standing_robot_with_one_limp_leg_is_not_supported() -> None:
     muscles = body()
-    assert muscles.crane is not None
     run(muscles, 0.0, 2.0, on=1)
     left = np.array([name.startswith("l_") for name in ROBOT.names]) & LEGS
     run(muscles, 2.0, 6.0, on=~left)
-    assert not muscles.crane.is_holding
+    assert not support(muscles).is_holding
     assert height(muscles) < 0.3, "it fell"
 
 
 def test_by_order_alone_it_is_held_and_let_go() -> None:
     muscles = body(BY_ORDER)
-    assert muscles.crane is not None
     run(muscles, 0.0, 3.0, on=1)
-    assert muscles.crane.is_holding
-    muscles.crane.hold(False)
+    assert support(muscles).is_holding
+    support(muscles).hold(False)
     run(muscles, 3.0, 4.0)
-    assert not muscles.crane.is_holding and height(muscles) == pytest.approx(STANDING, abs=0.005)
+    assert not support(muscles).is_holding and height(muscles) == pytest.approx(STANDING, abs=0.005)
     run(muscles, 4.0, 7.0, on=0)
     assert height(muscles) < 0.3, "nobody catches it"
-    muscles.crane.hold()
+    support(muscles).hold()
     run(muscles, 7.0, 8.0)
     assert height(muscles) >= STANDING - 0.001 and tilt(muscles) < 1e-3, "lifted, upright"
 
@@ -127,8 +126,7 @@ def test_by_order_alone_it_is_held_and_let_go() -> None:
 def test_a_push_gives_the_whole_body_its_impulse(way: tuple[float, float, float]) -> None:
     """Measured in the air, where nothing else pushes sideways: change of momentum = impulse."""
     muscles = body(BY_ORDER)
-    crane = muscles.crane
-    assert crane is not None
+    crane = support(muscles)
     torque(muscles, 1)
     muscles.data.qpos[2] += 2.0
     crane.let_go()
@@ -143,17 +141,15 @@ def test_a_push_gives_the_whole_body_its_impulse(way: tuple[float, float, float]
 def test_a_small_push_is_borne_and_a_great_one_is_not() -> None:
     for impulse, falls in ((0.3, False), (6.0, True)):
         muscles = body()
-        assert muscles.crane is not None
         run(muscles, 0.0, 2.0, on=1)
-        muscles.crane.push(forward=impulse)
+        support(muscles).push(forward=impulse)
         run(muscles, 2.0, 5.0)
         assert (height(muscles) < 0.3) is falls
 
 
 @pytest.mark.parametrize("wrong", [{"up": 101.0}, {"seconds": 3.0}, {"forward": float("nan")}])
 def test_a_push_that_is_a_typing_error_is_refused(wrong: dict[str, float]) -> None:
-    crane = body().crane
-    assert crane is not None
+    crane = support(body())
     with pytest.raises(ValueError, match=r"push: .* outside 0\.\.100 N·s over 0\.002\.\.2 s"):
         crane.push(**wrong)
 

@@ -24,14 +24,14 @@ def test_the_simulated_state_follows_goals_and_the_mirror_follows_readings() -> 
     assert np.abs(simulated.position - BENT).max() < 0.05
     assert simulated.time == 1.49
     assert (twin.mirror.position == 0.05).all()
-    assert np.isfinite(twin.model_effort).all()
+    assert np.isfinite(twin.mirror.effort).all()
 
 
 def test_without_a_reading_only_the_simulation_moves() -> None:
     twin = Twin(BINDING, 0.01)
     twin.update(None, BENT, now=0.0)
     assert (twin.mirror.position == BINDING.rest).all()
-    assert np.isnan(twin.model_effort).all()
+    assert np.isnan(twin.mirror.effort).all()
 
 
 def test_placing_halting_and_releasing_are_those_of_the_simulation() -> None:
@@ -48,6 +48,6 @@ def test_non_finite_input_to_mirror_and_simulation_causes_no_warning_and_no_rese
     twin = Twin(BINDING, 0.01)
     for bad in (np.nan, np.inf, 1e300):
         twin.update(measured(bad), np.full(24, bad), now=0.0)
-    assert (twin.warnings, twin.resets) == (0, 0)
+    assert (twin.simulation.warnings, twin.resets) == (0, 0)
     assert np.isfinite(twin.mirror.data.xpos).all()
     assert np.isfinite(twin.simulation.data.qpos).all()

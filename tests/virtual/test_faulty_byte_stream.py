@@ -19,7 +19,7 @@ IDS = [1, 2, 3, 4]
 
 
 def listen(host: Host, seconds: float, step: float = 0.0005) -> bytes:
-    """What the host hears in that time without asking anything."""
+    """Return the bytes that the host receives in that time without a request."""
     out = b""
     end = host.clock.now() + seconds
     while host.clock.now() < end:

@@ -119,7 +119,7 @@ def robot(
 
 
 def angle(made: VirtualRobotSpec, virtual: dict[str, ServableBus], joint: str, now: float) -> float:
-    """Where that joint is, rad."""
+    """Return the angle of that joint, rad."""
     place = made.robot.names.index(joint)
     spec = made.wired.joints[place]
     bus = virtual[spec.bus]

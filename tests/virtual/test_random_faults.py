@@ -53,7 +53,7 @@ steps = st.one_of(
 
 
 def listen(host: Host, until: float) -> bytes:
-    """What the host hears, looking whenever there is something; no more looks than time and bytes allow."""
+    """Return the bytes that the host receives, in no more polls than time and bytes allow."""
     out = b""
     looks = 0
     while host.bus.next_output_time() <= until:

@@ -1,4 +1,4 @@
-"""What is true of a virtual specimen is read, refused, drawn; servos, body and calibration follow it."""
+"""The truth of a virtual robot is read, refused, drawn; servos, body and calibration follow it."""
 
 import json
 import math

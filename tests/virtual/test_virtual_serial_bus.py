@@ -57,7 +57,9 @@ def test_golden_fast_bulk_read_of_3_7_4() -> None:
     host = Host([3, 7, 4])
     host.keep_readings()
     raw = host.servos.memory.raw
-    raw[0, 132:136], raw[1, 124:126], raw[2, 146] = (0xA6, 0, 0, 0), (0xA5, 0x01), 0x1F
+    raw[0, 132:136] = (0xA6, 0, 0, 0)
+    raw[1, 124:126] = (0xA5, 0x01)
+    raw[2, 146] = 0x1F
     request = hexed("FF FF FD 00 FE 12 00 9A 03 84 00 04 00 07 7C 00 02 00 04 92 00 01 00 DA 2D")
     assert host.raw(request) == hexed(
         "FF FF FD 00 FE 14 00 55 00 03 A6 00 00 00 67 A4 00 07 A5 01 24 74 00 04 1F D9 C1"
@@ -68,7 +70,8 @@ def test_golden_bulk_read_of_1_and_2() -> None:
     host = Host([1, 2])
     host.keep_readings()
     raw = host.servos.memory.raw
-    raw[0, 144:146], raw[1, 146] = (119, 0), 36
+    raw[0, 144:146] = (119, 0)
+    raw[1, 146] = 36
     request = hexed("FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05")
     assert host.raw(request) == hexed(
         "FF FF FD 00 01 06 00 55 00 77 00 C3 69 FF FF FD 00 02 05 00 55 00 24 8B A9"

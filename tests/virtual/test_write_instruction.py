@@ -1,4 +1,4 @@
-"""Which error a write is answered with: e-manual "Protocol 2.0", Error, and the pages of the registers."""
+"""Errors that a write is answered with: e-manual "Protocol 2.0", Error, and the pages of the registers."""
 
 import pytest
 from hypothesis import given

@@ -116,7 +116,8 @@ class MotionSession:
         except ClientError:
             self.close()
             raise
-        self.held, self._renewed = True, self._now()
+        self.held = True
+        self._renewed = self._now()
 
     def submit(self, trajectory: Mapping[str, Any]) -> Mapping[str, Any]:
         """Submit a trajectory; return the answer `accepted`, with its id and verdict.
@@ -252,7 +253,9 @@ class MotionSession:
         """Drop the connection and with it the lease: the daemon, if it runs, holds the robot."""
         if self._client is not None:
             self._client.close()
-        self._client, self.held, now = None, False, self._now()
+        self._client = None
+        self.held = False
+        now = self._now()
         with self._lock:
             self._let_go = False
             for motion in self._under.values():

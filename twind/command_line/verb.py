@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -56,6 +56,26 @@ class FunctionVerb:
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
     supports_remote: bool = False
+
+
+def no_arguments(_parser: argparse.ArgumentParser) -> None:
+    """Add no arguments."""
+
+
+def one_call(
+    method: str,
+    text: Callable[[argparse.Namespace, Any], str],
+    parameters: Callable[[argparse.Namespace], Mapping[str, Any]] = lambda _: {},
+) -> Callable[[argparse.Namespace], int]:
+    """Make the `run` of a verb that makes one call as an operator and prints the `text` of its answer."""
+
+    def run(options: argparse.Namespace) -> int:
+        with operator(options) as client:
+            answer = client.call(method, **parameters(options))
+        show(options, answer, text(options, answer))
+        return DONE
+
+    return run
 
 
 def help_text(verb: Verb) -> str:

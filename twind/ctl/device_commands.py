@@ -1,8 +1,10 @@
 """Verbs on single devices: register, reboot. Standard library only."""
 
 import argparse
+from collections.abc import Mapping
+from typing import Any
 
-from twind.command_line.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, one_call, operator, show, write_register
 
 
 def _parse_integer(text: str) -> int:
@@ -15,15 +17,14 @@ def _parse_integer(text: str) -> int:
 
 def _register_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=["read", "write"], help="what to do")
-    parser.add_argument("bus", help="bus of the device, as the robot file names it")
-    parser.add_argument("id", type=int, help="id of the device")
+    _add_device(parser)
     parser.add_argument("name", help="as the vendor's control table spells it, or its address")
     parser.add_argument("value", nargs="?", type=_parse_integer, help="to write")
     parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from its present holder")
 
 
 def _register(options: argparse.Namespace) -> int:
-    where = {"bus": options.bus, "id": options.id, "name": options.name}
+    where = _device(options) | {"name": options.name}
     if (options.action == "write") != (options.value is not None):
         raise UsageError("write takes a VALUE, read takes none")
     with operator(options) as client:
@@ -37,20 +38,21 @@ def _register(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_device(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bus", help="bus of the device, as the robot file names it")
     parser.add_argument("id", type=int, help="id of the device")
 
 
-def _reboot(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("Reboot", bus=options.bus, id=options.id)
+def _device(options: argparse.Namespace) -> dict[str, Any]:
+    return {"bus": options.bus, "id": options.id}
+
+
+def _reboot_text(options: argparse.Namespace, answer: Mapping[str, Any]) -> str:
     lines = [f"{options.bus} id {options.id} restarted: state {answer['state']}"]
     lines += [f"  restored: {each}" for each in answer.get("restored") or ()]
     lines += [f"  differs: {each}" for each in answer.get("differing") or ()]
-    show(options, answer, "\n".join(lines))
-    return DONE
+    return "\n".join(lines)
 
 
 REGISTER = FunctionVerb("set up", "Read or write a register of one device.", _register_arguments, _register)
-REBOOT = FunctionVerb("set up", "Restart one device.", _reboot_arguments, _reboot)
+REBOOT = FunctionVerb("set up", "Restart one device.", _add_device, one_call("Reboot", _reboot_text, _device))

@@ -1,26 +1,25 @@
 """Verbs `reload` and `parameters`: what the daemon goes by. Standard library only."""
 
 import argparse
+from collections.abc import Mapping
 from typing import Any
 
-from twind.command_line.verb import DONE, FunctionVerb, UsageError, observer, operator, show
+from twind.command_line.verb import (
+    DONE,
+    FunctionVerb,
+    UsageError,
+    no_arguments,
+    observer,
+    one_call,
+    operator,
+    show,
+)
 
-NONE = "nothing has changed"
 
-
-def _arguments(_parser: argparse.ArgumentParser) -> None:
-    """No options of its own."""
-
-
-def _reload(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("Reload")
-    applied = answer["applied"]
-    waiting = answer["needs_restart"]
-    lines = [f"in force: {key}" for key in applied] or ([] if waiting else [NONE])
-    lines += [f"needs a restart: {key}" for key in waiting]
-    show(options, answer, "\n".join(lines))
-    return DONE
+def _reload_text(_options: argparse.Namespace, answer: Mapping[str, Any]) -> str:
+    lines = [f"in force: {key}" for key in answer["applied"]]
+    lines += [f"needs a restart: {key}" for key in answer["needs_restart"]]
+    return "\n".join(lines or ["nothing has changed"])
 
 
 def _parameters_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +60,10 @@ def _setting(word: str) -> tuple[str, Any]:
 
 
 RELOAD = FunctionVerb(
-    "set up", "Reload the files of the daemon and apply the permitted changes.", _arguments, _reload
+    "set up",
+    "Reload the files of the daemon and apply the permitted changes.",
+    no_arguments,
+    one_call("Reload", _reload_text),
 )
 PARAMETERS = FunctionVerb(
     "set up",

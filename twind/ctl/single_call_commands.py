@@ -1,13 +1,19 @@
 """Verbs of one call: mode, arm, disarm, reset, stop, mark, dump. Standard library only."""
 
 import argparse
+from typing import Any
 
 from twind.client.errors import finding_lines
-from twind.command_line.verb import DONE, FunctionVerb, lease, observer, operator, show
-
-
-def _none(_parser: argparse.ArgumentParser) -> None:
-    """No options of its own."""
+from twind.command_line.verb import (
+    DONE,
+    FunctionVerb,
+    lease,
+    no_arguments,
+    observer,
+    one_call,
+    operator,
+    show,
+)
 
 
 def _mode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,29 +44,8 @@ def _arm(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _disarm(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("Disarm")
-    show(options, answer, f"disarmed: state {answer['state']}")
-    return DONE
-
-
 def _reset_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codes", nargs="*", metavar="CODE", help="faults to acknowledge (default: all)")
-
-
-def _reset(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("Reset", codes=options.codes or None)
-    show(options, answer, f"state {answer['state']}")
-    return DONE
-
-
-def _stop(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("Cancel")
-    show(options, answer, f"stopping: state {answer['state']}")
-    return DONE
 
 
 def _mark_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,36 +60,51 @@ def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     note.add_argument("text", metavar="TEXT", nargs="+", help="the note")
 
 
-def _mark(options: argparse.Namespace) -> int:
-    said = {key: getattr(options, key, None) for key in ("task", "success", "text")}
-    said["text"] = " ".join(said["text"]) if said["text"] else None
-    with operator(options) as client:
-        answer = client.call("Mark", kind=options.kind, **said)
-    show(options, answer, f"marked: {options.kind}")
-    return DONE
+def _annotation(options: argparse.Namespace) -> dict[str, Any]:
+    given = {key: getattr(options, key, None) for key in ("kind", "task", "success", "text")}
+    return given | {"text": " ".join(given["text"]) if given["text"] else None}
 
 
 def _dump_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="part of the file's name (default DUMP)")
 
 
-def _dump(options: argparse.Namespace) -> int:
-    with operator(options) as client:
-        answer = client.call("DumpRecorder", name=options.name)
-    show(options, answer, answer["path"])
-    return DONE
-
-
 MODE = FunctionVerb(
     "drive", "Show or change the mode: sim, mirror or live.", _mode_arguments, _mode, supports_remote=True
 )
 ARM = FunctionVerb("drive", "Switch torque on and hold the present pose.", _arm_arguments, _arm)
-DISARM = FunctionVerb("drive", "Settle to the rest pose, then switch torque off.", _none, _disarm)
-RESET = FunctionVerb("drive", "Acknowledge latched faults.", _reset_arguments, _reset)
-STOP = FunctionVerb("drive", "Decelerate and hold.", _none, _stop, supports_remote=True)
+DISARM = FunctionVerb(
+    "drive",
+    "Settle to the rest pose, then switch torque off.",
+    no_arguments,
+    one_call("Disarm", lambda _, answer: f"disarmed: state {answer['state']}"),
+)
+RESET = FunctionVerb(
+    "drive",
+    "Acknowledge latched faults.",
+    _reset_arguments,
+    one_call(
+        "Reset",
+        lambda _, answer: f"state {answer['state']}",
+        lambda options: {"codes": options.codes or None},
+    ),
+)
+STOP = FunctionVerb(
+    "drive",
+    "Decelerate and hold.",
+    no_arguments,
+    one_call("Cancel", lambda _, answer: f"stopping: state {answer['state']}"),
+    supports_remote=True,
+)
 MARK = FunctionVerb(
-    "record", "Mark an episode in recordings: begin TASK, end, note TEXT.", _mark_arguments, _mark
+    "record",
+    "Mark an episode in recordings: begin TASK, end, note TEXT.",
+    _mark_arguments,
+    one_call("Mark", lambda options, _: f"marked: {options.kind}", _annotation),
 )
 DUMP = FunctionVerb(
-    "record", "Write the last half minute to a flight file and print its path.", _dump_arguments, _dump
+    "record",
+    "Write the last half minute to a flight file and print its path.",
+    _dump_arguments,
+    one_call("DumpRecorder", lambda _, answer: str(answer["path"]), lambda options: {"name": options.name}),
 )

@@ -5,9 +5,9 @@ from typing import Any
 
 from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
+from twind.robot.modes import RESET_STATES
 
 Answer = Mapping[str, Any]
-LATCHED = ("fault", "estop", "inhibited")  # states that only a reset ends
 UNKNOWN = ("disconnected", "identifying")  # states that hide whether a fault is latched
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
@@ -62,7 +62,7 @@ def _fault_lines(status: Answer) -> list[str]:
 
 
 def _reset_text(state: str) -> str:
-    if state in LATCHED:
+    if state in RESET_STATES:
         return f"needed: state {state} is latched until `twindctl disarm`, then `twindctl reset`"
     if state in UNKNOWN:
         return "unknown until the robot is connected; needed if the state is then `fault` or `estop`"

@@ -14,7 +14,8 @@ from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, RobotFile
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
-from twind_drivers.bus import ByteTransport, PortError
+from twind_drivers.bus import PortError
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.can_ports import open_channel, parse
 from twind_drivers.can.can_reader import CanReader

@@ -138,7 +138,7 @@ class ClientSession:
             self.stream.finish()
         if self._paused and not self.calls.full:
             self._paused = False
-            self.front.soon(self.stream.resume)
+            self.front.loop.call_soon(self.stream.resume)
 
     def _broke(self, method: str, error: Exception) -> None:
         self.front.broken(self.caller, method, error)

@@ -27,16 +27,11 @@ from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, pl
 from twind.front.state_cache import encode
 from twind.link import CrashRecordingDone, Event
 from twind.robot.event_codes import EventCode
-from twind.robot.modes import RobotState
+from twind.robot.modes import RESET_STATES
 
 if TYPE_CHECKING:
     from twind.front.front_server import FrontServer
 
-FAULTS = {
-    RobotState.FAULT.value,
-    RobotState.ESTOP.value,
-    RobotState.INHIBITED.value,
-}  # what an operator must acknowledge
 AFTERMATH = 2.0  # s after a fault that are in its file
 AGAIN = 10.0  # s between two files of faults
 CAUSE = 0.05  # s before a fault in which events count as its cause
@@ -98,9 +93,10 @@ class FlightDumper:
         self._farewell = self._farewell or event.code == EventCode.END
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
-        if event.code in FAULTS and self._due is None:
+        if event.code in RESET_STATES and self._due is None:
             self._cause_codes = [each.code for each in self._causes if each.time >= event.time - CAUSE]
-            self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
+            self._reason = event.code
+            self._due = max(self._front.now() + AFTERMATH, self._next)
 
     def housekeep(self, now: float) -> None:
         """Write what is due; called once per round of housekeeping."""
@@ -165,7 +161,8 @@ class FlightDumper:
     # ----------------------------------------------------------------------------- writing
 
     def _write_due(self) -> None:
-        self._due, self._next = None, self._front.now() + AGAIN
+        self._due = None
+        self._next = self._front.now() + AGAIN
         if self._recorded.ring is not None:
             self._begin(_FlightRequest(self._recorded.ring, self._reason, self._cause()))
 

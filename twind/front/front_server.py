@@ -9,7 +9,6 @@ import asyncio
 import socket
 import struct
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind.briefing import Briefing
@@ -81,10 +80,6 @@ class FrontServer:
     def now(self) -> float:
         """Monotonic time, s: the same clock as the loop's."""
         return self.loop.time()
-
-    def soon(self, do: Callable[[], None]) -> None:
-        """Call `do` when what is at hand is done."""
-        self.loop.call_soon(do)
 
     # ----------------------------------------------------------------------------- clients
 
@@ -178,27 +173,26 @@ class FrontServer:
 
     def refuse(self, call: ClientCall, findings: list[Finding]) -> None:
         """Answer with the error `Refused`, readable; report it to the log and to subscribers of verdicts."""
-        named = self.world.names.findings(findings)
-        call.refuse(named)
-        self.judged(call, {"refusals": named, "warnings": [], "changes": []})
+        call.refuse(self.report_refusal(call, findings)["refusals"])
 
     def not_allowed(self, call: ClientCall) -> None:
         """Report AUTH_ROLE to the log and to subscribers; the caller gets the error `NotAllowed`."""
         reason = f"{call.method} is not for an {call.caller.role}: control.sock takes it"
-        named = self.world.names.findings([Finding(ReasonCode.AUTH_ROLE, message=reason)])
-        self.judged(call, {"refusals": named, "warnings": [], "changes": []})
+        self.report_refusal(call, [Finding(ReasonCode.AUTH_ROLE, message=reason)])
 
-    def judged(self, call: ClientCall, verdict: dict[str, list[dict[str, Any]]]) -> None:
-        """Report the front's own verdict to subscribers. Its sequence is 0: the loop counts only its own."""
-        self.telemetry.verdict(VerdictReport(time=self.now(), sequence=0, id="", verdict=verdict))
-        self._tell_refusal(call.caller, verdict["refusals"])
+    def report_refusal(self, call: ClientCall, findings: list[Finding]) -> dict[str, list[dict[str, Any]]]:
+        """Report the front's own refusal to the log and to subscribers; return it as a verdict.
 
-    def _tell_refusal(self, caller: Caller, findings: list[dict[str, Any]]) -> None:
-        first = findings[0]
-        more = len(findings) - 1 or None
-        self.log.write(
-            "warning", first["code"], self.now(), message=first["message"], more=more, holder=caller.holder
-        )
+        Its sequence is 0: the loop counts only its own.
+        """
+        named = self.world.names.findings(findings)
+        verdict: dict[str, list[dict[str, Any]]] = {"refusals": named, "warnings": [], "changes": []}
+        now = self.now()
+        self.telemetry.verdict(VerdictReport(time=now, sequence=0, id="", verdict=verdict))
+        first = named[0]
+        fields = {"message": first["message"], "more": len(named) - 1 or None, "holder": call.caller.holder}
+        self.log.write("warning", first["code"], now, **fields)
+        return verdict
 
     def broken(self, caller: Caller, method: str, error: Exception) -> None:
         """Log a failed call, a defect of the front, with its place."""

@@ -208,13 +208,11 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
 
 def _turned_down(front: FrontServer, call: ClientCall, wrong: list[Finding], *, check_only: bool) -> None:
     """The front's own verdict: the loop never sees the trajectory."""
-    findings = front.world.names.findings(wrong)
-    verdict: dict[str, list[dict[str, Any]]] = {"refusals": findings, "warnings": [], "changes": []}
-    front.judged(call, verdict)
+    verdict = front.report_refusal(call, wrong)
     if check_only:
         call.reply(encode({"verdict": verdict}))
     else:
-        call.refuse(findings)
+        call.refuse(verdict["refusals"])
 
 
 def _setpoint(front: FrontServer, call: ClientCall) -> None:

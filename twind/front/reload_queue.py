@@ -200,7 +200,7 @@ class ReloadQueue:
         self._now = None
         if request is not None and request.call is not None:
             answer(request.call)
-        self._front.soon(self._next)
+        self._front.loop.call_soon(self._next)
 
 
 def _foresight(briefing: Briefing) -> TrajectoryPrecheck | str:

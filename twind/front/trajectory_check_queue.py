@@ -147,7 +147,7 @@ class TrajectoryCheckQueue:
             reason = "the robot was stopped while this was judged: send it again"
             self._front.refuse(job.call, [Finding(ReasonCode.BUSY, message=reason)])
         if stopped and self._steps is None:
-            self._front.soon(self._next)
+            self._front.loop.call_soon(self._next)
 
     def _next(self) -> None:
         """Begin with the first that waits."""
@@ -165,7 +165,7 @@ class TrajectoryCheckQueue:
             return
         reference = standing(job.begun)
         self._steps = self._foresight.judging(job.path, reference, append_stop=job.append_stop)
-        self._front.soon(self._step)
+        self._front.loop.call_soon(self._step)
 
     def _step(self) -> None:
         """Run one slice of a check; then other clients are served."""
@@ -185,7 +185,7 @@ class TrajectoryCheckQueue:
             reason = f"cannot be judged: {type(error).__name__}: {error}"
             self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
         else:
-            self._front.soon(self._step)
+            self._front.loop.call_soon(self._step)
 
     def _done(self, verdict: Verdict) -> None:
         job = self._jobs.popleft()
@@ -195,7 +195,7 @@ class TrajectoryCheckQueue:
         except (OSError, MemoryError) as error:  # a path travels in a descriptor of its own
             job.call.error("Busy", {"what": f"out of descriptors or memory: {error}"})
         finally:
-            self._front.soon(self._next)
+            self._front.loop.call_soon(self._next)
 
     def _as_of(self, begun: Tick | None) -> float:
         """Return the time (s) of the state under a verdict: now, if the robot has held since it began."""

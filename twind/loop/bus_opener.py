@@ -14,7 +14,8 @@ from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
 from twind.loop.bus_tap import RecordingBusTap, TappedChannel, TappedTransport
 from twind.robot.joints import JointBusMap, JointMap
-from twind_drivers.bus import BusReader, BusWriter, ByteTransport
+from twind_drivers.bus import BusReader, BusWriter
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_ports import open_channel, present
 from twind_drivers.can.channel import CanChannel

@@ -11,7 +11,8 @@ from twind.config.robot_spec import RobotFile
 from twind.flight import LOST, NO_BUS, OPENED, REFUSED, EntryKind, FlightEntry, FlightRing, pack
 from twind.flight.recorder_ring import TRANSCRIPT
 from twind.standard_streams import write_line
-from twind_drivers.bus import ByteTransport, PortError
+from twind_drivers.bus import PortError
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import Clock

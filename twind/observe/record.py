@@ -21,6 +21,13 @@ group = "record"
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
+SIZES = (
+    ("--max-size", "1G", "a new file begins at this size, at a quarter of --keep, or after an hour"),
+    ("--keep", "10G", "what recordings may take in the folder: the oldest go first"),
+    ("--free", "1G", "what stays free of the disk: recording stops there"),
+)
+
+
 def size(text: str) -> int:
     """Bytes of `500M` or `1.5G`; K, M, G and T are powers of 1024. Raises ArgumentTypeError."""
     word = text.strip().upper().removesuffix("B").removesuffix("I")
@@ -40,27 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     parser.add_argument("--task", metavar="T", help="mark all of it as an episode of this task")
     parser.add_argument("--per-episode", action="store_true", help="a file for each episode, nothing between")
-    parser.add_argument(
-        "--max-size",
-        type=size,
-        default=1 << 30,
-        metavar="SIZE",
-        help="a new file begins at this size, at a quarter of --keep, or after an hour (default: 1G)",
-    )
-    parser.add_argument(
-        "--keep",
-        type=size,
-        default=10 << 30,
-        metavar="SIZE",
-        help="what recordings may take in the folder: the oldest go first (default: 10G)",
-    )
-    parser.add_argument(
-        "--free",
-        type=size,
-        default=1 << 30,
-        metavar="SIZE",
-        help="what stays free of the disk: recording stops there (default: 1G)",
-    )
+    for name, usual, text in SIZES:
+        parser.add_argument(
+            name, type=size, default=size(usual), metavar="SIZE", help=f"{text} (default: {usual})"
+        )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -80,7 +80,8 @@ def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: fl
     w, x, y, z = quaternion
     half = hypot(*rate) * seconds / 2.0
     share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
-    c, (i, j, k) = cos(half), (each * share for each in rate)
+    c = cos(half)
+    i, j, k = (each * share for each in rate)
     return unit(
         (
             w * c - x * i - y * j - z * k,

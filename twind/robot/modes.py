@@ -26,6 +26,10 @@ class RobotState(StrEnum):
     INHIBITED = "inhibited"  # nothing more is written
 
 
+# states that only a reset ends
+RESET_STATES = frozenset({RobotState.FAULT, RobotState.ESTOP, RobotState.INHIBITED})
+
+
 class Motion(StrEnum):
     """Motion of the target of commands."""
 

@@ -42,7 +42,8 @@ class ImuBuffer:
         self, time_ns: int, gyro: Sequence[float], force: Sequence[float], quaternion: Sequence[float]
     ) -> bytes:
         """The message of `time_ns` (since 1970): rad/s, m/s², w x y z."""
-        when, (w, x, y, z) = stamp(time_ns), quaternion
+        when = stamp(time_ns)
+        w, x, y, z = quaternion
         _STAMP.pack_into(self._data, len(HEAD), when["sec"], when["nanosec"])
         numbers = (x, y, z, w, *_NONE, *gyro, *_NONE, *force, *_NONE)
         NUMBERS.pack_into(self._data, len(self._data) - NUMBERS.size, *numbers)

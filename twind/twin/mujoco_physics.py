@@ -138,13 +138,28 @@ class MujocoPhysics:
         self.position[:], self.velocity[:], self.current[:], self.pwm[:] = readings
 
 
-class BusPhysics:
-    """The motors of one bus: the interface of `MujocoPhysics` for m of its n motors."""
+class _PartPhysics:
+    """Some of the motors of a body, by their places `at`."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self.whole = whole
         self._loops = loops
         self._at = at
+
+    def block(self, held: Bools) -> None:
+        """Block the joints `held` (m,)."""
+        self._loops.block(self._at, held)
+
+    def set_base_pose(self, base: str) -> None:
+        """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
+        self.whole.set_base_pose(base)
+
+
+class BusPhysics(_PartPhysics):
+    """The motors of one bus: the interface of `MujocoPhysics` for m of its n motors."""
+
+    def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
+        super().__init__(whole, loops, at)
         self.stall = whole.stall[at]
         self.position = whole.position[at]
         self.velocity = whole.velocity[at]
@@ -159,17 +174,9 @@ class BusPhysics:
         """See `MujocoPhysics.set_goals`."""
         self.whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
 
-    def block(self, held: Bools) -> None:
-        """See `MujocoPhysics.block`."""
-        self._loops.block(self._at, held)
-
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `MujocoPhysics.set_hand_positions`."""
         self._loops.grip(self._at, place, speed)
-
-    def set_base_pose(self, base: str) -> None:
-        """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
-        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """Advance the whole body to `now` (s); the other buses get its state with their own call."""
@@ -178,16 +185,14 @@ class BusPhysics:
             getattr(self, name)[:] = getattr(self.whole, name)[self._at]
 
 
-class CanBusPhysics:
+class CanBusPhysics(_PartPhysics):
     """The CAN actuators of one bus. Arrays (m,), SI.
 
     It has the interface `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`.
     """
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self.whole = whole
-        self._loops = loops
-        self._at = at
+        super().__init__(whole, loops, at)
         self.position, self.velocity, self.torque = loops.read_shafts(whole.data, at)
         self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
 
@@ -208,18 +213,10 @@ class CanBusPhysics:
             self._loops.impede(self._at, on, kp, kd, limit)
         self.whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
 
-    def block(self, held: Bools) -> None:
-        """Block the joints `held` (m,)."""
-        self._loops.block(self._at, held)
-
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """Set where hands hold limp shafts (rad, rad/s; NaN: not held); `drive` must follow."""
         self._loops.grip_shaft(self._at, place, speed)
         self._gains[:] = np.nan
-
-    def set_base_pose(self, base: str) -> None:
-        """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
-        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """Advance the whole body to `now` (s). Raises OperationFailed.

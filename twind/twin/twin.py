@@ -18,19 +18,9 @@ class Twin:
         self.simulation = Simulation(binding, period)
 
     @property
-    def warnings(self) -> int:
-        """Warnings of MuJoCo in the simulation so far: any rise is a fault of model or goals."""
-        return self.simulation.warnings
-
-    @property
     def resets(self) -> int:
         """Times the simulation broke down and was reset to its last good pose."""
         return self.simulation.resets
-
-    @property
-    def model_effort(self) -> Floats:
-        """Torque (n,), N·m, that the measured pose takes in the model; NaN for joints never read."""
-        return self.mirror.effort
 
     def update(self, measured: JointState | None, goal: Floats | None, now: float) -> JointState:
         """Mirror a reading, simulate one period, return the simulated state.

@@ -18,95 +18,73 @@ LINE = 65536  # bytes, longest order
 NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count": 3} or {"query": "state"}'
 
 Order = dict[str, Any]
+FaultArguments = Mapping[str, Mapping[str, type | tuple[type, ...]]]
 REAL = (int, float)
-# fault -> its arguments and their kinds, as the methods of `Faults`; the names that end in ? may be left out
-FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+# Arguments of each fault and their kinds, as the methods of a bus's `faults`; those ending in ? are optional.
+_SHARED: FaultArguments = {
     "drop": {"count": int, "id?": int},
-    "corrupt": {"count": int, "id?": int, "bits?": int},
     "foreign": {"count": int, "id?": int},
-    "forge": {"count": int, "id?": int},
     "duplicate": {"count": int, "id?": int},
+    "delay": {"seconds": REAL, "id?": int},
+    "echo": {"on?": bool},
+    "stall": {"on?": bool},
+    "seed": {"number": int},
+    "silence": {"id?": int, "on?": bool},
+    "damage": {"id": int, "bits": int},
+    "brown_out": {"id": int},
+    "supply": {"volts": REAL},
+    "heat": {"id": int, "celsius": REAL},
+    "lock": {"id": int},
+    "free": {"id": int},
+    "hand": {"id?": int, "to?": REAL, "rad?": REAL, "speed?": REAL, "off?": bool, "pose?": dict},
+    "lay": {"base": str},
+    "freeze": {"id": int, "on?": bool},
+    "record": {"count": int},
+    "unplug": {},
+    "replug": {"renamed?": bool},
+    "clear": {},
+}
+FAULTS: FaultArguments = {
+    **_SHARED,
+    "corrupt": {"count": int, "id?": int, "bits?": int},
+    "forge": {"count": int, "id?": int},
     "cut": {"count": int, "bytes": int, "id?": int},
     "noise": {"seconds": REAL, "count?": int, "id?": int},
-    "delay": {"seconds": REAL, "id?": int},
     "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
     "mangle": {"count": int, "bits?": int, "bytes?": int},
     "babble": {"on?": bool},
     "split": {"bytes": int},
     "latency": {"seconds": REAL, "payload?": int},
-    "echo": {"on?": bool},
     "collide": {"on?": bool},
     "garble": {"on?": bool},
-    "stall": {"on?": bool},
-    "seed": {"number": int},
-    "silence": {"id?": int, "on?": bool},
-    "damage": {"id": int, "bits": int},
-    "brown_out": {"id": int},
     "power": {"on": bool},
-    "supply": {"volts": REAL},
-    "heat": {"id": int, "celsius": REAL},
     "sag": {"id": int, "volts": REAL},
     "spike": {"id": int, "celsius": REAL, "seconds": REAL},
-    "lock": {"id": int},
-    "free": {"id": int},
-    "hand": {"id?": int, "to?": REAL, "rad?": REAL, "speed?": REAL, "off?": bool, "pose?": dict},
-    "lay": {"base": str},
-    "freeze": {"id": int, "on?": bool},
-    "record": {"count": int},
-    "unplug": {},
-    "replug": {"renamed?": bool},
-    "clear": {},
 }
-
-
-# of a bus of CAN actuators, as the methods of `CanFaults`
-CAN_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
-    "drop": {"count": int, "id?": int},
-    "duplicate": {"count": int, "id?": int},
-    "foreign": {"count": int, "id?": int},
-    "delay": {"seconds": REAL, "id?": int},
+# Of a bus of CAN actuators.
+CAN_FAULTS: FaultArguments = {
+    **_SHARED,
     "corrupt": {"count": int, "kind?": str},
     "unacknowledged": {"on?": bool},
     "bus_off": {"on?": bool},
     "passive": {"on?": bool},
     "error_frames": {"count": int},
-    "echo": {"on?": bool},
-    "stall": {"on?": bool},
-    "seed": {"number": int},
-    "silence": {"id?": int, "on?": bool},
-    "damage": {"id": int, "bits": int},
     "ranges": {"id": int, "position": REAL, "velocity": REAL, "torque": REAL},
     "zero_lost": {"id": int, "radians": REAL},
     "wrap": {"id": int, "turns?": int},
     "twin": {"id": int, "on?": bool},
     "master": {"id": int, "on?": bool},
-    "brown_out": {"id": int},
     "power": {"on": bool, "id?": int},
-    "supply": {"volts": REAL},
-    "heat": {"id": int, "celsius": REAL},
-    "lock": {"id": int},
-    "free": {"id": int},
-    "hand": {"id?": int, "to?": REAL, "rad?": REAL, "speed?": REAL, "off?": bool, "pose?": dict},
-    "lay": {"base": str},
-    "freeze": {"id": int, "on?": bool},
-    "record": {"count": int},
-    "unplug": {},
-    "replug": {"renamed?": bool},
-    "clear": {},
 }
-
-
-# of the body that all buses move, as the methods of `Crane`; of its inertial sensor, as `VirtualSensor.err`
-BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+# Of the body that all buses move, as the methods of `BaseSupport`; `imu` as `VirtualSensor.err`.
+BODY_FAULTS: FaultArguments = {
     "hold": {"on?": bool},
     "push": {"forward?": REAL, "left?": REAL, "up?": REAL, "seconds?": REAL},
     "imu": {"gyro_noise?": REAL, "acceleration_noise?": REAL, "gyro_bias?": REAL},
 }
 
 
-def arguments(
-    order: Order, faults: Mapping[str, Mapping[str, type | tuple[type, ...]]] = FAULTS
-) -> tuple[str, dict[str, Any]]:
+def arguments(order: Order, faults: FaultArguments = FAULTS) -> tuple[str, dict[str, Any]]:
     """Fault and its arguments, of those of one kind of bus. Raises InvalidInput."""
     if "fault" not in order:
         raise InvalidInput('an order names a fault or a query, as {"fault": "drop", "count": 3}')

@@ -88,7 +88,7 @@ def servo_of(
 
 
 def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> list[EncoderFrame]:
-    """How these servos show their encoders after a boot there. Raises InvalidInput."""
+    """Return the encoder frames of these servos after a boot there. Raises InvalidInput."""
     asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
     try:
         servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))

@@ -63,7 +63,8 @@ class VirtualPtyPort:
             return
         master, other = pty.openpty()
         if renamed and os.ttyname(other) == self.path:  # the number was free again: take the next
-            taken, (master, other) = (master, other), pty.openpty()
+            taken = (master, other)
+            master, other = pty.openpty()
             os.close(taken[0])
             os.close(taken[1])
         tty.setraw(other)  # stays so while the master is open

@@ -185,7 +185,7 @@ def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dic
 
 
 def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
-    """What hangs beside a robot's own servos. Raises InvalidInput for a CAN actuator."""
+    """Return the servo that hangs beside a robot's own. Raises InvalidInput for a CAN actuator."""
     if isinstance(spec, NodeSpec):
         raise InvalidInput(f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated")
     return spec

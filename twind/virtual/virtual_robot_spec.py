@@ -153,13 +153,13 @@ def calibration(made: VirtualRobotSpec) -> Calibration:
     tool = f"twind-virtual {__version__}"
     found = fitting(made.robot, zeros, devices, created=created, tool=tool)
     named = zip(made.robot.names, found.joints, strict=True)
-    swept = tuple(_swept(made, entry, holders[name]) for name, entry in named)
-    found = replace(found, joints=swept)
+    joints = tuple(_with_travel(made, entry, holders[name]) for name, entry in named)
+    found = replace(found, joints=joints)
     return replace(found, sha256=text_hash(dump_calibration(found)))
 
 
-def _swept(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> JointCalibration:
-    """The travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
+def _with_travel(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> JointCalibration:
+    """Add the travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):
@@ -196,14 +196,13 @@ def buses(
     *,
     physics: bool = True,
     body: MujocoPhysics | None = None,
-    base: str = UPRIGHT,
     now: float = 0.0,
     line: BusTiming | None = None,
     extra: Mapping[str, Sequence[ServoSpec]] | None = None,
 ) -> dict[str, ServableBus]:
     """Make the buses of a virtual robot, in its rest pose with torque off. One body moves all of them.
 
-    `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
+    `body`: that one, else with `physics` one is made, held upright.
     `extra`: servos beside those of the robot, by serial bus.
     Raises InvalidInput for a bus that the robot has not, and with `physics`: the body knows nothing of them.
     """
@@ -216,7 +215,7 @@ def buses(
         known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
         raise InvalidInput(f"{strange[0]} {why}" if why else known)
     if physics and body is None:
-        body = body_for(made, base=base, now=now)
+        body = body_for(made, now=now)
     if extra and body is not None:
         raise InvalidInput("servos beside those of a robot have no body: say --muscles first-order")
     line = line or BusTiming()

@@ -49,7 +49,7 @@ class ServoClock:
 
 
 class VirtualBusServer:
-    """Server of buses behind ports. `said` is called when a port is plugged in: bus name, path.
+    """Server of buses behind ports. `on_plugged` is called when a port is plugged in: bus name, path.
 
     `crane`: support of the base of a body that stands freely.
     """
@@ -59,14 +59,14 @@ class VirtualBusServer:
         buses: Mapping[str, ServableBus],
         ports: Mapping[str, VirtualPtyPort],
         clock: ServoClock,
-        said: Callable[[str, str], None],
+        on_plugged: Callable[[str, str], None],
         crane: BaseSupport | None = None,
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses = buses
         self._ports = ports
         self._clock = clock
-        self._said = said
+        self._on_plugged = on_plugged
         self._crane = crane
         self._lost = clock.skipped_time  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
@@ -149,7 +149,7 @@ class VirtualBusServer:
             port.unplug()
         elif name == "replug":
             port.plug(renamed=given.get("renamed", False))
-            self._said(port.name, port.path)
+            self._on_plugged(port.name, port.path)
         return {"ok": True, "bus": port.name, "path": port.path}
 
     def _hands(self, order: Order) -> Order:

@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import NamedTuple, Protocol
 
 from twind_drivers.bus import Bools, Floats, Ints
-from twind_drivers.can.frame import Frames
+from twind_drivers.can.frame import NOTHING, Frames
 
 # The contract's bits of a hardware error, as those of a serial servo's register 70 where they mean the same.
 VOLTAGE, UNCALIBRATED, HEAT, ENCODER, ELECTRICAL, OVERLOAD, SILENCE, UNKNOWN = (1 << bit for bit in range(8))
@@ -84,7 +84,7 @@ class RegisterReply(NamedTuple):
 
 
 class ActuatorFamily(Protocol):
-    """Family of actuators on one bus."""
+    """Family of actuators on one bus. The codecs inherit what is the same for most families."""
 
     name: str
     ids: tuple[int, ...]
@@ -111,9 +111,10 @@ class ActuatorFamily(Protocol):
     def gains(self, kp: Floats, kd: Floats) -> Frames:
         """Return the frames needed before torque where `command` carries no stiffness and damping (k,).
 
-        They set these, and the mode that the commands need. Empty where `command` carries all. Raises
-        WireClamp.
+        They set these, and the mode that the commands need. Empty, the default, where `command` carries all.
+        Raises WireClamp.
         """
+        return NOTHING
 
     def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """Return the frame of one order. Raises ValueError where the family has no such order."""
@@ -133,15 +134,18 @@ class ActuatorFamily(Protocol):
     def learn(self, row: int, values: Mapping[str, float]) -> None:
         """Take the identification values of one actuator: ranges from the device replace the configured ones.
 
-        Raises ValueError for a range that is no positive number; then nothing is changed.
+        Raises ValueError for a range that is no positive number; then nothing is changed. A family that
+        reports no ranges does nothing: those of the configuration must be confirmed by moving.
         """
+        return
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
         """Derive the mode from the identification values: 1 where the device takes this family's commands.
 
         Any other mode gives the value that the device reports, and never 1, whatever its number (see each
-        family). 0: it was not read.
+        family). 0: it was not read. A family whose mode is unreadable gives 1.
         """
+        return 1
 
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row that each frame commands, enables or writes; -1: none. For the last check."""

@@ -21,7 +21,7 @@ from twind_drivers.bus import (
 )
 from twind_drivers.can.actuator_family import FamilyRegister
 from twind_drivers.can.command_frames import CanCommandEncoder
-from twind_drivers.can.register_access import STATE, decode, encode
+from twind_drivers.can.register_access import STATE, decode, encode, read_register
 
 WATCHDOG = 0.1  # s without a command after which an actuator releases by itself; none: it holds for ever ...
 BEATS = 2  # ... commands due in that time, so that one lost command does not release the joint
@@ -207,15 +207,7 @@ def collect(
 
     Raises NoReply naming the silent ones.
     """
-    found: dict[int, bytes] = {}
-    waited = 0.0
-    count = own.reader.at_once
-    for _ in range(TRIES):
-        missing = [id for id in ids if id not in found]
-        for first in range(0, len(missing), count):
-            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
-            found.update(reply.data)
-            waited += reply.waited
+    found, waited = yield from read_register(ids, parameter, own.reader.at_once, TRIES)
     silent = [id for id in ids if id not in found]
     if silent:
         raise NoReply(own.reader.name, silent, waited, f"read of {parameter.name}")

@@ -15,7 +15,8 @@ import numpy as np
 from twind_drivers.bus import Bools, BusSample, Floats, Ints
 from twind_drivers.can.actuator_family import SILENCE
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
-from twind_drivers.can.can_transactor import DEAD, CanTransaction, CanTransactor
+from twind_drivers.can.can_transaction import CanTransaction
+from twind_drivers.can.can_transactor import DEAD, CanTransactor
 from twind_drivers.can.can_units import COUNT, EFFORT
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.device_presence import DevicePresence

@@ -1,14 +1,13 @@
 """Identification of the devices on a CAN bus: state of all, then their registers. A script."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import isfinite
 
 from twind_drivers.bus import IdentifiedDevice, ReadRequest, Script
-from twind_drivers.can.actuator_family import FamilyRegister
 from twind_drivers.can.actuator_group import ActuatorGroup
 from twind_drivers.can.can_models import model
 from twind_drivers.can.can_units import counts
-from twind_drivers.can.register_access import STATE, decode
+from twind_drivers.can.register_access import STATE, decode, read_register
 
 TRIES = 2  # requests before a device counts as silent or without the register; one may be lost
 CHIP = ("mcu_high", "mcu_low")  # halves of the unique number of its processor, where it reports it
@@ -30,9 +29,10 @@ def identify(fleet: ActuatorGroup, count: int) -> Script[tuple[IdentifiedDevice,
     for family, rows in fleet.families:
         own = [fleet.ids[row] for row in rows if fleet.ids[row] in present]
         for name in family.identity:
-            found = yield from _collect(own, family.parameters[name], count)
-            for id, value in found.items():
-                values[id][name] = value
+            parameter = family.parameters[name]
+            found, _ = yield from read_register(own, parameter, count, TRIES)
+            for id, data in found.items():
+                values[id][name] = decode(parameter, data)
     return tuple(_device(fleet, id, values[id]) for id in present)
 
 
@@ -43,16 +43,6 @@ def _present(fleet: ActuatorGroup) -> Script[list[int]]:
         if missing:
             found |= (yield ReadRequest(missing, STATE, 3)).data.keys()
     return [id for id in fleet.ids if id in found]
-
-
-def _collect(ids: Sequence[int], parameter: FamilyRegister, count: int) -> Script[dict[int, float]]:
-    found: dict[int, float] = {}
-    for _ in range(TRIES):
-        missing = [id for id in ids if id not in found]
-        for first in range(0, len(missing), count):
-            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
-            found |= {id: decode(parameter, data) for id, data in reply.data.items()}
-    return found
 
 
 def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> IdentifiedDevice:

@@ -5,7 +5,6 @@ detects a dead line. Frames without acknowledgement wait in the adapter, and mus
 returns: an arm would snap to its old goals (axol #311).
 """
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -14,6 +13,7 @@ from twind_drivers.bus import Bools, Ints, PortError, PortErrorCause
 from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.can_cycle_budget import STANDARD, frame_bits
+from twind_drivers.can.can_transaction import CanTransaction, PendingCanGoals
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s after a missed reply during which a surplus frame counts as late, not as foreign
@@ -25,34 +25,6 @@ LATER = 0.00006
 SOONER = 0.00003
 LATEST = 0.001
 LEAST = frame_bits(6, stuffed=False)  # bits of the shortest reply
-
-
-@dataclass(frozen=True, slots=True)
-class CanTransaction:
-    """Frames to send, and the expected replies. Arrays (m,)."""
-
-    frames: Frames
-    expect: Ints  # frames of feedback
-    registers: frozenset[tuple[int, int]] = frozenset()  # row and address of each requested register
-    acks: Bools | None = None  # actuators that were written to and must reply
-    states: Bools | None = None  # actuators that must report their torque
-
-    @property
-    def waits(self) -> bool:
-        """Return True if any reply is expected."""
-        some = self.acks is not None or self.states is not None
-        return some or bool(self.registers) or bool(self.expect.any())
-
-
-@dataclass(slots=True)
-class PendingCanGoals:
-    """Commands that wait for the next cyclic request, and the actuators (m,) that they command."""
-
-    frames: Frames
-    rows: Bools
-    ticks: Ints  # (m,) goals, counts
-    until: float = inf  # s: not sent after this time, when they would be stale
-    kept: bool = False  # repeated with each request until other goals come
 
 
 class CanTransactor:
@@ -90,7 +62,7 @@ class CanTransactor:
         self.foreign = 0  # frames; the reader resets it when it reports them
         self.epoch = 0
         self.left: Ints = np.zeros(len(fleet), np.int64)  # (m,) the last goals sent, counts ...
-        self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... and the actuators (m,) that any was sent to
+        self.commanded: Bools = np.zeros(len(fleet), np.bool_)  # ... and the actuators (m,) that got any
         self.asked: Bools = np.ones(len(fleet), np.bool_)  # (m,) not parked
         self.heard = GroupFeedback.nothing(len(fleet))  # feedback of the present transaction
         self.expect: Ints = np.zeros(len(fleet), np.int64)  # (m,) expected frames of it
@@ -185,7 +157,7 @@ class CanTransactor:
     def _keep(self, goals: PendingCanGoals) -> None:
         """Record the goals that left."""
         np.copyto(self.left, goals.ticks, where=goals.rows)
-        self.told |= goals.rows
+        self.commanded |= goals.rows
 
     def _lead(self, goals: bool) -> tuple[Frames, Ints]:
         """Return the first frames: an urgent order, else the goals; and the commands per actuator (m,)."""

@@ -18,9 +18,9 @@ COUNT = 2.0 * math.pi / TURN  # rad; of a velocity rad/s
 EFFORT = 1e-3  # N·m of one raw effort
 
 
-def counts(value: Any, unit: float = COUNT) -> Ints:
-    """SI values in whole raw units, to nearest. What is not finite raises ValueError."""
-    exact = np.rint(np.asarray(value, np.float64) / unit)
+def counts(value: Any) -> Ints:
+    """Round rad or rad/s to whole counts. Raises ValueError for what is not finite."""
+    exact = np.rint(np.asarray(value, np.float64) / COUNT)
     if not np.isfinite(exact).all():
         raise ValueError(f"{value} has no count")
     whole: Ints = exact.astype(np.int64)

@@ -159,8 +159,8 @@ class CanWriter:
         """Return the last goals (m,) sent, in counts. Raises NoReply if none was sent to an actuator."""
         yield from ()
         line = self._own.line
-        if not line.told.all():
-            raise NoReply(self._name, self._own.by_id(~line.told), 0.0, "goal: none was sent")
+        if not line.commanded.all():
+            raise NoReply(self._name, self._own.by_id(~line.commanded), 0.0, "goal: none was sent")
         return line.left.copy()
 
     def torque(self, on: bool) -> Script[None]:

@@ -12,7 +12,7 @@ from twind_drivers.bus import Bools, Floats, Ints, WireClamp, WriteRequest
 from twind_drivers.can.actuator_family import ValuelessCommand
 from twind_drivers.can.actuator_group import joined
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.can_transactor import PendingCanGoals
+from twind_drivers.can.can_transaction import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
 from twind_drivers.can.command_frame_check import CanWireCheck
 from twind_drivers.can.frame import Frames
@@ -98,7 +98,8 @@ class CanCommandEncoder:
         rows = (self.fleet.answers == 0) & self.fleet.replies
         if rows.any():
             values = np.zeros((5, len(rows)))
-            values[0], values[3] = np.clip(0, self.lower, self.upper) * COUNT, self.damping
+            values[0] = np.clip(0, self.lower, self.upper) * COUNT
+            values[3] = self.damping
             frames = self.fleet.command(values, rows)
             self.check.judge(frames)
             self.cyclic.knock = (frames, rows)
@@ -144,13 +145,18 @@ class CanCommandEncoder:
     def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
         """Return position, velocity, kp, kd, torque (5, m) of a command, SI."""
         values = np.zeros((5, len(self.lower)))
-        values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
+        values[0] = ticks * COUNT
+        values[2] = self.kp
+        values[3] = self.kd
         if speed is not None:
             values[1] = speed
         if soft:
-            values[1], values[2], values[3] = 0.0, 0.0, self.damping
+            values[1] = 0.0
+            values[2] = 0.0
+            values[3] = self.damping
         elif self.soft.any():
-            values[1:3, self.soft], values[3, self.soft] = 0.0, self.damping[self.soft]
+            values[1:3, self.soft] = 0.0
+            values[3, self.soft] = self.damping[self.soft]
         return values
 
     @property

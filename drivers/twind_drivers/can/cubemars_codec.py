@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.bus import Bools, Ints
 from twind_drivers.can.actuator_family import (
     ELECTRICAL,
     ENCODER,
@@ -24,11 +24,12 @@ from twind_drivers.can.actuator_family import (
     RegisterReply,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, frames
-from twind_drivers.can.id_lookup import NONE, checked_ids, row_of, to_one
-from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame, unpack
+from twind_drivers.can.frame import BYTES, NOTHING, Frames
+from twind_drivers.can.id_lookup import row_of
+from twind_drivers.can.mit_codec import MitCodec
+from twind_drivers.can.mit_frame import unpack
 
-SPECIAL = {ValuelessCommand.ENABLE: 0xFC, ValuelessCommand.DISABLE: 0xFD, ValuelessCommand.ZERO: 0xFE}
+ORDERS = {ValuelessCommand.ENABLE: 0xFC, ValuelessCommand.DISABLE: 0xFD, ValuelessCommand.ZERO: 0xFE}
 SHORT = 6  # bytes of a reply without temperature and error
 HOTTEST = 215  # of the temperature byte, °C; above it counts from -40, so that cold is not taken for heat
 
@@ -46,10 +47,12 @@ _FAULT = np.array([_FAULTS.get(code, UNKNOWN) for code in range(256)], np.int64)
 _CELSIUS = np.array([float(octet if octet <= HOTTEST else octet - 256) for octet in range(256)])
 
 
-class CubeMarsCodec:
+class CubeMarsCodec(MitCodec):
     """Codec of k AK actuators of one bus (`ActuatorFamily`)."""
 
     name = "cubemars"
+    product = "CubeMars AK"
+    orders = ORDERS  # no source has REBOOT and CLEAR
     parameters: Mapping[str, FamilyRegister] = {}
     identity: Sequence[str] = ()
     watchdog: FamilyRegister | None = None
@@ -57,38 +60,12 @@ class CubeMarsCodec:
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges) -> None:
         """Make the codec. Raises ValueError for ids outside 1..FF or twice the same."""
-        self.port = port
-        self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
-        self.replies: Bools = np.ones(len(self.ids), np.bool_)
-        self.ranges = ranges
-        self._ids = np.array(self.ids or (0,), np.int64)
+        super().__init__(port, ids, ranges)
         self.claims = frozenset({*self.ids, *([0] if self.ids else [])})
-        self._hears = np.full(STANDARD_MASK + 2, NONE, np.int64)
-        self._hears[list(self.ids)] = range(len(self.ids))
-        self._scale = FieldScale(port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
-        self._blank = frames(self.ids)
-        self._blank["size"] = BYTES
 
     def make_position_request(self) -> Frames:
         """Return no frames: the drives report their position only in answer to a command."""
         return NOTHING
-
-    def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
-        """One MIT frame each. Raises WireClamp naming id, field, value and range."""
-        made = self._blank.copy()
-        fields = self._scale.fields(position, velocity, kp, kd, torque)
-        made["data"] = commands(self._scale, fields)
-        return made
-
-    def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Return no frames: every command carries them."""
-        return NOTHING
-
-    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
-        """FC, FD or FE behind seven FF. Raises ValueError for REBOOT and CLEAR: no source has them."""
-        if what not in SPECIAL:
-            raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK has no {what.name.lower()}")
-        return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Raise ValueError: the family has no registers."""
@@ -113,7 +90,7 @@ class CubeMarsCodec:
             rows = rows[reported]
             data = data[reported]
             size = size[reported]
-        position, velocity, effort = self._scale.values(unpack(data), rows)
+        position, velocity, effort = self.scale.values(unpack(data), rows)
         whole = size == BYTES
         heat = np.where(whole, _CELSIUS.take(data[:, 6]), np.nan)
         fault = np.where(whole, _FAULT.take(data[:, 7]), -1)
@@ -125,22 +102,6 @@ class CubeMarsCodec:
         """Return no answers: there are no registers."""
         return [], np.zeros(len(frames), np.bool_)
 
-    def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Do nothing: the drive reports no ranges."""
-
-    def operating_mode(self, values: Mapping[str, float]) -> int:
-        """Return 1: the mode is unreadable; a drive in its servo mode does not answer at all."""
-        return 1
-
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row of each frame on an id of this bus; a reply on the drive's own id counts, too."""
         return row_of(self._hears, frames["id"])
-
-    def decode_commanded_position(self, frames: Frames) -> Floats:
-        """Return the position of each MIT command to an id of this bus, rad.
-
-        NaN: another or a special frame.
-        """
-        rows = self.commanded_rows(frames)
-        motion = (rows >= 0) & ~is_special_frame(frames)
-        return self._scale.decode_commanded_position(frames, rows, motion)

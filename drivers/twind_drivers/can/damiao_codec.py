@@ -26,9 +26,10 @@ from twind_drivers.can.actuator_family import (
     RegisterType,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, Octets, frames
-from twind_drivers.can.id_lookup import NONE, Table, by_name, checked_ids, four, row_of, to_one
-from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame, unpack
+from twind_drivers.can.frame import BYTES, STANDARD_MASK, Frames, Octets, frames
+from twind_drivers.can.id_lookup import NONE, Table, by_name, four, row_of, to_one
+from twind_drivers.can.mit_codec import MitCodec
+from twind_drivers.can.mit_frame import is_special_frame, unpack
 
 ASK = 0x7FF  # requests of registers
 READ = 0x33
@@ -36,7 +37,7 @@ WRITE = 0x55
 STORE = 0xAA
 REFRESH = 0xCC
 LAST_REGISTER = 81
-SPECIAL = {
+ORDERS = {
     ValuelessCommand.ENABLE: 0xFC,
     ValuelessCommand.DISABLE: 0xFD,
     ValuelessCommand.ZERO: 0xFE,
@@ -99,10 +100,12 @@ IDENTITY = (
 )
 
 
-class DamiaoCodec:
+class DamiaoCodec(MitCodec):
     """Codec of k Damiao actuators of one bus (`ActuatorFamily`)."""
 
     name = "damiao"
+    product = "Damiao actuator"
+    orders = ORDERS  # it has no REBOOT
     parameters: Mapping[str, FamilyRegister] = PARAMETERS
     identity: Sequence[str] = IDENTITY
     watchdog: FamilyRegister | None = TIMEOUT
@@ -110,23 +113,18 @@ class DamiaoCodec:
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, masters: Sequence[int]) -> None:
         """Make the codec; `masters` (k,): id of each one's replies. Raises ValueError for ambiguous ids."""
-        self.port = port
-        self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
-        self.replies: Bools = np.ones(len(self.ids), np.bool_)
+        super().__init__(port, ids, ranges)
         self._ids = np.array(self.ids or (0,), np.int64)
         self._voice = self._voices(masters)
-        self._hears = np.full(STANDARD_MASK + 2, NONE, np.int64)
         for row, id in enumerate(self.ids):
-            for base in (0, *OTHER_MODES):
+            for base in OTHER_MODES:
                 self._hears[base + id] = row
         receiving = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
         self.claims = frozenset({*receiving, *masters, *([ASK] if self.ids else [])})
         requests = np.zeros((len(self.ids), 8), np.uint8)
-        requests[:, 0], requests[:, 2] = self.ids, REFRESH
+        requests[:, 0] = self.ids
+        requests[:, 2] = REFRESH
         self._question = frames([ASK] * len(self.ids), requests)
-        self._blank = frames(self.ids)
-        self._blank["size"] = BYTES
-        self._take(ranges)
 
     def _voices(self, masters: Sequence[int]) -> tuple[Table, Table]:
         """Return the index by frame id, and the row by index + low nibble of D0, which identify a sender."""
@@ -147,30 +145,9 @@ class DamiaoCodec:
             rows[place] = row
         return places, rows
 
-    def _take(self, ranges: FieldRanges) -> None:
-        self.scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
-        self.ranges = ranges
-
     def make_position_request(self) -> Frames:
         """Return frames that request one feedback frame of each (CC)."""
         return self._question
-
-    def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
-        """One MIT frame each. Raises WireClamp naming id, field, value and range."""
-        made = self._blank.copy()
-        fields = self.scale.fields(position, velocity, kp, kd, torque)
-        made["data"] = commands(self.scale, fields)
-        return made
-
-    def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Return no frames: every command carries them."""
-        return NOTHING
-
-    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
-        """FC, FD, FE or FB behind seven FF. Raises ValueError for REBOOT: it has none."""
-        if what not in SPECIAL:
-            raise ValueError(f"{self.port}: id {self.ids[row]}: a Damiao actuator has no {what.name.lower()}")
-        return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Encode the read of one register (33)."""

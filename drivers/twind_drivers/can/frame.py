@@ -25,15 +25,13 @@ NOTHING: Frames = np.zeros(0, FRAME)
 NOTHING.setflags(write=False)
 
 
-def frames(
-    ids: Sequence[int] | NDArray[Any], data: Octets | None = None, *, size: int | None = None
-) -> Frames:
+def frames(ids: Sequence[int] | NDArray[Any], data: Octets | None = None) -> Frames:
     """One frame for each id (k,), flags included. `data` (k, 8), or (8,) for all; None: no payload."""
     made = np.zeros(len(ids), FRAME)
     made["id"] = ids
     if data is not None:
         made["data"] = data
-        made["size"] = BYTES if size is None else size
+        made["size"] = BYTES
     return made
 
 

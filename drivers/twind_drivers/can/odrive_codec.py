@@ -27,6 +27,7 @@ from twind_drivers.can.actuator_family import (
     UNCALIBRATED,
     UNKNOWN,
     VOLTAGE,
+    ActuatorFamily,
     ActuatorFeedback,
     FamilyRegister,
     FieldRanges,
@@ -115,7 +116,7 @@ _TELLING = np.isin(np.arange(32), TELLING)
 _ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
 
 
-class ODriveCodec:
+class ODriveCodec(ActuatorFamily):
     """Codec of k ODrive axes of one bus (`ActuatorFamily`)."""
 
     name = "odrive"
@@ -176,7 +177,8 @@ class ODriveCodec:
         The position gain works through the velocity gain, so kd must be above 0 (else WireClamp).
         """
         values = np.zeros(self._lower.shape)
-        values[2], values[3] = kp, kd
+        values[2] = kp
+        values[3] = kd
         lower = self._lower.copy()
         lower[3] = np.finfo(np.float32).tiny
         checked(self.port, self.ids, values, lower, self._upper)
@@ -245,13 +247,6 @@ class ODriveCodec:
             if address in (0x14, SUPPLY):
                 answers.append(RegisterReply(row, address + SECOND, content[4:]))
         return answers, found
-
-    def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Do nothing: its fields are floats."""
-
-    def operating_mode(self, values: Mapping[str, float]) -> int:
-        """Return 1: the mode is unreadable; `gains` sets it."""
-        return 1
 
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row of each frame on a node of this bus, remote ones too, except reports and requests.

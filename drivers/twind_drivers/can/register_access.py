@@ -6,7 +6,7 @@ registers: five orders without a value, one whole command, gains, and the state 
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -20,12 +20,13 @@ from twind_drivers.bus import (
     Query,
     ReadRequest,
     RebootRequest,
+    Script,
     WriteRequest,
     unknown_register,
 )
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.actuator_group import ActuatorGroup, joined
-from twind_drivers.can.can_transactor import CanTransaction
+from twind_drivers.can.can_transaction import CanTransaction
 from twind_drivers.can.frame import NOTHING, Frames
 
 SPECIALS = 0x1_0000  # addresses of the orders without a value begin here ...
@@ -72,6 +73,24 @@ def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
 def by_address(parameters: Mapping[str, FamilyRegister], address: int) -> FamilyRegister | None:
     """Return the register at an address; None: there is none."""
     return next((each for each in parameters.values() if each.address == address), None)
+
+
+def read_register(
+    ids: Sequence[int], parameter: FamilyRegister, count: int, tries: int
+) -> Script[tuple[dict[int, bytes], float]]:
+    """Read one register of actuators of a family, `count` at once, with up to `tries` requests to each.
+
+    Returns the values by id, without those of silent actuators, and the time waited, s.
+    """
+    found: dict[int, bytes] = {}
+    waited = 0.0
+    for _ in range(tries):
+        missing = [id for id in ids if id not in found]
+        for first in range(0, len(missing), count):
+            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
+            found.update(reply.data)
+            waited += reply.waited
+    return found, waited
 
 
 def state(enabled: int, fault: int) -> bytes:

@@ -21,6 +21,7 @@ from twind_drivers.can.actuator_family import (
     UNCALIBRATED,
     UNKNOWN,
     VOLTAGE,
+    ActuatorFamily,
     ActuatorFeedback,
     FamilyRegister,
     FieldRanges,
@@ -99,7 +100,7 @@ _FAULT = np.array(
 _REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14: OVERLOAD}
 
 
-class RobStrideCodec:
+class RobStrideCodec(ActuatorFamily):
     """Codec of k RobStride actuators of one bus (`ActuatorFamily`)."""
 
     name = "robstride"
@@ -146,10 +147,6 @@ class RobStrideCodec:
         made["id"] = self._motion | fields[4].astype(np.uint32) << np.uint32(8)
         made["data"] = np.ascontiguousarray(fields[:4].T).astype(">u2").view(np.uint8)
         return made
-
-    def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Return no frames: every command carries them."""
-        return NOTHING
 
     def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """Enable (3), stop (4; D0 = 1 clears faults) or zero (6). Raises ValueError for REBOOT."""
@@ -230,9 +227,6 @@ class RobStrideCodec:
                 index = int.from_bytes(content[:2], "little")
                 answers.append(RegisterReply(int(rows[at]), index, content[4:]))
         return answers, found | born
-
-    def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Do nothing: it reports no ranges; those of the configuration must be confirmed by moving."""
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
         """1 motion control (run_mode 0); else 100 + run_mode; 0: it was not read."""

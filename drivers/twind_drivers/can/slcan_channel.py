@@ -9,7 +9,8 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import ByteTransport, PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import ByteTransport, output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.can.slcan_codec import SlcanDecoder, encode

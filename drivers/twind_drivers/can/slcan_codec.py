@@ -102,7 +102,8 @@ def _standard(frames: Frames) -> bytes:
     rows["head"] = frames["id"] << 4 | 8
     rows["data"] = frames["data"]
     lines = np.empty((len(frames), 22), np.uint8)
-    lines[:, 0], lines[:, 21] = LETTERS[0], CR
+    lines[:, 0] = LETTERS[0]
+    lines[:, 21] = CR
     digits = rows.tobytes().hex().upper().encode("ascii")
     lines[:, 1:21] = np.frombuffer(digits, np.uint8).reshape(-1, 20)
     return lines.tobytes()
@@ -147,7 +148,8 @@ class SlcanDecoder:
         self._rest = text[last:]
         if len(ends):
             begins = np.empty_like(ends)
-            begins[0], begins[1:] = 0, ends[:-1] + 1
+            begins[0] = 0
+            begins[1:] = ends[:-1] + 1
             if self._lost:
                 self._lost = False
                 begins[0] = ends[0]
@@ -238,7 +240,8 @@ def _alike(text: bytes) -> Frames | None:
         return None
     frames = np.zeros(count, FRAME)
     frames["id"] = ids | np.uint32(EXTENDED) if extended else ids
-    frames["size"], frames["data"] = 8, rows["data"]
+    frames["size"] = 8
+    frames["data"] = rows["data"]
     return frames
 
 
@@ -268,5 +271,6 @@ def _frames(
     sound &= number <= np.where(extended, EXTENDED_MASK, STANDARD_MASK)
     number |= np.where(extended, np.uint32(EXTENDED), np.uint32(0))
     number |= np.where(kinds >= 2, np.uint32(REMOTE), np.uint32(0))
-    frames["id"], frames["size"] = number, size
+    frames["id"] = number
+    frames["size"] = size
     return frames, sound

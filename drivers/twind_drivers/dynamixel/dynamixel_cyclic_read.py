@@ -103,10 +103,8 @@ class DynamixelCyclicRead:
         """Rebuild the requests after a device was parked or came back: they go to the devices not parked."""
         self._places = np.flatnonzero(self.attendance.asked)
         self._all = len(self._places) == len(self.ids)
-        self._quick, self._steady = (
-            self._make_request(0, ROW.itemsize, fast=True),
-            self._make_request(0, ROW.itemsize),
-        )
+        self._quick = self._make_request(0, ROW.itemsize, fast=True)
+        self._steady = self._make_request(0, ROW.itemsize)
         self._ring: dict[int, CyclicRequest] = {}  # by turn; most are never needed
         self._now = self._steady
 

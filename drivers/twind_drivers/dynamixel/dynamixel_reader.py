@@ -8,7 +8,6 @@ from math import inf
 
 from twind_drivers.bus import (
     BusSample,
-    ByteTransport,
     DeviceRefused,
     IdentifiedDevice,
     NoReply,
@@ -23,6 +22,7 @@ from twind_drivers.bus import (
     SlowRegisterValues,
     WriteRequest,
 )
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.device_layout import DeviceLayout, layout_of

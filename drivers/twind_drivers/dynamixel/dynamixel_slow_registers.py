@@ -94,7 +94,9 @@ class DynamixelSlowRegisters:
         self._status = [*state, *watch]
         self._health = health
         self._open = None
-        self._slot, self._slots, self._turn = 0, max(plan.slots - 1, len(self._status)) + 1, 0
+        self._slot = 0
+        self._slots = max(plan.slots - 1, len(self._status)) + 1
+        self._turn = 0
         return [*state, *watch, *health]
 
     def ask_first(self, id: int) -> None:

@@ -5,7 +5,7 @@ words inside what each device may be sent. Devices may differ in model and opera
 (`operating_modes.py`).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.dynamixel import damping, packet
-from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
 from twind_drivers.dynamixel.goal_packets import Goals, bounds_of, goal_packets
@@ -40,8 +39,9 @@ from twind_drivers.dynamixel.servo_command_state import (
     servos_of,
     writes,
 )
+from twind_drivers.dynamixel.servo_readback import ServoReadback
 from twind_drivers.dynamixel.single_servo import SingleServoControl
-from twind_drivers.dynamixel.write_diagnosis import explain, limit_words
+from twind_drivers.dynamixel.write_diagnosis import limit_words
 
 # Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
 ELSEWHERE = {
@@ -93,6 +93,7 @@ class DynamixelWriter:
         self._servos = servos_of(
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
+        self._readback = ServoReadback(reader, self._servos)
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
         self._led: tuple[ServoCommandState, ...] = self._servos  # devices that get goals ...
         self._places: Ints | None = None  # ... and their indices (k,); None: all
@@ -218,9 +219,9 @@ class DynamixelWriter:
         # Watchdog 0 first: while it reads 255 the goal registers are locked (error 4, e-manual "Bus Watchdog
         # (98)"). Arming last: earlier it would leave the old goal in force if the packets behind it are lost.
         yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
-        yield from self._verify_readback("bus watchdog", on)
+        yield from self._readback.verify("bus watchdog", on)
         yield from self._settle(servos, goal)
-        yield from self._verify_readback("goal current, the cap of mode 5", caps)
+        yield from self._readback.verify("goal current, the cap of mode 5", caps)
         yield from self._restore_output(servos)
 
     def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
@@ -238,37 +239,41 @@ class DynamixelWriter:
         )
         if orders := writes(gains) + writes(profile) + writes(ramps):
             yield BurstWriteRequest(orders)
-        yield from self._verify_readback("position gains", gains)
+        yield from self._readback.verify("position gains", gains)
         held = {id: data for id, _, data in goal}
         motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
-        yield from self._verify_readback("profile and goal position", motion)
-        yield from self._verify_readback("profile acceleration", ramps)
+        yield from self._readback.verify("profile and goal position", motion)
+        yield from self._readback.verify("profile acceleration", ramps)
         moved = {servo.id for servo in moving}
-        yield from self._goals_are([row for row in goal if row[0] not in moved])
+        yield from self._readback.verify_goals([row for row in goal if row[0] not in moved])
 
     def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """Set goal PWM of modes 3 and 4 to its limit: it caps the force, and damping lowers it."""
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
-        self._pwm |= yield from self._words(free, lambda servo: servo.register_span("pwm_limit"))
+        self._pwm |= yield from self._readback.words(free, lambda servo: servo.register_span("pwm_limit"))
         pwm = rows(free, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(self._pwm[servo.id])))
         if pwm:
             yield BurstWriteRequest(writes(pwm))
-        yield from self._verify_readback("goal PWM", pwm)
+        yield from self._readback.verify("goal PWM", pwm)
 
     def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """Require the operating modes of this writer; read the limit registers that bound its goals."""
         modes = rows(
             servos, lambda servo: (servo.register_span("operating_mode"), bytes((servo.mode.number,)))
         )
-        yield from self._verify_readback("operating mode", modes, "needs")
+        yield from self._readback.verify("operating mode", modes, "needs")
         bounded = [servo for servo in servos if servo.mode.limit is not None]
         self._fence(
-            (yield from self._words(bounded, lambda servo: servo.register_span(servo.mode.limit or "")))
+            (
+                yield from self._readback.words(
+                    bounded, lambda servo: servo.register_span(servo.mode.limit or "")
+                )
+            )
         )
         capped = _in(CURRENT_BASED, servos)
-        most = yield from self._words(capped, lambda servo: servo.register_span("pwm_limit"))
+        most = yield from self._readback.words(capped, lambda servo: servo.register_span("pwm_limit"))
         pwm = rows(capped, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(most[servo.id])))
-        yield from self._verify_readback(
+        yield from self._readback.verify(
             "goal PWM, at its limit", pwm, "needs"
         )  # a lower goal PWM would cap the force of mode 5 as well, without any report
 
@@ -276,11 +281,11 @@ class DynamixelWriter:
         """Write goals (m,) and read them back. Raises WireClamp, DeviceRefused for the first difference."""
         goal = self._goal_rows(ticks)
         yield BurstWriteRequest(writes(goal))
-        yield from self._goals_are(goal)
+        yield from self._readback.verify_goals(goal)
 
     def read_goals(self) -> Script[Ints]:
         """Read the goals (m,) that the devices hold, each in its own unit. Raises NoReply."""
-        found = yield from self._words(self._servos, lambda servo: servo.goal)
+        found = yield from self._readback.words(self._servos, lambda servo: servo.goal)
         return np.array([found[id] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
@@ -291,11 +296,13 @@ class DynamixelWriter:
         """
         if on:
             resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
-            yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
+            yield from self._readback.verify_goals(
+                rows(resting, lambda each: (each.goal, each.word(0))), "needs"
+            )
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
         self._reader.registers.torque[:] = -1  # unknown until read back: an old reading must not pass for it
         yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
-        yield from self._verify_readback("torque enable", wanted)
+        yield from self._readback.verify("torque enable", wanted)
 
     def damp(self) -> Script[tuple[int, ...]]:
         """Make the torque soft (`damping`); return the ids without confirmation, silent ones included."""
@@ -358,16 +365,6 @@ class DynamixelWriter:
 
     # --------------------------------------------------------------------------- parts
 
-    def _words(
-        self, servos: Iterable[ServoCommandState], where: Callable[[ServoCommandState], RegisterBlock]
-    ) -> Script[dict[int, int]]:
-        """Read one signed word of each servo; return them by id."""
-        found: dict[int, int] = {}
-        for block, wanted in groups(rows(servos, lambda servo: (where(servo), b""))).items():
-            data = yield from self._reader.collect(tuple(wanted), block.address, block.size)
-            found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
-        return found
-
     def _lead(self, among: Bools | None) -> None:
         """Send goals to these devices (m,) alone from now on; None: to all."""
         self._places = None if among is None or among.all() else np.flatnonzero(among)
@@ -386,24 +383,6 @@ class DynamixelWriter:
         return [
             (servo.id, servo.goal, servo.word(int(tick))) for servo, tick in zip(self._led, own, strict=True)
         ]
-
-    def _goals_are(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
-        """Check each kind of goal by its name."""
-        for name in dict.fromkeys(servo.mode.goal for servo in self._servos):
-            own = {servo.id for servo in self._servos if servo.mode.goal == name}
-            yield from self._verify_readback(
-                name.replace("_", " "), [row for row in wanted if row[0] in own], verb
-            )
-
-    def _verify_readback(self, what: str, wanted: Rows, verb: str = "wrote") -> Script[None]:
-        for where, own in groups(wanted).items():
-            found = yield from self._reader.collect(tuple(own), where.address, where.size)
-            for id, data in own.items():
-                if found[id] != data:
-                    servo = self._servos[self._ids.index(id)]
-                    why = yield from explain(self._reader, servo, where, data)
-                    reason = f"{verb} {data.hex(' ')}, reads {found[id].hex(' ')}{why}"
-                    raise DeviceRefused(self._name, id, f"{what} ({where.address})", reason)
 
 
 def _in(mode: int, servos: Iterable[ServoCommandState]) -> list[ServoCommandState]:

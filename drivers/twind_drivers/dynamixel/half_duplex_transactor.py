@@ -8,7 +8,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.bus import ByteTransport, PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import ByteTransport, output_full
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire

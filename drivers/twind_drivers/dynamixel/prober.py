@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.bus import ByteTransport
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction

@@ -159,7 +159,8 @@ class Sensor:
             self._rest(now)
 
     def _rest(self, now: float) -> None:
-        self._due, self._pause = now + self._pause, min(2.0 * self._pause, self._most)
+        self._due = now + self._pause
+        self._pause = min(2.0 * self._pause, self._most)
 
     def _decoded(self, data: bytes) -> list[Floats]:
         return [decoded(data, at, kind, count) for at, kind, count in self._parts]

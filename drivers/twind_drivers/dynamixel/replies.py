@@ -169,7 +169,8 @@ class StatusReply:
 
     def _reframe(self) -> bool:
         """Pass the buffer and all later bytes through the framer."""
-        self._framing, self.first = True, bytes(self._view[: self._got])
+        self._framing = True
+        self.first = bytes(self._view[: self._got])
         self._spare.fill(0)
         self.error = np.zeros(len(self.ids), np.uint8)
         self.data = self._spare
@@ -324,7 +325,8 @@ class FastSyncReadReply:
         return len(self.ids)
 
     def _keep(self, count: int) -> bool:
-        self._settled, self.whole = True, count == len(self.ids)
+        self._settled = True
+        self.whole = count == len(self.ids)
         used = 8 + count * (self.size + 4) if count else 0
         if used < self._got:
             self._drop(used, self._got)
@@ -342,6 +344,7 @@ class FastSyncReadReply:
         """Drop the data of devices that reported an error number."""
         failed = (self.error & FAILED) != 0
         if failed.any():
-            self.whole, self.answered = False, self.heard.copy()
+            self.whole = False
+            self.answered = self.heard.copy()
             self.heard[failed] = False
             self._rows[failed] = 0

@@ -134,14 +134,12 @@ def budget(
     *,
     fast: bool,
     return_delay_us: float,
-    write: bool = True,
     upkeep_hz: float | None = None,
     usb_s: float = 0.0,
-    read_size: int = CYCLIC,
     groups: Sequence[int] = (),
     sensor: tuple[int, float] | None = None,
 ) -> SerialCycleBudget:
-    """Return the budget of a cycle: goals (`write`), cyclic reading, with `upkeep_hz` the longest slice.
+    """Return the budget of a cycle: goals, cyclic reading, with `upkeep_hz` the longest slice.
 
     `groups`: devices of each register layout if there are several: read by bulk read, written in one packet
     for each. `usb_s`: time that the adapter adds to each transaction, s. `sensor`: bytes and return delay
@@ -149,14 +147,13 @@ def budget(
     """
     if count < 1 or baud < 1:
         raise ValueError(f"a budget needs devices and a baud rate, got {count} and {baud}")
-    reply = fast_reply(count, read_size) if fast else plain_reply(count, read_size)
+    reply = fast_reply(count, CYCLIC) if fast else plain_reply(count, CYCLIC)
     rows: list[tuple[str, int, int]] = []  # what, bytes, return delays
     mixed = len(groups) > 1
-    if write:
-        rows.append((f"goals to {count}", sum(sync_write(each, GOAL) for each in groups or (count,)), 0))
+    rows.append((f"goals to {count}", sum(sync_write(each, GOAL) for each in groups or (count,)), 0))
     kind = ("fast " if fast else "") + ("bulk read" if mixed else "sync read")
     rows.append((f"{kind} request", (bulk_request if mixed else sync_request)(count), 0))
-    rows.append((f"{kind} reply, {read_size} bytes of {count}", reply, 1 if fast else count))
+    rows.append((f"{kind} reply, {CYCLIC} bytes of {count}", reply, 1 if fast else count))
     transactions = 1
     if upkeep_hz is not None:
         plan = upkeep(groups or (count,), upkeep_hz, fast=fast)

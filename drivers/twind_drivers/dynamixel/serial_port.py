@@ -18,7 +18,8 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.virtual.servo_physics import Bools, DriveState, Floats, ServoPhysics
+from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
+from twind_drivers.virtual.shaft_physics import Bools, Floats
 
 
 class Backlash:
@@ -17,7 +18,8 @@ class Backlash:
         """Make the backlash; `play` (m,): ticks, from one side to the other."""
         self._muscles = muscles
         self._half = play / 2.0
-        self.position, self._seen = muscles.position.copy(), muscles.position.copy()
+        self.position = muscles.position.copy()
+        self._seen = muscles.position.copy()
         self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
         self.current = muscles.current
         self.pwm = muscles.pwm
@@ -28,7 +30,7 @@ class Backlash:
         self._muscles.drive(drive)
 
     def set_goals(self, goal: Floats) -> None:
-        """See `ServoPhysics.aim`."""
+        """See `ServoPhysics.set_goals`."""
         self._muscles.set_goals(goal)
 
     def block(self, held: Bools) -> None:
@@ -36,11 +38,11 @@ class Backlash:
         self._muscles.block(held)
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """See `ServoPhysics.grip`: a hand holds the joint, not the encoder."""
+        """See `ServoPhysics.set_hand_positions`: a hand holds the joint, not the encoder."""
         self._muscles.set_hand_positions(place, speed)
 
     def set_base_pose(self, base: str) -> None:
-        """See `ServoPhysics.lay`."""
+        """See `ServoPhysics.set_base_pose`."""
         self._muscles.set_base_pose(base)
 
     def advance(self, now: float) -> None:

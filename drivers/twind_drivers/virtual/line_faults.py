@@ -6,7 +6,10 @@ from twind_drivers.virtual.faulty_byte_stream import MOST, PAYLOAD, FaultyByteSt
 
 
 class LineFaults:
-    """Faults that touch every byte. They last until taken back, or healed by `clear`."""
+    """Faults that touch every byte, a method for each order of the fault socket.
+
+    They last until taken back, or healed by `clear`.
+    """
 
     def __init__(self, stream: FaultyByteStream) -> None:
         self.stream = stream

@@ -1,23 +1,23 @@
 """Faults of single servos and of their supply, by name."""
 
-from collections.abc import Mapping
-
-from twind_drivers.virtual.hinge import ShaftGrip, order
+from twind_drivers.virtual.hinge import ShaftGrip
 from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shaft_faults import ShaftFaults
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
 
 
-class ServoFaults:
+class ServoFaults(ShaftFaults):
     """Faults of servos; unless named otherwise they outlast `clear`, as a servo's state does."""
 
     def __init__(self, bus: str, servos: VirtualServos) -> None:
-        self._bus = bus
-        self._servos = servos
-        self.hands = ShaftGrip(
-            servos.hinges, servos.power.turn, servos.power.encoder, servos.set_hand_position
+        super().__init__(
+            f"bus {bus}: no servo",
+            servos.registers.ids,
+            ShaftGrip(servos.hinges, servos.power.turn, servos.power.encoder, servos.set_hand_position),
         )
+        self._servos = servos
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one servo or (None) of all: it receives and sends nothing, keeps its power.
@@ -75,43 +75,6 @@ class ServoFaults:
         for row in self.rows(id):
             self._servos.readings.spike(row, celsius, self._servos.now + seconds)
 
-    def lock(self, id: int) -> None:
-        """Lock the shaft: it does not turn, with torque or without. Raises KeyError."""
-        for row in self.rows(id):
-            self._servos.block(row, True)
-
-    def free(self, id: int) -> None:
-        """Unlock the shaft. Raises KeyError."""
-        for row in self.rows(id):
-            self._servos.block(row, False)
-
-    def hand(
-        self,
-        id: int | None = None,
-        to: float | None = None,
-        rad: float | None = None,
-        speed: float = 1.0,
-        off: bool = False,
-        pose: Mapping[str, float] | None = None,
-    ) -> None:
-        """Move a limp shaft by an external force straight to a position and hold it; stops limit it.
-
-        `to`: what the present position would show; `rad`: of its joint; `pose`: rad by joint, without an id;
-        `speed` rad/s of the joint; `off` releases it. Where torque is on the force slips. Raises KeyError,
-        ValueError.
-        """
-        rows = None if id is None else self.rows(id)
-        order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
-
-    def lay(self, base: str) -> None:
-        """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
-        self._servos.muscles.set_base_pose(base)
-
-    def freeze(self, id: int, on: bool = True) -> None:
-        """Repeat the present position, wherever the shaft goes. Raises KeyError."""
-        for row in self.rows(id):
-            self._servos.readings.freeze(row, on)
-
     def record(self, count: int) -> None:
         """Keep the last `count` refreshes of the present positions in `servos.history`; 0: none.
 
@@ -119,15 +82,16 @@ class ServoFaults:
         """
         self._servos.history = ReadingHistory(len(self._servos.tripped), count) if count else None
 
-    def rows(self, id: int) -> list[int]:
-        """Places of the servos with this id. Raises KeyError that names the ids there are."""
-        ids = self._servos.registers.ids()
-        found = [row for row, each in enumerate(ids) if each == id]
-        if not found:
-            raise KeyError(f"bus {self._bus}: no servo with id {id}; ids are {sorted(ids)}")
-        return found
-
     def clear(self) -> None:
         """Plug in every connector."""
         self._servos.silenced[:] = False
         self._servos.invalidate_cache()
+
+    def _block(self, row: int, held: bool) -> None:
+        self._servos.block(row, held)
+
+    def _freeze(self, row: int, on: bool) -> None:
+        self._servos.readings.freeze(row, on)
+
+    def _set_base_pose(self, base: str) -> None:
+        self._servos.muscles.set_base_pose(base)

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.virtual.mode_units import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_position
+from twind_drivers.virtual.shaft_physics import Bools, Floats, ShaftPhysics
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 RPM = 0.229  # per raw velocity of the X series
 FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
 COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
@@ -42,20 +41,18 @@ class DriveState:
     rpm: Floats | float = RPM  # per raw velocity
 
 
-class ServoPhysics(Protocol):
-    """The motors of the servos of one bus. Arrays are (m,), in the order of the servos.
+class ServoPhysics(ShaftPhysics, Protocol):
+    """The motors of the servos of one bus.
 
-    The four readings stay true until the next `advance`; only the implementation writes them.
+    Position: encoder ticks; velocity: raw, 0.229 rpm but for the P series.
     """
 
-    position: Floats  # encoder ticks
-    velocity: Floats  # raw, 0.229 rpm but for the P series
     current: Floats  # raw, the model's current unit
     pwm: Floats  # raw, 0.113 % but for the P series
     stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
     def drive(self, drive: DriveState) -> None:
-        """Set torque, mode, gains and caps from now on. `aim` must follow where a mode changed."""
+        """Set torque, mode, gains and caps from now on. `set_goals` must follow where a mode changed."""
 
     def set_goals(self, goal: Floats) -> None:
         """Set the goals: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
@@ -63,20 +60,12 @@ class ServoPhysics(Protocol):
         Ignored where torque is off.
         """
 
-    def block(self, held: Bools) -> None:
-        """Set the shafts that are held fast from now on; they turn neither with torque nor without."""
 
-    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """Set the places (ticks) where hands take and hold limp shafts; NaN: no hand. Speed: ticks/s.
-
-        Where torque is on a hand slips.
-        """
-
-    def set_base_pose(self, base: str) -> None:
-        """Hold the base of the robot in this attitude. Raises KeyError: unknown, ValueError: no body."""
-
-    def advance(self, now: float) -> None:
-        """Let the time pass until `now` (s). A time already passed does nothing."""
+# An XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").
+FASTEST = 201.0  # raw velocity
+STALL = 855.0  # raw current
+LAG = 0.04  # s, time constant at a P gain of ...
+GAIN = 800.0
 
 
 class FirstOrderPhysics:
@@ -91,27 +80,21 @@ class FirstOrderPhysics:
         self,
         start: Floats,
         *,
-        lag: float = 0.04,
-        gain: float = 800.0,
-        speed: float = 201.0,
-        stall: float = 855.0,
         now: float = 0.0,
     ) -> None:
-        """`start` (m,) ticks; `lag` s at P gain `gain`; `speed`, `stall` raw velocity and current.
-
-        The numbers are those of an XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").
-        """
+        """Begin at `start` (m,) ticks."""
         self.position = np.array(start, np.float64)
-        self.velocity, self.current, self.pwm = (np.zeros_like(self.position) for _ in range(3))
-        self.stall = np.full_like(self.position, stall)
-        self._lag = lag
-        self._gain = gain
-        self._fastest = speed
+        self.velocity = np.zeros_like(self.position)
+        self.current = np.zeros_like(self.position)
+        self.pwm = np.zeros_like(self.position)
+        self.stall = np.full_like(self.position, STALL)
         self.goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
-        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
-        self.lower, self.upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
+        self._hand = np.full_like(self.position, np.nan)
+        self._reach = np.zeros_like(self.position)
+        self.lower = np.full_like(self.position, -np.inf)
+        self.upper = np.full_like(self.position, np.inf)
         off = np.zeros_like(self.position)
         self.drive(DriveState(off > 0, off + 3, off, off, off, off, off, off, off, off))
 
@@ -128,13 +111,14 @@ class FirstOrderPhysics:
         whole = np.ones_like(self.position)
         self._full = drive.full * whole
         self._ticks = drive.rpm / 60.0 * drive.turn * whole
-        self._free = self._fastest * RPM / drive.rpm * whole
+        self._free = FASTEST * RPM / drive.rpm * whole
         self._friction = FRICTION * drive.rpm / RPM * whole
         duty = np.minimum(self._cap / self._full, 1.0)
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
         self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
-        self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
-        self._pulled, self._slowest = self._rate > 0.0, np.maximum(self._rate, 1e-9)
+        self._rate = np.where(pulls & seeks, drive.p / (GAIN * LAG), 0.0)
+        self._pulled = self._rate > 0.0
+        self._slowest = np.maximum(self._rate, 1e-9)
         self._per_tick = self._rate / self._ticks  # raw velocity per tick of error
         self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
         gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
@@ -146,7 +130,7 @@ class FirstOrderPhysics:
         self._look()
 
     def set_goals(self, goal: Floats) -> None:
-        """See `ServoPhysics.aim`."""
+        """See `ServoPhysics.set_goals`."""
         self.goal[:] = goal
 
     def block(self, held: Bools) -> None:
@@ -155,13 +139,13 @@ class FirstOrderPhysics:
         self._look()
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """See `ServoPhysics.grip`. A hand passes everything but a stop and a shaft that is held fast."""
+        """See `ServoPhysics.set_hand_positions`. A hand stops at a stop and at a blocked shaft."""
         self._hand = place.copy()
         self._reach = speed.copy()
         self._look()
 
     def set_base_pose(self, base: str) -> None:
-        """See `ServoPhysics.lay`. Always raises ValueError: these joints have no body."""
+        """See `ServoPhysics.set_base_pose`. Always raises ValueError: these joints have no body."""
         raise ValueError("lay: these are joints without load, which no body holds together")
 
     def set_endstops(self, lower: Floats, upper: Floats) -> None:

@@ -1,4 +1,4 @@
-"""What whoever watches a daemon hears of a command's way: two real processes, the simulation for a robot."""
+"""Latency and verdict of a command as a subscriber receives them, from a real daemon in mode sim."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.processes import Daemon, until
+from tests.support.processes import Daemon, simulated, until
 from tests.support.raw_connection import CONTRACT
 from twind.client import Client, Refused
 from twind.telemetry.timing_monitor import COMMAND
@@ -22,16 +22,10 @@ FAST = {
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    daemon = Daemon(tmp_path_factory.mktemp("latency") / "run", "--mode", "sim", "--robot", "h24")
-    try:
-        daemon.reach()
+    with simulated(tmp_path_factory.mktemp("latency")) as daemon:
         until(lambda: "LOOKAHEAD" in daemon.log.read_text(), 30.0, "the model is loaded")
         yield daemon
         assert daemon.end() == 0
-    finally:
-        if daemon.process.poll() is None:
-            daemon.process.kill()
-        daemon.process.wait(10)
 
 
 def next_of(stream: Iterator[dict[str, Any]], topic: str) -> dict[str, Any]:
@@ -89,23 +83,15 @@ def test_a_stream_of_setpoints_has_its_figures_and_a_refused_one_is_a_verdict(ru
 
 
 def counted(running: Daemon, before: int) -> int | None:
-    """How many commands were written, once the histogram has more than before by most of a stream."""
+    """Number of written commands, once the histogram counts most of the stream."""
     count = sum(bucket["count"] for bucket in hops(running)["command"]["histogram"])
     return count if count > before + 20 else None
 
 
 def test_a_mark_is_published_to_subscribers_and_logged(running: Daemon) -> None:
     def mark(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [
-            sys.executable,
-            "-m",
-            "twind.ctl.ctl_main",
-            "--socket",
-            str(running.sockets),
-            "mark",
-            *words,
-        ]
-        return subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "mark"]
+        return subprocess.run([*command, *words], capture_output=True, text=True, timeout=20.0, check=False)
 
     with Client(str(running.sockets), name="observe") as watcher:
         news = watcher.stream("Monitor", topics=["events", "state"], rate=10.0)

@@ -16,7 +16,6 @@ from twind.front.joint_naming import JointNames
 from twind.front.systemd_journal import datagram
 from twind.link import Event
 from twind.robot.finding import Finding, ReasonCode
-from twind.standard_streams import at_journal
 
 
 def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict[str, object]]]) -> list[str]:
@@ -41,12 +40,6 @@ def test_a_log_event_is_one_readable_line() -> None:
         journal=False, said=[("info", "ARMED", {"message": "all joints", "holder": "uid 0, pid 1"})]
     )
     assert line[8:] == " info    ARMED: all joints holder='uid 0, pid 1'"
-
-
-def test_events_below_the_log_level_are_not_logged() -> None:
-    assert lines(journal=True, level="warning", said=[("info", "A", {}), ("error", "B", {})]) == [
-        '<3>{"event": "B", "level": "error"}'
-    ]
 
 
 @pytest.mark.parametrize("journal", [True, False])
@@ -85,20 +78,6 @@ def test_a_blocked_standard_error_blocks_no_thread_and_lost_lines_are_counted() 
     os.close(writer)
     os.close(reader)
     assert sum(map(int, re.findall(rb"(\d+) lines lost", text))) == sink.dropped
-
-
-def test_the_journal_is_known_by_its_inode(monkeypatch: pytest.MonkeyPatch) -> None:
-    reader, writer = os.pipe()
-    there = os.fstat(writer)
-    monkeypatch.setenv("JOURNAL_STREAM", f"{there.st_dev}:{there.st_ino}")
-    assert at_journal(writer)
-    monkeypatch.setenv("JOURNAL_STREAM", f"{there.st_dev}:{there.st_ino + 1}")
-    assert not at_journal(writer)
-    monkeypatch.delenv("JOURNAL_STREAM")
-    assert not at_journal(writer)
-    os.close(reader)
-    os.close(writer)
-    assert not at_journal(writer)
 
 
 # ------------------------------------------------------------------------------- the journal

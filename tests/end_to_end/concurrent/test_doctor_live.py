@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -53,40 +54,33 @@ def lone_pty() -> Iterator[str]:
     os.close(master)
 
 
+@contextmanager
+def holder(port: str, lock: str = "None") -> Iterator[int]:
+    """A process that has the port open; its id."""
+    command = [sys.executable, "-c", HOLD.format(lock), port]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process.pid
+        process.communicate(timeout=5.0)
+
+
 @pytest.mark.parametrize("lock", ["None", "fcntl.flock(fd, fcntl.LOCK_EX)"], ids=["open", "locked"])
 def test_holder_of_a_port_is_named_with_its_pid(lone_pty: str, lock: str) -> None:
-    holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD.format(lock), lone_pty], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    assert holder.stdout is not None and holder.stdin is not None
-    holder.stdout.readline()
-    try:
+    with holder(lone_pty, lock) as pid:
         (finding,) = found("--port", lone_pty, code="PORT_HELD")
-        assert f"pid {holder.pid} " in finding.measured and "import os" in finding.measured
+        assert f"pid {pid} " in finding.measured and "import os" in finding.measured
         assert finding.command == ""  # it may hold a robot up
         assert "kill" not in finding.advice
-        assert f"`ps -fp {holder.pid}`" in finding.advice
-    finally:
-        holder.stdin.close()
-        holder.wait(5)
-        holder.stdout.close()
+        assert f"`ps -fp {pid}`" in finding.advice
     assert codes(lone_pty, "PORT_HELD") == []
 
 
 def test_held_port_is_not_opened(lone_pty: str) -> None:
-    holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD.format("None"), lone_pty], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    assert holder.stdout is not None and holder.stdin is not None
-    holder.stdout.readline()
-    try:
+    with holder(lone_pty) as pid:
         outcome = look("--port", lone_pty, only=["LATENCY_FLOOR"])
         assert outcome.found == []
-        assert any(f"held by pid {holder.pid}" in why for _, why in outcome.unseen), outcome.unseen
-    finally:
-        holder.stdin.close()
-        holder.wait(5)
-        holder.stdout.close()
+        assert any(f"held by pid {pid}" in why for _, why in outcome.unseen), outcome.unseen
 
 
 @needs_root

@@ -82,6 +82,13 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
     assert (total.title, total.text) == ("e-stop: 1 of 2 robots", "not hangs")
 
 
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The registry looks for robots more often than once a second."""
+    monkeypatch.setattr(company_module, "LOOKED", 0.1)
+
+
+@pytest.mark.usefixtures("often")
 def test_a_lost_robot_stays_listed_and_a_later_one_is_added(folders: Folders) -> None:
     folders.robot("first", speaking().get)
     found: list[Mapping[Whose, RobotConnections]] = [{("first", "here"): folders.ways["first"]}]
@@ -104,6 +111,7 @@ def test_a_lost_robot_stays_listed_and_a_later_one_is_added(folders: Folders) ->
     assert not [each.name for each in threading.enumerate() if each.name.startswith("news of")]
 
 
+@pytest.mark.usefixtures("often")
 def test_a_robot_with_a_used_name_does_not_replace_the_first() -> None:
     """A stop that goes to somebody else than its name says would be worse than none."""
     unused = local("nowhere")
@@ -195,7 +203,7 @@ class Said(FleetPage):
     status_html: dict[str | None, str]
 
     def set_html(self, words: str, of: str | None = None) -> None:
-        """What the page says now."""
+        """Keep the text that the page shows."""
         super().set_html(words, of)
         self.words = {**getattr(self, "words", {}), of: words}
 

@@ -1,4 +1,4 @@
-"""Who moves the robot from a page: one tab, as long as it answers."""
+"""The lease of the viewer: one tab holds it, as long as the tab answers."""
 
 import queue
 import threading

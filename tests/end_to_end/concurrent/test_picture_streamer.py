@@ -12,6 +12,7 @@ pytest.importorskip("OpenGL", reason="make extras EXTRAS=learn")
 import numpy as np
 from PIL import Image
 
+from tests.support.processes import until
 from tests.support.stream_rig import begun, run, streamer
 from twind.client import Client
 from twind.exceptions import OperationFailed
@@ -49,9 +50,11 @@ def test_a_pose_is_drawn_and_another_pose_looks_otherwise(run: Path) -> None:
 def test_pictures_are_messages_of_their_own_in_the_same_stream(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "in"
     ingest, url = begun(out)
-    code, _, told = streamer(
-        run, url, tmp_path / "spool", "--camera", "render", "--camera-rate", "5", "--seconds", "4"
-    ).end(0)
+    stream = streamer(
+        run, url, tmp_path / "spool", "--camera", "render", "--camera-rate", "5", "--seconds", "20"
+    )
+    until(lambda: not stream.running or len(list(out.glob("*.jpg"))) >= 2, 20.0, "two pictures")
+    code, _, told = stream.end()
     ingest.end()
     if "no pictures: no picture without a display" in told:
         pytest.skip(told)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from tests.support.processes import until
 from twind.flight import (
     EntryKind,
     FlightEntry,
@@ -77,8 +78,7 @@ def test_a_reader_beside_a_writer_that_writes_flat_out_reads_whole_runs(
     pid = child(lambda: flat_out(ring, 5000))
     reads = records = last = 0
     try:
-        until = time.monotonic() + 2.0
-        while time.monotonic() < until:
+        while reads <= 3 or records <= 1000:
             entries = read(ring.fd).entries
             assert is_a_whole_run(entries)
             newest = int(entries[-1].time) if entries else last
@@ -89,8 +89,6 @@ def test_a_reader_beside_a_writer_that_writes_flat_out_reads_whole_runs(
     finally:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
-    assert reads > 3
-    assert records > 1000
     assert is_a_whole_run(read(ring.fd).entries)
     ring.close()
 
@@ -98,18 +96,16 @@ def test_a_reader_beside_a_writer_that_writes_flat_out_reads_whole_runs(
 @pytest.mark.parametrize("size", [4096, 100_000])
 def test_a_writer_killed_anywhere_leaves_whole_records(size: int) -> None:
     chance = random.Random(20261122)
-    filled = 0
-    for _ in range(40):
+    for _ in range(15):
         ring = FlightRing.create(size)
         pid = child(lambda ring=ring: flat_out(ring, size // 50))  # type: ignore[misc]
-        time.sleep(chance.uniform(0.001, 0.02))
+        until(lambda ring=ring: len(read(ring.fd).entries) > 5, 10.0, "records")  # type: ignore[misc]
+        time.sleep(chance.uniform(0.0, 0.01))
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
         entries = read(ring.fd).entries
         numbers = [int(one.time) for one in entries]
-        assert numbers == list(range(numbers[0], numbers[0] + len(numbers))) if numbers else True
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
         assert all(one.data == one.data[:4] * (len(one.data) // 4) for one in entries)
         assert all(int.from_bytes(one.data[:4], "little") == one.time for one in entries)
-        filled += len(entries) > 5
         ring.close()
-    assert filled > 20

@@ -22,8 +22,13 @@ class Eeprom(StandIn):
 
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
+        self.reset()
+
+    def reset(self) -> None:
+        """Leave the calibrating state, forget the commands, and give the usual answers."""
         self.on = False
-        self.answers |= {
+        self.commands.clear()
+        self.answers = {
             link.WriteRegister: self._written,
             link.Calibrate: self._calibrated,
             link.AcquireLease: lambda c: [link.Reply(ticket=c.ticket, parameters={"lease": LEASE})],
@@ -45,11 +50,18 @@ class Eeprom(StandIn):
         return [type(each).__name__ for each in self.commands if isinstance(each, link.Command)]
 
 
-@pytest.fixture
-def daemon(tmp_path: Path) -> Iterator[Eeprom]:
-    stand_in = Eeprom(tmp_path)
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eeprom]:
+    stand_in = Eeprom(tmp_path_factory.mktemp("run"))
     yield stand_in
     stand_in.close()
+
+
+@pytest.fixture
+def daemon(shared: Eeprom) -> Eeprom:
+    """The shared daemon as at its start."""
+    shared.reset()
+    return shared
 
 
 def write(daemon: StandIn, *words: str) -> int:

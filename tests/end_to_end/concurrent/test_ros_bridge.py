@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ import pytest
 
 from tests.support.loop_stand_in import StandIn
 from tests.support.processes import until
-from twind.bridge.ros.ros_bridge import AGAIN, RosBridge
+from twind.bridge.ros import ros_bridge
+from twind.bridge.ros.ros_bridge import RosBridge
 from twind.bridge.ros.ros_diagnostics import ERROR
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
@@ -39,6 +40,12 @@ from twind.bridge.ros.ros_endpoints import (
 from twind.bridge.ros.ros_transport import Asked, Heard
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, decode, encode
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bridge does not wait a second until it joins the graph again."""
+    monkeypatch.setattr(ros_bridge, "AGAIN", 0.2)
 
 
 def text(words: str) -> bytes:
@@ -105,7 +112,7 @@ class Run:
         self.code = self.course.run()
 
     def outcome(self, topic: RosTopic, data: bytes) -> Any:
-        """What became of it."""
+        """Result of a command that the graph sends."""
         before = len(self.graph.said.get(RESULTS.name, ()))
         self.graph.heard(topic, data)
         until(
@@ -121,13 +128,6 @@ class Run:
         self.stop.set()
         self._thread.join(20.0)
         assert self.code == 0
-
-
-@pytest.fixture(scope="module")
-def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path_factory.mktemp("run"))
-    yield stand_in
-    stand_in.close()
 
 
 def test_daemon_data_is_published_on_its_topics(loop: StandIn) -> None:
@@ -200,7 +200,7 @@ def test_a_back_end_without_commands_states_the_reason_in_the_status(loop: Stand
         assert bridge["refuses"] == "this bridge only reads: this middleware loses commands"
         run.graph.heard(NEIGHBOURS, text(json.dumps({"bridge": {"id": "abc", "commands": True}})))
         run.graph.last(HW_JOINTS)
-        time.sleep(AGAIN)
+        time.sleep(ros_bridge.AGAIN)
     assert not any(line.startswith("another bridge") for line in run.lines)
 
 

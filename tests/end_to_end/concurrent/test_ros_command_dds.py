@@ -71,7 +71,7 @@ def test_nothing_that_is_refused_disturbs_what_runs(graph: Graph) -> None:
     graph.command(0.0, 1, "back")
     graph.told(frame_id="back", phase="succeeded")
     before = graph.loop("before")
-    graph.command(0.4, 4, "long")
+    graph.command(0.4, 3, "long")
     graph.told(frame_id="long", phase="accepted")
     now = int(time.time())
     graph.command(9.0, 2, "far")

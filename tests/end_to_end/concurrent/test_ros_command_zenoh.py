@@ -60,12 +60,12 @@ class Graph:
         return {"number": self._stamp}
 
     def results(self, number: int) -> list[dict[str, Any]]:
-        """What was told of a command so far."""
+        """Results of a command so far."""
         told = [json.loads(each["data"]) for each in self.peer.ask("heard", topic=RESULTS.name)]
         return [each for each in told if each.get("frame_id") == str(number)]
 
     def ended(self, number: int) -> dict[str, Any]:
-        """How a command ended."""
+        """Last result of a command."""
 
         def last() -> dict[str, Any] | None:
             return next((each for each in self.results(number) if each["phase"] not in ("accepted",)), None)
@@ -75,7 +75,7 @@ class Graph:
         )
 
     def place(self) -> float:
-        """Where the joint is, by the newest message."""
+        """Position of the joint by the newest message, rad."""
         newest = self.peer.ask("heard", topic=SIM_JOINTS.name)[-1]
         return float(newest["position"][newest["name"].index(JOINT)])
 
@@ -86,7 +86,7 @@ def duration(seconds: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+def graph(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Graph]:
     folder: Path = tmp_path_factory.mktemp("run")
     daemon = Daemon(folder, "--mode", "sim")
     words = ["--socket", str(folder), "ros", "--backend", "zenoh", "--rate", "50", "--zenoh-connect"]
@@ -127,14 +127,6 @@ def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_published(graph: 
     until(lambda: abs(graph.place() - before - 0.1) < 0.01, PATIENCE, "the joint is there")
 
 
-def test_a_refused_trajectory_is_reported_with_its_findings_and_moves_nothing(graph: Graph) -> None:
-    before = graph.place()
-    end = graph.ended(**graph.command(50.0))
-    assert end["phase"] == "refused" and end["findings"], end
-    assert all(each["code"] and each["message"] for each in end["findings"])
-    assert abs(graph.place() - before) < 0.01
-
-
 def test_the_last_status_waits_for_who_comes_later_and_services_answer(graph: Graph) -> None:
     graph.peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
     until(lambda: graph.peer.ask("heard", topic=STATUS.name), PATIENCE, "a status comes")
@@ -149,22 +141,6 @@ def test_a_stop_by_service_ends_a_motion(graph: Graph) -> None:
     told = graph.peer.ask("call", service=TO_STOP.name, kind=TRIGGER, request=EMPTY)
     assert told["success"], told
     assert graph.ended(**command)["phase"] == "cancelled"
-
-
-def test_a_dead_router_does_not_disturb_the_loop_and_the_graph_recovers(graph: Graph) -> None:
-    before = graph.daemon.status()["loop"]
-    graph.router.kill()
-    time.sleep(1.0)
-    graph.router.start()
-    with Peer(graph.router.endpoint) as new:
-        new.ask("hear", topic=SIM_JOINTS.name, kind=JOINT_STATE)
-        until(lambda: new.ask("counted", topic=SIM_JOINTS.name)["count"], PATIENCE, "a new peer hears")
-    after = graph.daemon.status()["loop"]
-    ticks, missed = (after[key] - before[key] for key in ("ticks", "missed"))
-    print(f"ticks {ticks}, missed {missed}")
-    assert ticks > 0 and missed <= 5 + ticks / 50  # what other programs of this machine cost it
-    assert graph.bridge.poll() is None
-    assert graph.ended(**graph.command(graph.place()))["phase"] == "succeeded"
 
 
 def test_an_e_stop_by_service_is_latched(graph: Graph) -> None:

@@ -1,24 +1,18 @@
 """Real-time tests of loop notify."""
 
-import os
-from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 from tests.support.processes import Daemon, until
 from tests.support.service_notify_rig import Manager
 
 
-@pytest.fixture(params=["path", "abstract"])
-def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]:
-    address = str(tmp_path / "notify") if request.param == "path" else f"@twind-test-{os.getpid()}"
-    manager = Manager(address)
-    yield manager
-    manager.socket.close()
+def places(told: list[str], said: str) -> list[int]:
+    """Places of the messages that begin with these words."""
+    return [place for place, line in enumerate(told) if line.startswith(said)]
 
 
 def test_a_daemon_notifies_readiness_once_it_answers_and_its_stop(tmp_path: Path) -> None:
+    """At its end it asks for time to lower the robot. The recorder is dropped after the front has ended."""
     manager = Manager(str(tmp_path / "notify"))
     told: list[str] = []
 
@@ -39,11 +33,14 @@ def test_a_daemon_notifies_readiness_once_it_answers_and_its_stop(tmp_path: Path
         assert daemon.end() == 0
         assert not list(daemon.sockets.glob("*.sock"))
         assert said("STOPPING=1")
-        assert told.count("READY=1") == 1
+        assert told.count("READY=1") == 1 == len(places(told, "FDSTORE=1"))
+        when_told, before_the_front = places(told, "STOPPING=1")
+        assert told[when_told].split() == ["STOPPING=1", "EXTEND_TIMEOUT_USEC=30000000"]
+        (drop,) = [place for place in places(told, "FDSTOREREMOVE=1") if place > when_told]
+        assert drop > before_the_front
+        assert "control socket for group " in daemon.log.read_text()
     finally:
-        if daemon.process.poll() is None:
-            daemon.process.kill()
-        daemon.process.wait(10)
+        daemon.kill()
         manager.socket.close()
 
 
@@ -66,7 +63,5 @@ def test_a_start_asks_for_time_before_it_is_ready_and_the_status_names_a_port_th
         assert sum("READY=1" in line for line in told) == 1
         assert daemon.end() == 0
     finally:
-        if daemon.process.poll() is None:
-            daemon.process.kill()
-        daemon.process.wait(10)
+        daemon.kill()
         manager.socket.close()

@@ -191,7 +191,7 @@ def test_a_disk_that_takes_no_deletion_has_nothing_sent_twice() -> None:
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of localhost, signed by itself, with its key."""
+    """Certificate of localhost, signed by itself, with its key."""
     program = shutil.which("openssl")
     if program is None:
         pytest.skip("no openssl here to make a certificate with")

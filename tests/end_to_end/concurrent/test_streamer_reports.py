@@ -1,6 +1,5 @@
-"""What streamers say of themselves: told to whoever watches, in the status, and forgotten with them."""
+"""Reports of streamers: published to subscribers, shown in the status, removed with their connection."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.loop_stand_in import StandIn
 from tests.support.raw_connection import CONTRACT, Raw
+from twind import link
 from twind.ctl.status_table import stream_text
 from twind.front.streamer_reports import (
     COUNTS,
@@ -89,16 +89,7 @@ def test_no_text_reaches_a_terminal_as_more_than_a_short_line() -> None:
 # ------------------------------------------------------------------------------------------ on the socket
 
 
-@pytest.fixture(scope="module")
-def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path_factory.mktemp("front"))
-    yield stand_in
-    assert "CALL_BROKE" not in stand_in.log.read_text()
-    assert stand_in.close() == 0
-
-
 def test_a_stream_report_of_an_observer_reaches_subscribers_but_not_the_loop(loop: StandIn) -> None:
-    loop.commands.clear()
     with Raw(loop, "observe") as watcher, Raw(loop, "observe") as streamer:
         watcher.send("Monitor", parameters={"topics": ["stream"]}, more=True)
         assert "error" not in streamer.call("GetStatus")
@@ -113,7 +104,7 @@ def test_a_stream_report_of_an_observer_reaches_subscribers_but_not_the_loop(loo
         assert watcher.receive()["parameters"]["stream"] == {**REPORT, "error": GONE}
     with Raw(loop, "observe") as other:
         assert other.call("GetStatus")["parameters"]["status"]["streams"] == []
-    assert not loop.commands
+    assert not [command for command in loop.commands if isinstance(command, link.Command)]
 
 
 def test_a_flood_of_stream_reports_is_refused_and_then_disconnected(loop: StandIn) -> None:

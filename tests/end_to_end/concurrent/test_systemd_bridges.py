@@ -10,7 +10,7 @@ import pytest
 from tests.support.certificates import Authority
 from tests.support.systemd.installed import PEERS, REPOSITORY
 from tests.support.systemd.machine import Machine, stop
-from tests.support.systemd.service import Service, Unit, drop_in
+from tests.support.systemd.service import DYNAMIC_USER, Service, Unit, drop_in, unprivileged_user
 
 PYTHON = "/opt/twind/bin/python"
 SIM = "twind-sim.service"  # its bridges are those of the instance `sim`
@@ -38,7 +38,7 @@ def uplink(simulated: Service) -> Iterator[Unit]:
 
 
 def afar(unit: Unit, *words: str) -> tuple[int, str]:
-    """What `twindctl --remote` says of the robot that has this uplink."""
+    """Exit code and output of `twindctl --remote` for the robot of this uplink."""
     done = unit.machine.try_run("twindctl", "--remote", "h24", *words)
     return done.returncode, done.stdout + done.stderr
 
@@ -131,12 +131,7 @@ def example(name: str) -> str:
 
 def harmless(unit: Unit) -> None:
     """A user of its own, no right, no device, and in a network where it hears this machine alone."""
-    status = dict(
-        line.split(":\t", 1) for line in Path(f"/proc/{unit.main()}/status").read_text().splitlines()
-    )
-    assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
-    assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
-    assert int(status["Uid"].split()[1]) >= 61184, "no user of its own (DynamicUser=)"
+    assert unprivileged_user(unit.main()) >= DYNAMIC_USER
     assert set(unit.show("IPAddressDeny").split()) == {"::/0", "0.0.0.0/0"}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.doc_pages_text import ROOT
 from tests.support.systemd.machine import SYS_RESOURCE, Machine
-from tests.support.systemd.service import Json, Service, Unit
+from tests.support.systemd.service import DYNAMIC_USER, Json, Service, Unit, unprivileged_user
 
 SOCKETS = {"control": "twind-operator", "observe": "twind-observe"}
 
@@ -24,7 +24,7 @@ def plain(machine: Machine) -> Iterator[Service]:
 
 @pytest.fixture(scope="module")
 def first(plain: Service) -> Json:
-    """What its socket answered as soon as `systemctl start` had returned."""
+    """Status as soon as `systemctl start` has returned."""
     return plain.status()
 
 
@@ -49,10 +49,7 @@ def test_the_service_runs_with_mujoco_and_without_privileges(plain: Service) -> 
     front = plain.front()
     assert front is not None
     for pid in (main, front):
-        status = dict(line.split(":\t", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
-        assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
-        assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
-        assert status["Uid"].split()[1] != "0"
+        assert unprivileged_user(pid) != 0
     assert "libmujoco" in Path(f"/proc/{main}/maps").read_text()
 
 
@@ -96,7 +93,7 @@ def test_fifo_and_locked_memory_are_had_or_missing_in_words(plain: Service, firs
 
 
 def exposure(machine: Machine, unit: str) -> float:
-    """What systemd makes of the unit as it is loaded."""
+    """Exposure level that systemd computes for the loaded unit."""
     said = machine.run("systemd-analyze", "security", "--no-pager", unit)
     told = re.search(r"Overall exposure level for \S+: ([\d.]+)", said)
     assert told is not None, said
@@ -123,12 +120,7 @@ def test_metrics_are_served_locally_by_a_user_without_files(plain: Service) -> N
     unit.start()
     try:
         machine.until(lambda: told('twind_mode{twind_mode="mirror"} 1.0'), 10.0, "figures")
-        status = dict(
-            line.split(":\t", 1) for line in Path(f"/proc/{unit.main()}/status").read_text().splitlines()
-        )
-        assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
-        assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
-        assert int(status["Uid"].split()[1]) >= 61184, "no user of its own (DynamicUser=)"
+        assert unprivileged_user(unit.main()) >= DYNAMIC_USER
     finally:
         unit.stop()
     assert exposure(machine, "twind-metrics.service") <= 1.0
@@ -146,13 +138,8 @@ def test_readings_are_streamed_by_a_user_without_files(plain: Service) -> None:
     unit.start()
     try:
         machine.until(lambda: out.exists() and out.read_text().count("\n") > 2, 20.0, "readings")
-        status = dict(
-            line.split(":\t", 1) for line in Path(f"/proc/{unit.main()}/status").read_text().splitlines()
-        )
-        assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
-        assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
-        user = int(status["Uid"].split()[1])
-        assert user >= 61184, "no user of its own (DynamicUser=)"
+        user = unprivileged_user(unit.main())
+        assert user >= DYNAMIC_USER
         spool = machine.inside("/var/lib/private/twind-stream/spool.sqlite")
         assert (spool.stat().st_uid, spool.parent.stat().st_mode & 0o777) == (user, 0o700)
         assert plain.status()["streams"][0]["endpoint"] == "http://localhost:8000/ingest"

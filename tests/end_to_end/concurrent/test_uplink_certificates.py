@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.support.certificates import Authority
-from tests.support.processes import Daemon, until
+from tests.support.processes import Daemon, simulated, until
 from tests.support.uplink_rig import PATIENCE, Far, Uplink, ended, phases, up
 from tests.support.zenoh_router import Router
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
@@ -40,7 +40,7 @@ class Ground:
         self.endpoint = self.router.endpoint.replace("127.0.0.1", "localhost")
 
     def file(self, name: str, authority: Authority | None = None) -> Path:
-        """What whoever is called `name` puts into the example."""
+        """Configuration by the example, with the certificate of `name`."""
         certificate, key = (authority or self.authority).sign(name)
         said = (EXAMPLES / "uplink.json5").read_text()
         for part, path in {"ca": self.authority.certificate, "cert": certificate, "key": key}.items():
@@ -66,10 +66,8 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    running = Daemon(tmp_path_factory.mktemp("run") / "run", "--mode", "sim")
-    running.reach(mode="sim")
-    yield running
-    running.kill()
+    with simulated(tmp_path_factory.mktemp("run")) as running:
+        yield running
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ sys.exit(uplink_command.run(options))
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def here(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site")) as made:
         yield made
 
@@ -168,7 +168,9 @@ def test_a_repeated_goal_runs_once_and_reports_its_outcome(far: Far) -> None:
 def test_a_goal_refused_by_the_gate_has_its_findings_and_stays_refused(far: Far) -> None:
     with far.holding() as lease:
         for _ in range(2):
-            assert "POS_LIMIT" in findings(far.goal("break", lease, 30.0, 60.0))
+            refused = far.goal("break", lease, 30.0, 60.0)
+            assert "POS_LIMIT" in findings(refused)
+            assert {each["message"] for each in refused["parameters"]["findings"]} == {"x"}, "blank_messages"
         assert far.goal("twist/**", lease, 0.1, 1.0)["parameters"]["parameter"] == "goal"
         assert findings(far.goal("yesterday", lease, 0.1, 1.0, ahead=-0.01)) == {"CMD_EXPIRED"}
         assert far.goal("tomorrow", lease, 0.1, 1.0, ahead=3600.0)["parameters"]["parameter"] == "deadline"
@@ -258,7 +260,7 @@ def test_a_flood_neither_blocks_nor_defers_a_stop(here: Site, far: Far, data: by
 def test_a_flood_of_invalid_bytes_does_not_prevent_a_lease_renewal(here: Site, far: Far) -> None:
     told = far.listen("goals", "unhurried")
     with flood(here, GARBAGE, "lease"), far.holding() as lease:
-        assert far.goal("unhurried", lease, 0.25, 4.0).get("phase") == "accepted"
+        assert far.goal("unhurried", lease, 0.25, 2.0).get("phase") == "accepted"
         until(lambda: phases(told)[-1:] not in ([], ["running"]), PATIENCE, "it ends")
     assert phases(told)[-1] == "succeeded"
 

@@ -1,5 +1,5 @@
-"""What is lost on the way to a robot: router, link, sender, uplink, daemon. The motion is let go, the loop
-never waits, and the uplink finds its way back.
+"""Loss of router, link, sender, uplink or daemon. The motion is released, the loop never waits, and the
+uplink reconnects.
 """
 
 import json
@@ -38,9 +38,17 @@ LET_GO = 3.0  # s after a fault until the motion is let go: a lease lasts 1, and
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def here(tmp_path_factory: pytest.TempPathFactory, blank_messages: None) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site")) as made:
         yield made
+
+
+@pytest.fixture(scope="module")
+def quiet(here: Site) -> tuple[int, int]:
+    """Ticks missed, and ticks, in a second without a motion."""
+    before = status(here)["loop"]
+    time.sleep(1.0)
+    return missed(before, status(here)["loop"])
 
 
 @pytest.fixture(autouse=True)
@@ -73,15 +81,14 @@ def free(here: Site) -> bool:
 class Watched:
     """Ends of motions as the daemon tells them beside the robot, and the ticks that were missed."""
 
-    def __init__(self, here: Site) -> None:
+    def __init__(self, here: Site, quiet: tuple[int, int]) -> None:
+        """`quiet`: ticks missed and ticks while nothing moved: how busy this machine is anyway."""
         self._here = here
+        self._quiet = quiet
         self._client = Client(here.daemon.sockets, name="observe", timeout=PATIENCE)
         self._ends: list[tuple[float, str]] = []  # s, monotonic; phase
         self._thread = threading.Thread(target=self._follow)
         self._thread.start()
-        quiet = status(here)["loop"]
-        time.sleep(1.0)
-        self._quiet = missed(quiet, status(here)["loop"])  # of so many: how busy this machine is anyway
 
     def _follow(self) -> None:
         with suppress(ClientError):
@@ -131,10 +138,12 @@ def alive_again(here: Site) -> None:
         until(lambda: phases(told)[-1:] == ["succeeded"], PATIENCE, f"it moves again: {told}")
 
 
-def test_a_dead_router_ends_the_goal_and_the_next_router_finds_the_robot(here: Site) -> None:
+def test_a_dead_router_ends_the_goal_and_the_next_router_finds_the_robot(
+    here: Site, quiet: tuple[int, int]
+) -> None:
     heard = here.far.listen("state", "10")
     until(lambda: heard, PATIENCE, "the state")
-    watched = Watched(here)
+    watched = Watched(here, quiet)
     before = moving(here)
     fault = time.monotonic()
     here.router.kill()
@@ -145,10 +154,10 @@ def test_a_dead_router_ends_the_goal_and_the_next_router_finds_the_robot(here: S
     until(lambda: len(heard) > count + 3, PATIENCE, "the state is told again")
 
 
-def test_a_link_that_freezes_holds_up_nothing_and_the_goal_lapses(here: Site) -> None:
+def test_a_link_that_freezes_holds_up_nothing_and_the_goal_lapses(here: Site, quiet: tuple[int, int]) -> None:
     heard = here.far.listen("state", "full")
     until(lambda: heard, PATIENCE, "the state")
-    watched = Watched(here)
+    watched = Watched(here, quiet)
     before = moving(here)
     fault = time.monotonic()
     here.router.signal(signal.SIGSTOP)
@@ -159,8 +168,8 @@ def test_a_link_that_freezes_holds_up_nothing_and_the_goal_lapses(here: Site) ->
     alive_again(here)
 
 
-def test_a_killed_sender_releases_the_motion(here: Site) -> None:
-    watched = Watched(here)
+def test_a_killed_sender_releases_the_motion(here: Site, quiet: tuple[int, int]) -> None:
+    watched = Watched(here, quiet)
     words = ["--remote", "robot", "move", f"{JOINT}={here.far.knee() + 0.5}", "--time", str(LONG)]
     sender = subprocess.Popen(
         [sys.executable, "-m", "twind.ctl.ctl_main", *words],
@@ -199,8 +208,8 @@ def test_a_goal_that_waits_while_the_robot_is_stopped_does_not_begin_after_the_s
             time.sleep(0.05)
 
 
-def test_a_stopped_uplink_process_releases_the_motion(here: Site) -> None:
-    watched = Watched(here)
+def test_a_stopped_uplink_process_releases_the_motion(here: Site, quiet: tuple[int, int]) -> None:
+    watched = Watched(here, quiet)
     before = moving(here)
     fault = time.monotonic()
     here.uplink.process.send_signal(signal.SIGSTOP)

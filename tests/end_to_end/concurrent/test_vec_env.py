@@ -7,10 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 import gymnasium
-import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor
 
 from twind.learn.batch.vec_env import BatchVecEnv
 
@@ -87,29 +84,14 @@ def test_shared_attributes_can_be_read_and_none_can_be_set() -> None:
             wrong()
 
 
-def test_ppo_learns_on_it() -> None:
-    torch.set_num_threads(1)
-    env = VecNormalize(VecMonitor(batch(randomise="default")))
-    model = PPO("MlpPolicy", env, n_steps=16, batch_size=24, n_epochs=1, seed=0, device="cpu")
-    before = [parameter.detach().clone() for parameter in model.policy.parameters()]
-    model.learn(96)
-    assert model.num_timesteps == 96
-    assert any(
-        bool((one != other).any()) for one, other in zip(before, model.policy.parameters(), strict=True)
-    )
-    assert all(info["l"] <= EPISODE for info in model.ep_info_buffer) and len(model.ep_info_buffer) > 0
-    reward, _ = evaluate_policy(model, env, n_eval_episodes=COUNT)
-    assert np.isfinite(reward)
-
-
 def test_single_environments_run_in_processes_of_their_own_too() -> None:
-    with_processes = SubprocVecEnv([single] * 2)
-    alone = DummyVecEnv([single] * 2)
+    with_processes = SubprocVecEnv([single])
+    alone = DummyVecEnv([single])
     try:
         with_processes.seed(2), alone.seed(2)
         assert np.array_equal(with_processes.reset(), alone.reset())
         for _ in range(EPISODE + 1):
-            action = np.full((2, 24), 0.1, np.float32)
+            action = np.full((1, 24), 0.1, np.float32)
             assert np.array_equal(with_processes.step(action)[0], alone.step(action)[0])
     finally:
         with_processes.close()

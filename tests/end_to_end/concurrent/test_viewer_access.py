@@ -1,4 +1,4 @@
-"""Who is let in to the viewer, by a real viser server: other pages, other names, other users are not."""
+"""Access to the viewer of a real viser server: other pages, other names and other users are refused."""
 
 import http.client
 import os

@@ -15,6 +15,7 @@ from tests.support.processes import until
 from tests.support.remote_robot import CLOCK, FarRobot
 from tests.support.zenoh_router import Router
 from twind.bridge.fleet import remote_goal as goal_module
+from twind.bridge.fleet import remote_stop
 from twind.bridge.fleet.lease_renewer import RENEWED
 from twind.bridge.fleet.remote import PrivateSession, SharedSession, client
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
@@ -38,7 +39,7 @@ def accepted(_asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def told(robot: FarRobot, **what: Any) -> None:
-    """Of the goal that was asked for."""
+    """Report progress of the submitted goal."""
     name = robot.times("goal")[0]["goal"]
     robot.tell(f"goals/{name}", {"id": "7", **what})
 
@@ -108,7 +109,10 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
             list(events)
 
 
-def test_a_stop_is_sent_to_an_invisible_robot_until_a_reply_arrives(robot: FarRobot) -> None:
+def test_a_stop_is_sent_to_an_invisible_robot_until_a_reply_arrives(
+    robot: FarRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_stop, "LASTING", 1.0)
     robot.alive.undeclare()
     unheard = [None, None]
     robot.answers["stop/EStop"] = lambda asked: unheard.pop() if unheard else {"state": "estop", **asked}
@@ -124,8 +128,11 @@ def refuse_with(name: str, **parameters: Any) -> None:
     raise as_error(name, parameters)
 
 
-def test_a_stop_that_is_answered_by_an_error_is_asked_again_until_it_is_done(robot: FarRobot) -> None:
+def test_a_stop_that_is_answered_by_an_error_is_asked_again_until_it_is_done(
+    robot: FarRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A flood of others makes a robot too busy for a moment; a stop is not given up for that."""
+    monkeypatch.setattr(remote_stop, "LASTING", 1.0)
     errors = [f"{CONTROL}.Busy", "io.twind.Uplink.Failed", "io.twind.Uplink.NoDaemon"]
 
     def estop(asked: dict[str, Any]) -> dict[str, Any]:
@@ -140,7 +147,7 @@ def test_a_stop_that_is_answered_by_an_error_is_asked_again_until_it_is_done(rob
         robot.answers["stop/EStop"] = lambda _: refuse_with(f"{CONTROL}.Busy", what="always")
         with pytest.raises(CallError, match="always"):
             client.call("EStop", level="cut")
-    assert len(robot.times("stop/EStop")) > 10
+    assert len(robot.times("stop/EStop")) > 4 + 3
 
 
 @pytest.mark.parametrize("error", [f"{CONTROL}.NotAllowed", "org.varlink.service.InvalidParameter"])
@@ -211,7 +218,11 @@ def test_a_failed_renewal_is_repeated_until_the_lease_is_reported_missing(
     assert [each["op"] for each in robot.times("lease")] == ["acquire", "renew", "renew"]
 
 
-def test_while_a_goal_is_judged_it_is_not_sent_again(robot: FarRobot) -> None:
+def test_while_a_goal_is_judged_it_is_not_sent_again(
+    robot: FarRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(goal_module, "QUIET", 0.3)
+
     def slowly(asked: dict[str, Any]) -> dict[str, Any]:
         time.sleep(2.5 * goal_module.QUIET)
         return accepted(asked)
@@ -263,7 +274,10 @@ def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: Far
     assert robot.times("lease")[-1] == {"op": "release", "lease": "L1"}
 
 
-def test_a_missing_motion_end_is_queried_with_the_same_goal(robot: FarRobot) -> None:
+def test_a_missing_motion_end_is_queried_with_the_same_goal(
+    robot: FarRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(goal_module, "QUIET", 0.3)
     asked: list[dict[str, Any]] = []
 
     def answer(question: dict[str, Any]) -> dict[str, Any]:
@@ -348,8 +362,10 @@ def test_a_deadline_is_in_the_robots_clock_and_never_later_than_a_lease_from_now
 
 
 def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> None:
+    quick_answered = threading.Event()
+
     def slowly(_asked: dict[str, Any]) -> dict[str, Any]:
-        time.sleep(2.0)
+        assert quick_answered.wait(20.0)
         return {"slow": True}
 
     robot.answers |= {"ask/GetRobot": slowly, "ask/GetStatus": lambda _: {"quick": True}}
@@ -362,6 +378,7 @@ def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> N
         with client("r1", way) as quick:
             assert quick.call("GetStatus") == {"quick": True}
             assert answers == []
+        quick_answered.set()
         asking.join(20.0)
         assert answers == [{"slow": True}]
     with pytest.raises(Disconnected, match="the network was left"):

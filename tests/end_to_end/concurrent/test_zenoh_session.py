@@ -1,4 +1,4 @@
-"""Where a Zenoh network is joined: what is asked for, and no more."""
+"""Sessions join exactly the Zenoh network that the options name."""
 
 import argparse
 import socket

@@ -1,9 +1,6 @@
-"""`twindctl view` beside real daemons, in a real browser: who stops the robot, who moves it, who is gone."""
+"""`twindctl view` in a real browser: it stops a robot, its tab holds the lease, its end moves nothing."""
 
 import contextlib
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +10,7 @@ import pytest
 
 from tests.support.browser import browser, missing, opened
 from tests.support.processes import Daemon, Moving, arm, daemon, go, robot, simulated, until
+from tests.support.viewer_process import TRIES, WAIT, press, viewing
 from twind.observe.viewing.operator_lease import ANSWER
 
 pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
@@ -21,46 +19,12 @@ LONG = {
     "points": [{"positions": [1.0], "velocities": [0.0], "time_from_start": 12.0}],
 }
 HOME = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [0.0], "time_from_start": 2.0}]}
-WAIT = 60_000  # ms that a busy machine may be behind
-TRIES = 5  # of a motion that a busy machine ends
-
-
-class Viewing:
-    """A `twindctl view` that runs, and its address."""
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(folder), "view", *options]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
-        assert self.process.stdout is not None
-        self.url = self.process.stdout.readline().decode().split()[1]
-
-    def end(self, number: int = signal.SIGTERM) -> int:
-        self.process.send_signal(number)
-        code = self.process.wait(10.0)
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-        return code
-
-
-@contextlib.contextmanager
-def viewing(folder: Path, *options: str) -> Iterator[Viewing]:
-    view = Viewing(folder, *options)
-    try:
-        yield view
-    finally:
-        if view.process.poll() is None:
-            view.end(signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     with browser() as found:
         yield found
-
-
-def press(page: Any, name: str) -> None:
-    """As an event: a pointer waits until a page stands still, which takes long without a graphics card."""
-    page.get_by_role("button", name=name, exact=True).dispatch_event("click", timeout=WAIT)
 
 
 def stopped(running: Daemon, page: Any) -> str:
@@ -95,8 +59,8 @@ def test_stop_stops_estop_stops_and_a_killed_viewer_changes_nothing(chromium: An
             [],
             [],
         ]
-        with viewing(running.sockets) as view, running.client() as operator:
-            page = opened(chromium, view.url, looked_at=False)
+        with viewing(running.sockets) as (view, url), running.client() as operator:
+            page = opened(chromium, url, looked_at=False)
             assert page.get_by_text("Take the lease").count() == 0  # without --operate there is none
             arm(operator)
             assert stopped(running, page) == "cancelled"
@@ -106,7 +70,7 @@ def test_stop_stops_estop_stops_and_a_killed_viewer_changes_nothing(chromium: An
             page.get_by_text("state estop").first.wait_for(timeout=WAIT)
             assert running.status()["state"] == "estop"
 
-            view.end(signal.SIGKILL)
+            view.kill()
             before = running.status()
             time.sleep(0.5)
             after = running.status()
@@ -115,24 +79,10 @@ def test_stop_stops_estop_stops_and_a_killed_viewer_changes_nothing(chromium: An
             page.close()
 
 
-def test_the_tab_that_took_the_lease_moves_the_robot_until_it_is_closed(
-    chromium: Any, tmp_path: Path
-) -> None:
-    with simulated(tmp_path) as running, viewing(running.sockets, "--operate") as view:
-        page = opened(chromium, view.url, looked_at=False)
-        assert page.get_by_role("button", name="Play", exact=True).is_disabled()
-        assert running.status()["lease"] is None
-        assert held(page, running, ANSWER + 1.0)  # longer than a lease lasts, and a page may be silent
-        page.close()
-        until(lambda: running.status()["lease"] is None, 3.0, "the lease of a tab that is closed")
-        until(lambda: running.status()["motion"] == "holding", 3.0, "its motion")
-
-        page = opened(chromium, view.url, looked_at=False)
-        assert held(page, running, 0.0)
-        view.end(signal.SIGKILL)
-        until(lambda: running.status()["lease"] is None, 3.0, "the lease of a killed viewer lapses")
-        until(lambda: running.status()["motion"] == "holding", 3.0, "its motion")
-        page.close()
+@pytest.fixture(scope="module")
+def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    with simulated(tmp_path_factory.mktemp("run")) as running:
+        yield running
 
 
 def held(page: Any, running: Daemon, seconds: float) -> bool:
@@ -157,24 +107,21 @@ def held(page: Any, running: Daemon, seconds: float) -> bool:
     return False
 
 
-def test_the_page_outlives_the_daemon_and_shows_the_next_ones_robot(chromium: Any, tmp_path: Path) -> None:
-    with contextlib.ExitStack() as stack:
-        first = stack.enter_context(simulated(tmp_path))
-        view = stack.enter_context(viewing(first.sockets))
-        page = opened(chromium, view.url, looked_at=False)
-        page.get_by_text("h24, mode sim").wait_for(timeout=WAIT)
-        first.end(signal.SIGKILL)
-        page.get_by_text("the daemon is not there, tried again").wait_for(timeout=WAIT)
-        press(page, "E-STOP")
-        page.get_by_text("use its own switch").wait_for(timeout=WAIT)
-        stack.enter_context(simulated(tmp_path, "h24-split"))
-        page.get_by_text("h24-split, mode sim").wait_for(timeout=WAIT)
-        assert view.end() == 0
+def test_the_tab_that_took_the_lease_moves_the_robot_until_it_is_closed(
+    chromium: Any, simulation: Daemon
+) -> None:
+    with viewing(simulation.sockets, "--operate") as (view, url):
+        page = opened(chromium, url, looked_at=False)
+        assert page.get_by_role("button", name="Play", exact=True).is_disabled()
+        assert simulation.status()["lease"] is None
+        assert held(page, simulation, ANSWER + 1.0)  # longer than a lease lasts, and a page may be silent
         page.close()
+        until(lambda: simulation.status()["lease"] is None, 3.0, "the lease of a closed tab")
+        until(lambda: simulation.status()["motion"] == "holding", 3.0, "its motion")
 
-
-def test_without_a_daemon_there_is_nothing_to_show(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "view"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
-    assert done.returncode == 3
-    assert "no daemon" in done.stderr
+        page = opened(chromium, url, looked_at=False)
+        assert held(page, simulation, 0.0)
+        view.kill()
+        until(lambda: simulation.status()["lease"] is None, 3.0, "the lease of a killed viewer lapses")
+        until(lambda: simulation.status()["motion"] == "holding", 3.0, "its motion")
+        page.close()

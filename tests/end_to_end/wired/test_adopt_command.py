@@ -45,6 +45,13 @@ def servo(folder: Path, *options: str) -> Iterator[str]:
         process.stdout.close()
 
 
+@pytest.fixture(scope="module")
+def delivered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The port of a servo as delivered, for tests that write nothing."""
+    with servo(tmp_path_factory.mktemp("delivered")) as port:
+        yield port
+
+
 @pytest.fixture
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Of a robot with two joints, for a user who has no daemon."""
@@ -71,11 +78,10 @@ def test_a_servo_as_delivered_answers_at_its_place_afterwards(
 
 
 def test_the_suggested_adopt_command_names_the_same_robot(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], delivered: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with servo(tmp_path) as port:
-        assert main([*words, "--port", port, "--dry-run"]) == 1
-    again = f"`twindctl --socket {words[1]} adopt --robot {words[4]} --port {port} JOINT`"
+    assert main([*words, "--port", delivered, "--dry-run"]) == 1
+    again = f"`twindctl --socket {words[1]} adopt --robot {words[4]} --port {delivered} JOINT`"
     assert f"Say which: {again}" in capsys.readouterr().err
 
 
@@ -87,14 +93,13 @@ class Terminal(io.StringIO):
 
 
 def test_without_a_yes_nothing_is_written(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: list[str], delivered: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with servo(tmp_path) as port:
-        monkeypatch.setattr(sys, "stdin", Terminal("no\n"))
-        assert main([*words, "wrist", "--port", port]) == 1
-        said = capsys.readouterr().err
-        assert "write this? [y/N] " in said and "nothing was written" in said
-        assert main([*words, "wrist", "--port", port, "--json", "--dry-run"]) == 0
+    monkeypatch.setattr(sys, "stdin", Terminal("no\n"))
+    assert main([*words, "wrist", "--port", delivered]) == 1
+    said = capsys.readouterr().err
+    assert "write this? [y/N] " in said and "nothing was written" in said
+    assert main([*words, "wrist", "--port", delivered, "--json", "--dry-run"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["state"] == "planned"
     assert told["from"] == {"id": 1, "baud": 57_600}
@@ -102,12 +107,11 @@ def test_without_a_yes_nothing_is_written(
 
 
 def test_a_port_in_use_is_refused_and_its_holder_named(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], delivered: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with servo(tmp_path) as port:
-        held = SerialTransport(port, 1_000_000)
-        assert main([*words, "wrist", "--port", port, "--yes"]) == 1
-        held.close()
+    held = SerialTransport(delivered, 1_000_000)
+    assert main([*words, "wrist", "--port", delivered, "--yes"]) == 1
+    held.close()
     said = capsys.readouterr().err
     assert f"in use by pid {os.getpid()}" in said
     assert "stop the daemon (`sudo systemctl stop twind twind-control.socket twind-observe.socket`" in said
@@ -237,12 +241,6 @@ def test_an_invalid_adopt_option_is_refused_before_a_port_is_opened(
     assert main([*words, *more]) == code
     shown = capsys.readouterr()
     assert said in shown.err + shown.out
-
-
-def test_the_help_describes_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["adopt", "--help"])
-    assert "Configure a new serial servo as the missing one" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -19,10 +19,9 @@ import pytest
 from tests.support import rclpy_environment as ros_peer
 from tests.support.dds_domain import free_domain
 from tests.support.doc_pages_text import README, ROOT, fenced
-from tests.support.docs_rig import readme_lines, run
+from tests.support.docs_rig import readme_lines, run, wait_for
 from tests.support.processes import until
 from tests.support.zenoh_router import free_port
-from twind.client import Client, ClientError
 
 BIN = Path(sys.executable).parent
 # What a test cannot run as it stands, and why.
@@ -56,60 +55,44 @@ def daemon(runtime: Path, *options: str) -> Iterator[dict[str, str]]:
             process.wait(10.0)
 
 
-def wait_for(runtime: Path, **wanted: object) -> None:
-    def there() -> bool:
-        try:
-            with Client(runtime / "twind") as client:
-                status = client.call("GetStatus")["status"]
-        except ClientError:
-            return False
-        return all(status[key] == value for key, value in wanted.items())
-
-    until(there, 30.0, f"{wanted}: {(runtime / 'log').read_text()}")
-
-
-def looking_on() -> list[str]:
-    """Commands of the section on observing."""
-    section = README.partition("## Observe")[2].partition("\n## ")[0]
-    return [line for block in fenced(section, "sh") for line in block.splitlines()]
-
-
-def learning() -> list[str]:
-    """Commands of the section on learning: parsed here, and run where each verb is tested."""
-    section = README.partition("## Learn")[2].partition("\n## ")[0]
-    return [line for block in fenced(section, "sh") for line in block.splitlines()]
-
-
-def beyond() -> list[str]:
-    """Commands that connect to a ROS graph and to other machines."""
-    section = README.partition("## Connect")[2].partition("\n## ")[0]
-    return [line for block in fenced(section, "sh") for line in block.splitlines()]
-
-
-def test_the_read_only_commands_of_the_readme_work(tmp_path: Path) -> None:
-    lines = {line.split()[1]: line for line in looking_on()}
-    assert list(lines) == ["monitor", "view", "record", "mark", "metrics", "dump", "replay", "plot"]
-    state = {"STATE_DIRECTORY": str(tmp_path / "state"), "XDG_STATE_HOME": str(tmp_path)}
+@pytest.fixture(scope="module")
+def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Runtime folder and environment of a simulated daemon."""
+    runtime = tmp_path_factory.mktemp("simulation")
+    state = {"STATE_DIRECTORY": str(runtime / "state"), "XDG_STATE_HOME": str(runtime)}
     with pytest.MonkeyPatch.context() as patch:
         for key, value in state.items():
             patch.setenv(key, value)
-        with daemon(tmp_path, "--mode", "sim") as environment:
-            wait_for(tmp_path, mode="sim")
-            goes_on = ["monitor", "record"] + (["view"] if find_spec("mjviser") else [])
-            going = {verb: begin(lines[verb], tmp_path, environment) for verb in goes_on}
-            until(lambda: len(list(tmp_path.rglob("*.mcap"))) == 1, 20.0, "no recording was begun")
-            for verb in ("mark", "metrics"):
-                assert run(lines[verb], tmp_path, environment)
-            dumped = run(lines["dump"], tmp_path, environment).strip()
-            time.sleep(1.0)
-            told = {verb: ended(process) for verb, process in going.items()}
-        assert "h24" in told["monitor"] and "nothing dropped" in told["record"]
-        assert "http://127.0.0.1:" in told.get("view", "http://127.0.0.1:")
-        shutil.copy(dumped, tmp_path / "odd.flight")
-        assert "the same" in run(lines["replay"], tmp_path, environment)
-        if find_spec("matplotlib"):
-            run(lines["plot"], tmp_path, environment)
-            assert (tmp_path / "odd.flight.png").read_bytes().startswith(b"\x89PNG")
+        with daemon(runtime, "--mode", "sim") as environment:
+            wait_for(runtime, mode="sim")
+            yield runtime, environment
+
+
+def commands_of(heading: str) -> list[str]:
+    """Commands in the section of the README with this heading."""
+    section = README.partition(f"## {heading}")[2].partition("\n## ")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
+def test_the_read_only_commands_of_the_readme_work(simulation: tuple[Path, dict[str, str]]) -> None:
+    lines = {line.split()[1]: line for line in commands_of("Observe")}
+    assert list(lines) == ["monitor", "view", "record", "mark", "metrics", "dump", "replay", "plot"]
+    folder, environment = simulation
+    goes_on = ["monitor", "record"] + (["view"] if find_spec("mjviser") else [])
+    going = {verb: begin(lines[verb], folder, environment) for verb in goes_on}
+    until(lambda: len(list(folder.rglob("*.mcap"))) == 1, 20.0, "no recording was begun")
+    for verb in ("mark", "metrics"):
+        assert run(lines[verb], folder, environment)
+    dumped = run(lines["dump"], folder, environment).strip()
+    time.sleep(1.0)
+    told = {verb: ended(process) for verb, process in going.items()}
+    assert "h24" in told["monitor"] and "nothing dropped" in told["record"]
+    assert "http://127.0.0.1:" in told.get("view", "http://127.0.0.1:")
+    shutil.copy(dumped, folder / "odd.flight")
+    assert "the same" in run(lines["replay"], folder, environment)
+    if find_spec("matplotlib"):
+        run(lines["plot"], folder, environment)
+        assert (folder / "odd.flight.png").read_bytes().startswith(b"\x89PNG")
 
 
 def begin(line: str, folder: Path, environment: dict[str, str]) -> "subprocess.Popen[str]":
@@ -130,27 +113,26 @@ def ended(process: "subprocess.Popen[str]") -> str:
     return process.communicate(timeout=20.0)[0]
 
 
-def test_the_ros_and_remote_commands_of_the_readme_work(tmp_path: Path) -> None:
-    ros, uplink, fleet, move = [line for line in beyond() if line.startswith("twindctl ")]
-    assert {line.split()[0] for line in beyond()} == {"export", "twindctl"}
+def test_the_ros_and_remote_commands_of_the_readme_work(simulation: tuple[Path, dict[str, str]]) -> None:
+    lines = commands_of("Connect")
+    ros, uplink, fleet, move = [line for line in lines if line.startswith("twindctl ")]
+    assert {line.split()[0] for line in lines} == {"export", "twindctl"}
     pytest.importorskip("zenoh", reason="the extra `ros` is not installed")
     port = free_port()
-    assert "tcp/0.0.0.0:7448" in uplink and "export TWIND_ZENOH=tcp/ROBOT:7448" in "\n".join(beyond())
+    assert "tcp/0.0.0.0:7448" in uplink and "export TWIND_ZENOH=tcp/ROBOT:7448" in "\n".join(lines)
     uplink = uplink.replace("0.0.0.0:7448", f"127.0.0.1:{port}")
-    with free_domain() as domain, daemon(tmp_path, "--mode", "sim") as environment:
-        wait_for(tmp_path, mode="sim")
-        graph = ros_peer.environment(tmp_path, domain) | environment
-        going = [begin(ros, tmp_path, graph), begin(uplink, tmp_path, environment)]
+    folder, environment = simulation
+    with free_domain() as domain:
+        graph = ros_peer.environment(folder, domain) | environment
+        going = [begin(ros, folder, graph), begin(uplink, folder, environment)]
         desk = environment | {"TWIND_ZENOH": f"tcp/127.0.0.1:{port}"}
 
         def listed() -> bool:
-            told = subprocess.run(
-                ["bash", "-c", fleet], cwd=tmp_path, env=desk, capture_output=True, text=True
-            )
+            told = subprocess.run(["bash", "-c", fleet], cwd=folder, env=desk, capture_output=True, text=True)
             return told.returncode == 0 and told.stdout.count("h24") == 2
 
         until(listed, 30.0, "not both here and elsewhere")
-        run(move, tmp_path, desk)
+        run(move, folder, desk)
         said = [ended(process) for process in going]
     assert "domain" in said[0] and "h24 is up" in said[1], said
 
@@ -159,7 +141,8 @@ def test_the_readme_commands_work_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
     apart = ("check", "scan", "calibrate", "wiggle")  # need no daemon, or ask a person
     verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
-    verbs = [line for line in verbs if line not in (*looking_on(), *learning(), *beyond())]
+    apart_sections = [line for heading in ("Observe", "Learn", "Connect") for line in commands_of(heading)]
+    verbs = [line for line in verbs if line not in apart_sections]
     assert [line.split()[1] for line in verbs] == [
         "status",
         "arm",
@@ -224,10 +207,11 @@ def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None
     process.stdout.close()
 
 
-def test_the_python_example_of_the_readme_moves_the_simulation(tmp_path: Path) -> None:
+def test_the_python_example_of_the_readme_moves_the_simulation(
+    simulation: tuple[Path, dict[str, str]],
+) -> None:
     (example,) = fenced(README, "python")
-    with daemon(tmp_path, "--mode", "sim") as environment:
-        wait_for(tmp_path, mode="sim")
-        (tmp_path / "example.py").write_text(example)
-        said = run(f"{shlex.quote(sys.executable)} example.py", tmp_path, environment).splitlines()
+    folder, environment = simulation
+    (folder / "example.py").write_text(example)
+    said = run(f"{shlex.quote(sys.executable)} example.py", folder, environment).splitlines()
     assert said[0].startswith("accepted") and said[-1] == "succeeded 100%"

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from tests.support.doc_pages_text import ROOT, fenced, table
-from tests.support.processes import BUSY, LATCHED, until
-from twind.client import Client, ClientError
+from tests.support.docs_rig import wait_for
+from tests.support.processes import BUSY, LATCHED
 
 PAGE = ROOT / "docs" / "tutorial.md"
 TEXT = PAGE.read_text()
@@ -193,20 +193,6 @@ def run(script: str, cwd: Path, environment: dict[str, str]) -> str:
         subprocess.run(["bash", "-c", recovery], cwd=cwd, env=environment, capture_output=True, timeout=90.0)
     assert done.returncode == 0, (script, done.stdout, done.stderr)
     return done.stdout
-
-
-def wait_for(runtime: Path, **wanted: object) -> None:
-    """Wait until the status has these values."""
-
-    def reached() -> bool:
-        try:
-            with Client(runtime / "twind") as client:
-                status = client.call("GetStatus")["status"]
-        except ClientError:
-            return False
-        return all(status[key] == value for key, value in wanted.items())
-
-    until(reached, 30.0, f"{wanted}")
 
 
 def terminal(home: Path) -> dict[str, str]:

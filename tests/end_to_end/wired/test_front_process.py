@@ -127,6 +127,13 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         until(world.heard, 20.0, "the front's first heartbeat")
 
+        channel = world.front.socket
+        assert channel is not None
+        assert (
+            channel.type == socket.SOCK_SEQPACKET
+            and not channel.getblocking()
+            and not channel.get_inheritable()
+        )
         assert os.getsid(world.pid) == world.pid != os.getsid(0)
         assert os.getpgid(world.pid) == world.pid  # Ctrl-C of our terminal goes to our group alone
         assert os.sched_getscheduler(world.pid) == os.SCHED_OTHER
@@ -337,30 +344,17 @@ def test_a_front_that_cannot_be_started_leaves_nothing_behind(tmp_path: Path) ->
         assert front.due(1.0 + LATER)
 
 
-def test_a_front_has_time_to_start_and_then_must_show_life(tmp_path: Path) -> None:
-    with started(tmp_path) as world:  # at 100 s
-        assert not world.front.overdue(100.0 + GRACE)
-        assert world.front.overdue(100.0 + GRACE + 0.001)
-        world.front.alive(101.0)
-        assert not world.front.overdue(101.0 + HEARTBEAT)
-        assert world.front.overdue(101.0 + HEARTBEAT + 0.001)
-
-
-def test_the_link_does_not_block_and_keeps_datagrams_apart(tmp_path: Path) -> None:
-    with started(tmp_path) as world:
-        sock = world.front.socket
-        assert sock is not None
-        assert sock.type == socket.SOCK_SEQPACKET
-        assert not sock.getblocking()
-        assert not sock.get_inheritable()
-
-
-def test_before_the_first_start_there_is_none_and_one_is_due(tmp_path: Path) -> None:
-    with ExitStack() as stack:
-        front = World(tmp_path, stack).front
-        assert (front.socket, front.pid, front.starts) == (None, None, 0)
-        assert front.due(0.0)
-        assert not front.overdue(1e9)
-        assert not front.reap()
-        front.end(5.0)
-        assert front.due(5.0 + AGAIN)
+def test_a_front_has_time_to_start_and_then_must_show_life() -> None:
+    front = Paper(0, {})
+    assert front.due(0.0)
+    assert not front.overdue(1e9), "there is none yet"
+    front.start(100.0)
+    assert front.pid is not None
+    os.waitpid(front.pid, 0)
+    assert not front.overdue(100.0 + GRACE)
+    assert front.overdue(100.0 + GRACE + 0.001)
+    front.alive(101.0)
+    assert not front.overdue(101.0 + HEARTBEAT)
+    assert front.overdue(101.0 + HEARTBEAT + 0.001)
+    front.pid = None
+    front.end(102.0)

@@ -203,12 +203,6 @@ def test_an_invalid_monitor_option_exits_with_two(loop: StandIn) -> None:
         assert "must be positive" in done.stderr
 
 
-def test_a_monitor_without_a_daemon_exits_with_three(tmp_path: Path) -> None:
-    done = subprocess.run(command(tmp_path), capture_output=True, text=True, timeout=20.0)
-    assert done.returncode == 3
-    assert "no daemon" in done.stderr
-
-
 def test_while_the_terminal_stands_still_no_news_are_lost(run: Callable[..., Run]) -> None:
     """650 kB a second come; what nobody took of more than half a second's would have been dropped."""
     one = run("--rate", "100")

@@ -24,6 +24,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from tests.support.processes import Daemon, daemon, favour, patiently, robot, until
+from tests.support.sample_recordings import trajectories
 from twind.client import Client, ClientError
 from twind.client.clock_pair import ClockPair
 from twind.observe.recording.recording_columns import RobotRecording, open_recording
@@ -228,12 +229,12 @@ def test_the_columns_are_what_the_daemon_sent(story: Story) -> None:
 
 def test_published_trajectories_and_events_are_in_the_recording(story: Story) -> None:
     found = open_recording(story.files("whole")[0])
-    (path,) = found.trajectories
+    (path,) = trajectories(story.files("whole")[0])
     (heard,) = [each for each in story.witness.others if each["topic"] == "trajectories"]
-    assert path.what["id"] == heard["accepted"]["id"]
+    assert path["id"] == heard["accepted"]["id"]
     sent = heard["accepted"]["trajectory"]
-    assert path.what["joint_names"] == sent["joint_names"]
-    goals = [[each["positions"] for each in points] for points in (path.what["points"], sent["points"])]
+    assert path["joint_names"] == sent["joint_names"]
+    goals = [[each["positions"] for each in points] for points in (path["points"], sent["points"])]
     assert goals[0] == goals[1]
     verdicts = [each for each in story.witness.others if each["topic"] == "verdicts"]
     told = [{"id": each["id"], **each["verdict"]} for each in verdicts]
@@ -291,9 +292,3 @@ def test_a_recording_ends_after_the_requested_seconds(story: Story) -> None:
     code, said = story.ends["timed"]
     found = open_recording(story.folder / "timed" / "one.mcap")
     assert code == 0 and 1.5 <= said["seconds"] < 3.5 and 0.8 < found.duration < 3.5
-
-
-def test_record_without_a_daemon_exits_with_three(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "record"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
-    assert done.returncode == 3 and "no daemon" in done.stderr and not done.stdout

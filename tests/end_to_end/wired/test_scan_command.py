@@ -109,10 +109,6 @@ def test_an_incompatible_option_is_a_usage_error(words: list[str]) -> None:
     assert main(["scan", *words]) == 2
 
 
-def test_without_a_port_the_daemon_is_asked(tmp_path: os.PathLike[str]) -> None:
-    assert main(["--socket", str(tmp_path), "scan"]) == 3
-
-
 def test_on_a_terminal_each_step_is_shown_and_wiped(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,12 +120,6 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
     assert "1000000 baud: broadcast ping" in said
     assert re.search(r"\rscan  ━+─* +\d+%  0:0\d  1000000 baud: reading id 2\x1b\[K", said)
     assert said.endswith("\r\x1b[K")
-
-
-def test_the_help_describes_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    assert re.search(r"^  scan +Scan a bus for devices", capsys.readouterr().out, re.MULTILINE)
 
 
 @given(st.integers(-5, 300), st.integers(-5, 300))

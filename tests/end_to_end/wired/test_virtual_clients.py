@@ -13,6 +13,7 @@ from pathlib import Path
 import dynamixel_sdk as sdk
 import pytest
 
+from tests.support.processes import until
 from twind_drivers.dynamixel.packet import Instruction
 
 BAUD = 2_000_000
@@ -147,8 +148,8 @@ def test_sdk_clear_multi_turn(port: sdk.PortHandler) -> None:
     assert ask(lambda: talk.write4ByteTxRx(port, id, 116, 5000)) == (0, 0)
     time.sleep(0.1)
     assert talk.clearMultiTurn(port, id) == (0, 1), "it moves"
-    time.sleep(2.0)
-    assert ask(lambda: talk.read4ByteTxRx(port, id, 132))[0] == pytest.approx(5000, abs=2)
+    until(lambda: abs(talk.read4ByteTxRx(port, id, 132)[0] - 5000) <= 2, 10.0, "the servo at its goal")
+    until(lambda: talk.read1ByteTxRx(port, id, 122) == (0, 0, 0), 10.0, "the servo at rest")  # Moving
     assert ask(lambda: talk.write1ByteTxRx(port, id, 64, 0)) == (0, 0)
     assert talk.clearMultiTurn(port, id) == (0, 0)
     assert ask(lambda: talk.read4ByteTxRx(port, id, 132))[0] == pytest.approx(5000 - 4096, abs=2)

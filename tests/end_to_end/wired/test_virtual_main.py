@@ -93,44 +93,6 @@ def await_ping(port: sdk.PortHandler, id: int = 1) -> None:
     until(lambda: talk.ping(port, id) == (1020, 0, 0), 3.0, f"a reply of id {id}")
 
 
-def test_the_vendors_sdk_unmodified_pings_reads_writes_and_syncs(shared: Virtual) -> None:
-    with client(shared.folder / "main") as port:
-        assert shared.said == [f"bus main {os.path.realpath(shared.folder / 'main')}"]
-        talk = sdk.PacketHandler(2.0)
-        await_ping(port, 7)
-        zeros = {
-            joint.id: joint.zero_ticks
-            for joint in load_calibration(shared.folder / "fits.yaml", load_robot("h24")).joints
-        }
-        assert talk.read4ByteTxRx(port, 7, 132) == (zeros[7], 0, 0)
-        assert talk.write1ByteTxRx(port, 7, 64, 1) == (0, 0)
-        assert talk.write1ByteTxRx(port, 7, 9, 1) == (0, 7), "EEPROM lock"
-        assert talk.write4ByteTxRx(port, 7, 116, 4095) == (0, 6), "position limit"
-
-        goals = sdk.GroupSyncWrite(port, talk, 116, 4)
-        torque = sdk.GroupSyncWrite(port, talk, 64, 1)
-        for id in IDS:
-            assert goals.addParam(id, list((zeros[id] + id).to_bytes(4, "little")))
-            assert torque.addParam(id, [1])
-        assert goals.txPacket() == torque.txPacket() == 0
-        time.sleep(0.5)
-        block = sdk.GroupSyncRead(port, talk, 126, 10)
-        for id in IDS:
-            assert block.addParam(id)
-        for read in (block.txRxPacket, block.fastSyncRead):
-            until(lambda read=read: read() == 0, 3.0, "replies of all in one window of the SDK")
-            assert [block.getData(id, 132, 4) for id in IDS] == [zeros[id] + id for id in IDS]
-
-        assert shared.order(fault="silence", id=12)["ok"]
-        assert block.txRxPacket() == sdk.COMM_RX_TIMEOUT
-        assert shared.order(fault="clear")["ok"]
-        assert block.txRxPacket() == 0
-        assert talk.reboot(port, 3) == (0, 0)
-        assert talk.ping(port, 3)[1] != 0, "off the bus while it boots"
-        time.sleep(0.15)
-        assert talk.read1ByteTxRx(port, 3, 64) == (0, 0, 0)
-
-
 def test_the_port_of_a_servo_at_another_baud_is_silent(tmp_path: Path) -> None:
     with virtual(tmp_path, "--baud", "1000000", "--no-wire-timing"):
         talk = sdk.PacketHandler(2.0)

@@ -199,7 +199,3 @@ def test_an_invalid_option_is_a_usage_error(
 ) -> None:
     assert main(["--socket", str(tmp_path), "wiggle", *words]) == 2
     assert said in capsys.readouterr().err
-
-
-def test_a_missing_daemon_gives_the_no_daemon_exit_code(tmp_path: Path) -> None:
-    assert main(["--socket", str(tmp_path), "wiggle", "l_knee"]) == 3

@@ -17,7 +17,17 @@ from tests.support.systemd.machine import Machine, stop
 from twind.client import Client, ClientError
 
 START = 20.0  # s that a busy machine may take to start a daemon
+DYNAMIC_USER = 61184  # the first user id that systemd gives to a service with DynamicUser=
 Json = dict[str, Any]
+
+
+def unprivileged_user(pid: int) -> int:
+    """User id of a process that has no capability, gains no privilege and runs under a seccomp filter."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    status = dict(line.split(":\t", 1) for line in lines)
+    assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
+    assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
+    return int(status["Uid"].split()[1])
 
 
 class Unit:

@@ -58,7 +58,9 @@ class RemoteGoal:
     def poll(self, now: float) -> float:
         """Renew the lease and query a goal of which no report comes; return the s until the next call."""
         if self._reported:
-            self._reported, self._alive, self._queried_at = False, now, max(self._queried_at, now)
+            self._reported = False
+            self._alive = now
+            self._queried_at = max(self._queried_at, now)
         self._alive = max(self._alive, self._hold.confirmed)
         if now - self._alive > GONE:
             self._inbox.end(

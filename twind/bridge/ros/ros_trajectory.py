@@ -63,7 +63,8 @@ def heading(data: bytes) -> CommandHeader | None:
 
 def _front(data: bytes) -> tuple[CommandHeader | None, int]:
     """Return the header, and the byte at which the points begin; 0: not within FRONT."""
-    source, (header, names, _) = CdrReader(data[:FRONT]), MESSAGE.fields(JOINT_TRAJECTORY)
+    source = CdrReader(data[:FRONT])
+    header, names, _ = MESSAGE.fields(JOINT_TRAJECTORY)
     try:
         content = source.field(MESSAGE, header)
     except (struct.error, UnicodeDecodeError):

@@ -1,15 +1,11 @@
-"""Rendering of a picture's lines: for a rich console, as terminal text, as plain text, as SVG."""
+"""Rendering of a picture's lines: as terminal text with colours, as plain text."""
 
 from collections.abc import Mapping, Sequence
-from io import StringIO
 
 from rich.color import ColorSystem
-from rich.console import Console, ConsoleOptions, RenderResult
-from rich.segment import Segment
+from rich.console import Console
 from rich.style import Style
 
-from twind.ctl.picture.picture_layout import PageSelection, picture
-from twind.ctl.picture.picture_state import PictureState
 from twind.ctl.picture.styled_lines import Line
 
 STYLES: Mapping[str, Style] = {
@@ -29,19 +25,6 @@ _SYSTEMS = {
     "truecolor": ColorSystem.TRUECOLOR,
     "windows": ColorSystem.WINDOWS,
 }
-
-
-class RichPicture:
-    """The lines as something that a rich console prints."""
-
-    def __init__(self, lines: Sequence[Line]) -> None:
-        self.lines = lines
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        for row in self.lines:
-            for text, style in row:
-                yield Segment(text, STYLES[style])
-            yield Segment.line()
 
 
 class Palette:
@@ -70,19 +53,3 @@ class Palette:
 def plain(lines: Sequence[Line]) -> str:
     """Text alone, a line each."""
     return "\n".join("".join(text for text, _ in row).rstrip() for row in lines)
-
-
-def svg(
-    view: PictureState,
-    *,
-    title: str,
-    width: int = 120,
-    height: int | None = 40,
-    shown: PageSelection | None = None,
-) -> str:
-    """The picture as a drawing of a terminal, the same for the same view."""
-    console = Console(
-        record=True, width=width, file=StringIO(), force_terminal=True, color_system="truecolor", _environ={}
-    )
-    console.print(RichPicture(picture(view, width, height, shown, view.now)), end="")
-    return console.export_svg(title=title, unique_id="twind-monitor")

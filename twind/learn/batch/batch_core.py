@@ -73,7 +73,6 @@ class BatchCore:
         n = len(plant.default)
         self.episode_steps = episode_steps or self.task.steps(period)
         self.body = BatchBody(plant, ranges, period, count, threads)
-        self.divergences = 0  # simulations that broke down, ever
         self._shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping, (count,))
         self._observer = ObservationBuilder(plant.layout, plant.default, (count,))
         self._judge = RewardFunction(self.task, plant, (count,))
@@ -120,7 +119,6 @@ class BatchCore:
         fallen = self._judge.fallen(reading)
         if np.count_nonzero(self.body.diverged):
             fallen |= self.body.diverged
-            self.divergences += int(np.count_nonzero(self.body.diverged))
             terms["diverged"] = self.body.diverged.copy()
         self._steps += 1
         self._turn()

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from twind.learn.dataset.episode_spans import EpisodeSpan, ReadingRun
 from twind.observe.recording import RobotRecording
+from twind.robot.arrays import Floats
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 STATE = "observation.state"

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from twind.observe.recording import RobotRecording
 from twind.observe.recording.recording_columns import RecordedEpisode
-
-Flags = NDArray[np.bool_]
+from twind.robot.arrays import Bools
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class ReadingCoverage:
         # A row without a measurement is a message of another time.
         self.measured_rows = np.asarray(self.measured.any(axis=1))
         whole = self.measured.all(axis=1) & self.commanded.all(axis=1) & self.live
-        self.whole: Flags = np.asarray(whole & ~self.silent.any(axis=1))
+        self.whole: Bools = np.asarray(whole & ~self.silent.any(axis=1))
 
     def runs(self, part: EpisodeSpan) -> list[ReadingRun]:
         """The stretches of a part, in order; each of one reading at least."""
@@ -126,13 +125,13 @@ def _cut(episode: RecordedEpisode) -> str:
     return ""
 
 
-def _names(joints: Sequence[str], which: Flags) -> str:
+def _names(joints: Sequence[str], which: Bools) -> str:
     """The first of them by name, the others counted."""
     names = [name for name, on in zip(joints, which, strict=True) if on]
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
-def _silent(recording: RobotRecording, gap: float) -> Flags:
+def _silent(recording: RobotRecording, gap: float) -> Bools:
     """(k, n) readings in which a joint had not answered for longer than `gap`: its number is an old one.
 
     Ages are recorded twice a second. From one that is too old on, the joint is doubted from its last answer

@@ -5,7 +5,7 @@ import numpy as np
 from twind.client import Client, Refused
 from twind.exceptions import OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_timing import RateTimer, SystemClock, in_step
+from twind.learn.live.control_timing import RateTimer, in_step
 from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_message import STALE
@@ -14,6 +14,7 @@ from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
+from twind_drivers.clock import MonotonicClock
 
 
 class DaemonBody:
@@ -23,7 +24,7 @@ class DaemonBody:
         """`socket`: the daemon's folder, None: the usual one. Raises InvalidInput, ClientError."""
         self.plant = plant
         self._period = shaping.period
-        self._clock = SystemClock()
+        self._clock = MonotonicClock()
         self._estimate = BaseEstimator(plant)
         self._joints = plant.layout.joints
         self.model = plant.model

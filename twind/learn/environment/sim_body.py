@@ -36,19 +36,21 @@ class SimBody:
         self._start = EpisodeStart(plant.model, plant.places, plant.stance)
         self._pushed = ranges.pushes is not None
         self._pushes = PushSchedule(ranges.pushes, plant.mass, period)
-        self._histories, self._late = DelayHistories(self.model), bool(self.model.nhistory)
+        self._histories = DelayHistories(self.model)
+        self._late = bool(self.model.nhistory)
         self._reading = BodyReading.empty(n)
         self._rngs: list[np.random.Generator] = []
         self._between = plant.substeps - 2
         self._option: Any = self.model.opt
         self._seeing = self._blind = int(self._option.disableflags)
-        if not ranges.imu_delay[1]:  # what is told late must be known at every step
+        if not ranges.imu_delay[1]:  # a delayed sensor must be computed at every step
             self._blind |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self._lasts = period - 0.5 * self.model.opt.timestep
         self._due = 0.0
         d = self.data
         self._state = d.qpos, d.qvel, d.sensordata
-        self._steady, self._parts = plant.steady, plant.parts(*self._state)
+        self._steady = plant.steady
+        self._parts = plant.parts(*self._state)
         self._goals = plant.goals
         self._ctrl = d.ctrl
         self._force = d.xfrc_applied[plant.places.base, :2]

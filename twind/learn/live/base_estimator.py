@@ -1,4 +1,4 @@
-"""A reading of a robot whose base nobody measures: gravity from its IMU, feet and base from joints and gyro.
+"""A reading without measurement of the base: gravity from its IMU, feet and base from joints and gyro.
 
 Leg odometry: what is lowest stands still. Where nothing stands, or a foot slips or tips, the base's velocity
 is wrong by as much; its height is that above the lower sole in any case.

@@ -1,36 +1,11 @@
-"""Time of control in real time: the clock, and the deadlines of its periods."""
+"""Deadlines of the periods of control in real time."""
 
-import time
 from collections.abc import Sequence
 from math import floor
-from typing import Protocol
 
 import numpy as np
 
 from twind.learn.live.state_message import StateMessage
-
-
-class ControlClock(Protocol):
-    """Time in s, monotonic."""
-
-    def now(self) -> float:
-        """The time now."""
-
-    def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, or at once if it has passed."""
-
-
-class SystemClock:
-    """This machine's: the same that its daemon has."""
-
-    def now(self) -> float:
-        """The time now."""
-        return time.monotonic()
-
-    def sleep_until(self, deadline: float) -> None:
-        """Return at `deadline`, or at once if it has passed."""
-        time.sleep(max(0.0, deadline - time.monotonic()))
-
 
 MARGIN = 3e-4  # s after which a state that comes as usual is there
 

@@ -124,8 +124,8 @@ def read(text: str | bytes) -> PolicyCard:
     except InvalidInput as error:
         raise InvalidInput(f"its card is no JSON: {error}") from None
     if not isinstance(given, dict) or given.get("format") != FORMAT:
-        said = given.get("format") if isinstance(given, dict) else None
-        raise InvalidInput(f"its format is {str(said)[:40]!r}, this twind reads {FORMAT!r}")
+        found = given.get("format") if isinstance(given, dict) else None
+        raise InvalidInput(f"its format is {str(found)[:40]!r}, this twind reads {FORMAT!r}")
     unknown = sorted(set(given) - set(PolicyCard.__dataclass_fields__))
     if unknown:
         raise InvalidInput(f"its card has an unknown key {str(unknown[0])[:40]!r}")

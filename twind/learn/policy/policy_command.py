@@ -71,10 +71,10 @@ def _lines(card: dict[str, object]) -> list[str]:
     lines = []
     for key, value in card.items():
         if isinstance(value, dict):
-            said = ", ".join(f"{name} {_format_value(each, '..')}" for name, each in value.items()) or "-"
+            text = ", ".join(f"{name} {_format_value(each, '..')}" for name, each in value.items()) or "-"
         else:
-            said = _format_value(value)
-        lines.append(f"{key:<14} {said}")
+            text = _format_value(value)
+        lines.append(f"{key:<14} {text}")
     return lines
 
 

@@ -214,4 +214,5 @@ class PolicyController:
 
     def _look(self, reading: BodyReading) -> None:
         tilt = degrees(acos(float(np.clip(-reading.gravity[2], -1.0, 1.0))))
-        self.figures.tilt, self.figures.most_tilt = tilt, max(self.figures.most_tilt, tilt)
+        self.figures.tilt = tilt
+        self.figures.most_tilt = max(self.figures.most_tilt, tilt)

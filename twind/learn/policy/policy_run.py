@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError, Refused
-from twind.learn.live.control_timing import ControlClock, RateTimer, in_step
+from twind.learn.live.control_timing import RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind_drivers.clock import Clock
 
 SHOWN = 0.5  # s between two reports of the figures
 HOLD_PERIOD = 1.0  # s between two reports of a hold
@@ -85,7 +86,7 @@ class PolicyRun:
         session: SetpointSession,
         period: float,
         loop: float,
-        clock: ControlClock,
+        clock: Clock,
         print_reason: Callable[[str], None],
     ) -> None:
         """`period`: s of control; `loop`: s of the daemon's; `print_reason`: gets the reason of a hold."""

@@ -27,7 +27,6 @@ from twind.command_line.verb import (
 )
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_timing import SystemClock
 from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
@@ -40,6 +39,7 @@ from twind.learn.task.learning_tasks import LearningTask, task_of
 from twind.learn.task.plant_model import Plant
 from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
+from twind_drivers.clock import MonotonicClock
 
 AXES = ("forward", "left", "turn")
 MANY = 0.02  # of the periods: so many missed ones are reported with a remedy
@@ -61,28 +61,28 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
     threadpool_limits(limits=1)  # a second thread would only be waited for
     with observer(options) as client:
         status = client.call("GetStatus")["status"]
-        told = client.call("GetRobot")
+        answer = client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
-    plant = _fitting(card, told, status, rate_hz)
+    plant = _fitting(card, answer, status, rate_hz)
     controller = PolicyController(
         policy,
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
         task.phases(card.shaping.period),
         _command(options, card, task),
-        SystemClock().now,
+        MonotonicClock().now,
     )
     with policy.ending_long_inferences():
         return _drive(options, controller, card, rate_hz)
 
 
-def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
+def _fitting(card: PolicyCard, answer: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
     """The robot, if this policy can drive it as it is now. Raises Rejected."""
     try:
         require_mode(status["mode"])
         require_armed(status)
-        require_fit(card, PolicyRobot.from_get_robot(told["robot"], rate_hz))
-        plant = plant_from_answer(told, card.shaping.period)
+        require_fit(card, PolicyRobot.from_get_robot(answer["robot"], rate_hz))
+        plant = plant_from_answer(answer, card.shaping.period)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     return plant
@@ -122,7 +122,7 @@ def _drive(
                     session,
                     card.shaping.period,
                     1.0 / rate_hz,
-                    SystemClock(),
+                    MonotonicClock(),
                     print_reason,
                 )
                 good, why = _move_and_run(options, drive, session, controller, stop, progress)
@@ -154,19 +154,19 @@ def _move_and_run(
 
     def print_state(drive: PolicyRun) -> None:
         if options.json:
-            told = {"phase": "running"} | drive.log.plain(controller, drive.timer, RECENT)
-            print(json.dumps(told), flush=True)
+            figures = {"phase": "running"} | drive.log.plain(controller, drive.timer, RECENT)
+            print(json.dumps(figures), flush=True)
         elif progress.live:
             progress.update(_line(drive.log.plain(controller, drive.timer, RECENT), controller.holding))
 
     return drive.run(options.seconds or inf, stop.is_set, print_state)
 
 
-def _line(told: Mapping[str, Any], holding: str | None) -> str:
+def _line(figures: Mapping[str, Any], holding: str | None) -> str:
     text = (
-        f"{told['rate_hz']} Hz, late p99 {_ms(told['late_p99_ms'])}, "
-        f"inference p99 {_ms(told['inference_p99_ms'])}, {told['refused']} refused, "
-        f"{told['holds']} holds, tilt {told['tilt_deg']}°"
+        f"{figures['rate_hz']} Hz, late p99 {_ms(figures['late_p99_ms'])}, "
+        f"inference p99 {_ms(figures['inference_p99_ms'])}, {figures['refused']} refused, "
+        f"{figures['holds']} holds, tilt {figures['tilt_deg']}°"
     )
     return f"HOLDS: {holding}; {text}" if holding else text
 
@@ -183,40 +183,40 @@ def _report(
     why: str,
     status: Mapping[str, Any],
 ) -> int:
-    told: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
+    figures: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
         controller, drive.timer
     )
     lines = [why] if good else []
-    lines += _figures(told) if told["late_max_ms"] is not None else []
+    lines += _figures(figures) if figures["late_max_ms"] is not None else []
     lines.append(_after(status))
-    show(options, told, "\n".join(lines))
+    show(options, figures, "\n".join(lines))
     if not good and not options.json:
         complain(options, Rejected(why))
     return DONE if good else REFUSED
 
 
-def _figures(told: Mapping[str, Any]) -> list[str]:
+def _figures(figures: Mapping[str, Any]) -> list[str]:
     """Return the lines of statistics of a drive that began."""
     lines = [
-        f"{told['steps']} steps in {told['seconds']:.1f} s, {told['missed']} missed",
-        f"late p50 {_ms(told['late_p50_ms'])}, p99 {_ms(told['late_p99_ms'])}; inference p99 "
-        f"{_ms(told['inference_p99_ms'])}; from a tick to its setpoint p50 {_ms(told['way_p50_ms'])}, "
-        f"p99 {_ms(told['way_p99_ms'])}",
-        f"{told['refused']} refused, {told['holds']} holds{_held(told)}, "
-        f"tilt at most {told['most_tilt_deg']:g}°",
+        f"{figures['steps']} steps in {figures['seconds']:.1f} s, {figures['missed']} missed",
+        f"late p50 {_ms(figures['late_p50_ms'])}, p99 {_ms(figures['late_p99_ms'])}; inference p99 "
+        f"{_ms(figures['inference_p99_ms'])}; from a tick to its setpoint p50 {_ms(figures['way_p50_ms'])}, "
+        f"p99 {_ms(figures['way_p99_ms'])}",
+        f"{figures['refused']} refused, {figures['holds']} holds{_held(figures)}, "
+        f"tilt at most {figures['most_tilt_deg']:g}°",
     ]
-    if told["missed"] > MANY * (told["steps"] + told["missed"]) or told["too_late"]:
+    if figures["missed"] > MANY * (figures["steps"] + figures["missed"]) or figures["too_late"]:
         lines.append(BUSY)
     lines += [
         f"refused  {code}{f' {joint}' if joint else ''}: {count} times"
-        for code, joints in told["refusals"].items()
+        for code, joints in figures["refusals"].items()
         for joint, count in joints.items()
     ]
-    return lines + [f"held     {reason}" for reason in told["why_held"]]
+    return lines + [f"held     {reason}" for reason in figures["why_held"]]
 
 
-def _held(told: Mapping[str, Any]) -> str:
-    return f" of {told['held_s']:.1f} s together" if told["holds"] else ""
+def _held(figures: Mapping[str, Any]) -> str:
+    return f" of {figures['held_s']:.1f} s together" if figures["holds"] else ""
 
 
 def _after(status: Mapping[str, Any]) -> str:

@@ -99,7 +99,7 @@ class HttpEndpoint:
         answer = self._connection.getresponse()
         text = answer.read(READ)
         if not answer.isclosed() or answer.status in (401, 403):
-            self.close()  # more than we read; or we are nobody there: with the token as it is then
+            self.close()  # too long, or not permitted: the next connection reads the token again
         first = text[:SHOWN].decode(errors="replace").strip().partition("\n")[0]
         summary = f"{answer.status} {answer.reason}" + (
             f": {first}" if first and answer.status >= 300 else ""

@@ -53,7 +53,9 @@ class SampleBatcher:
                 self._close()  # so that a loss is reported where it was
             self._lost["daemon"] += sample.dropped
             if not self._open:
-                self._begun, self._stamp, self._robot = self._now(), self._clocks(), robot
+                self._begun = self._now()
+                self._stamp = self._clocks()
+                self._robot = robot
             self._open.append(sample)
             if len(self._open) >= self._size:
                 self._close()

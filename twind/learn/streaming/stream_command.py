@@ -151,15 +151,10 @@ def usual_folder() -> Path:
 
 def _check(options: argparse.Namespace) -> None:
     """Raises UsageError."""
-    positive = {"--rate": options.rate, "--age": options.age, "--spool-mb": options.spool_mb}
-    positive |= {
-        "--spool-age": options.spool_age,
-        "--seconds": 1.0 if options.seconds is None else options.seconds,
-    }
-    positive["--camera-rate"] = options.camera_rate
-    for name, value in positive.items():
-        if not (isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} {value:g}: must be above 0")
+    for name in ("rate", "age", "spool_mb", "spool_age", "seconds", "camera_rate"):
+        value = getattr(options, name)
+        if value is not None and not (isfinite(value) and value > 0.0):
+            raise UsageError(f"--{name.replace('_', '-')} {value:g}: must be above 0")
     if not 1 <= options.batch <= 10_000:
         raise UsageError(f"--batch {options.batch}: from 1 to 10000")
     if options.camera is not None and not (find_spec("PIL") and find_spec("OpenGL")):

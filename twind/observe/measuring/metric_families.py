@@ -93,7 +93,9 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
     yield from _loop(news)
     yield from _buses(news)
     yield from _gauges(JOINT, [((each["name"],), each) for each in news.joints], ("joint",), "joint_")
-    yield _joint_faults(news.joints)
+    joint_faults = [(joint["name"], fault) for joint in news.joints for fault in joint["faults"]]
+    text = "1 for each hardware error that its actuator reports."
+    yield _ones("joint_fault", text, ("joint", "fault"), joint_faults)
     yield from _latency(news)
     yield from _gauges(FLIGHT, [((), status.get("flight") or {})], ())
     yield from _gauges(STREAMS, _together(status.get("streams") or ()), ())
@@ -140,10 +142,8 @@ def _states(name: str, now: str, known: type[StrEnum], text: str) -> Metric:
 
 def _faults(faults: Sequence[Fields]) -> Iterator[Metric]:
     yield _plain("faults", "", float(len(faults)), "What is latched, or keeps from arming.")
-    family = GaugeMetricFamily("twind_fault", "1 for each such thing.", labels=("code", "joint"))
-    for code, joint in sorted({(each["code"], each["joint"] or "") for each in faults}):
-        family.add_metric((code, joint), 1.0)
-    yield family
+    found = sorted({(each["code"], each["joint"] or "") for each in faults})
+    yield _ones("fault", "1 for each such thing.", ("code", "joint"), found)
 
 
 def _loop(news: DaemonMetrics) -> Iterator[Metric]:
@@ -171,13 +171,11 @@ def _buses(news: DaemonMetrics) -> Iterator[Metric]:
     yield from _counters(BUS_COUNTS, rows, ("bus",), news.began)
 
 
-def _joint_faults(joints: Sequence[Fields]) -> Metric:
-    family = GaugeMetricFamily(
-        "twind_joint_fault", "1 for each hardware error that its actuator reports.", labels=("joint", "fault")
-    )
-    for joint in joints:
-        for fault in joint["faults"]:
-            family.add_metric((joint["name"], fault), 1.0)
+def _ones(name: str, text: str, labels: Sequence[str], found: Iterable[Sequence[str]]) -> Metric:
+    """A family with the value 1 for each combination of label values that was found."""
+    family = GaugeMetricFamily(f"twind_{name}", text, labels=labels)
+    for values in found:
+        family.add_metric(values, 1.0)
     return family
 
 
@@ -220,21 +218,13 @@ def _histogram(
 def _counted(news: DaemonMetrics) -> Iterator[Metric]:
     """Counters of this process since its start."""
     counted = news.counted
-    refusals = CounterMetricFamily(
-        "twind_refusals", "Trajectories and setpoints refused, by reason.", labels=("code",)
-    )
-    for code, count in sorted(counted.refusals.items()):
-        refusals.add_metric((code,), count, counted.since)
-    verdicts = CounterMetricFamily(
-        "twind_verdicts", "Trajectories judged, and setpoints that were refused.", labels=("verdict",)
-    )
-    for verdict, count in counted.verdicts.items():
-        verdicts.add_metric((verdict,), count, counted.since)
-    events = CounterMetricFamily("twind_events", "Events by code.", labels=("code",))
-    for code, count in sorted(counted.events.items()):
-        events.add_metric((code,), count, counted.since)
-    yield from (refusals, verdicts, events)
+    for name, label, counts, text in (
+        ("refusals", "code", counted.refusals, "Trajectories and setpoints refused, by reason."),
+        ("verdicts", "verdict", counted.verdicts, "Trajectories judged, and setpoints that were refused."),
+        ("events", "code", counted.events, "Events by code."),
+    ):
+        rows: Rows = [((value,), {"count": count}) for value, count in sorted(counts.items())]
+        yield from _counters([(name, "count", text)], rows, (label,), counted.since)
     text = "Messages that this exporter was too slow for."
-    lost = CounterMetricFamily("twind_exporter_lost_messages", text)
-    lost.add_metric((), counted.lost, counted.since)
-    yield lost
+    lost: Rows = [((), {"count": counted.lost})]
+    yield from _counters([("exporter_lost_messages", "count", text)], lost, (), counted.since)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.observe.recording.recording_columns import Floats, RobotRecording
-from twind.robot.modes import RobotState
+from twind.robot.modes import RESET_STATES
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.
@@ -91,13 +91,6 @@ def _mean(values: Floats) -> Floats:
     return mean
 
 
-STOPPED = (
-    RobotState.FAULT,
-    RobotState.ESTOP,
-    RobotState.INHIBITED,
-)  # states that an operator must acknowledge: they are events too
-
-
 def marks(recording: RobotRecording, window: Window) -> tuple[PlotMark, ...]:
     """Events of note, refusals and who recorded's notes, in order of time."""
     found = []
@@ -106,7 +99,7 @@ def marks(recording: RobotRecording, window: Window) -> tuple[PlotMark, ...]:
         note = said.get("annotation") or {}
         ended = {True: "success", False: "failure", None: ""}[note.get("success")]
         text = " ".join(filter(None, (note.get("kind"), note.get("task"), note.get("text"), ended)))
-        bad = said.get("level") in ("error", "critical") or said.get("code") in STOPPED
+        bad = said.get("level") in ("error", "critical") or said.get("code") in RESET_STATES
         if note or bad or said.get("level") == "warning":
             found.append(PlotMark(event.time, text or str(said.get("code")), bad))
     for verdict in recording.verdicts:

@@ -83,9 +83,6 @@ def _recording(
         verdicts=tuple(
             RecordedMessage(each.time, _verdict(each.what)) for each in topics.get("verdicts", ())
         ),
-        trajectories=tuple(
-            RecordedMessage(each.time, _path(each.what)) for each in topics.get("trajectories", ())
-        ),
         statuses=messages_of_topic("status", "status"),
         slow=slow(_now_and_then(topics.get("state", [])), joints),
         latency=hops([(each.time, each.what["latency"] or ()) for each in topics.get("latency", ())]),
@@ -112,11 +109,6 @@ def _inertial(ticks: list[Tick]) -> ImuColumns | None:
 
 def _verdict(answer: Any) -> dict[str, Any]:
     return {"id": answer["id"], **answer["verdict"]}
-
-
-def _path(answer: Any) -> dict[str, Any]:
-    accepted = answer["accepted"]
-    return {"id": accepted["id"], **accepted["trajectory"]}
 
 
 def _now_and_then(states: list[RecordedMessage]) -> list[RecordedMessage]:

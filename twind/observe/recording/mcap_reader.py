@@ -38,15 +38,14 @@ from twind.observe.recording.recording_topics import (
     ROBOT,
     SIMULATED,
     STATUS,
-    TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, decode
+from twind.ros import JOINT_STATE, STRING, decode
 from twind.ros.cdr import HEAD
 from twind.ros.imu_message import imu_numbers
 
 SECOND = 1e9  # ns
-SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
+SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES})
 # what comes of a file that is not as ours are
 FOREIGN = (struct.error, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
@@ -168,7 +167,6 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
         imu=_inertial(taken.felt, times),
         events=events,
         verdicts=messages_of_topic(VERDICTS),
-        trajectories=_trajectories(taken.said.get(TRAJECTORY, ()), start),
         statuses=messages_of_topic(STATUS),
         notes=notes,
         slow=slow(messages_of_topic(JOINTS), joints),
@@ -230,30 +228,6 @@ def _json(data: bytes) -> Mapping[str, Any]:
 
 def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None:
     return _json(files[name]) if name in files else None
-
-
-def _trajectories(kept: Sequence[TopicMessage], start: int) -> tuple[RecordedMessage, ...]:
-    """Convert JointTrajectory messages to the parameters of `Trajectory` in the interface."""
-    found = []
-    for each in kept:
-        try:
-            message = decode(JOINT_TRAJECTORY, each.data)
-        except InvalidInput:
-            continue
-        points = [_point(point) for point in message["points"]]
-        head = message["header"]
-        said = {"id": head["frame_id"], "joint_names": message["joint_names"], "points": points}
-        begins = head["stamp"]["sec"] * 1_000_000_000 + head["stamp"]["nanosec"]
-        found.append(
-            RecordedMessage((each.time - start) / SECOND, said | {"start_in": (begins - each.time) / SECOND})
-        )
-    return tuple(found)
-
-
-def _point(point: Mapping[str, Any]) -> dict[str, Any]:
-    after = point["time_from_start"]
-    columns = {key: point[key] for key in ("positions", "velocities", "accelerations") if point[key]}
-    return columns | {"time_from_start": after["sec"] + after["nanosec"] / SECOND}
 
 
 def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns | None:

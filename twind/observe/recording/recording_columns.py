@@ -90,7 +90,6 @@ class RobotRecording:
     imu: ImuColumns | None = None  # None: there is none in it
     events: tuple[RecordedMessage, ...] = ()  # Event of the interface
     verdicts: tuple[RecordedMessage, ...] = ()  # Verdict
-    trajectories: tuple[RecordedMessage, ...] = ()  # Trajectory and its id: what passed the gate
     statuses: tuple[RecordedMessage, ...] = ()  # Status
     notes: tuple[RecordedMessage, ...] = ()  # of who recorded: drops, steps of the clock
     slow: SlowColumns | None = None

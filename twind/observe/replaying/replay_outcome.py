@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-LATCHED = ("fault", "estop", "inhibited")  # states that only a reset ends
+from twind.robot.modes import RESET_STATES
+
 ENDED = ("succeeded", "cancelled", "replaced", "aborted")  # phases after which nothing more is reported
 
 Named = tuple[str, str | None]  # code, joint
@@ -91,11 +92,11 @@ class StandingFaults:
     def look(self, time: float, state: str, faults: Sequence[Named]) -> None:
         """Update with the state and the faults that are reported at `time` (s)."""
         self._since = {each: self._since.get(each, time) for each in faults}
-        if state in LATCHED:
+        if state in RESET_STATES:
             self._last = dict(self._since)
         elif self._before:
             self._keep()
-        self._before = state in LATCHED
+        self._before = state in RESET_STATES
 
     def end(self) -> dict[Named, float]:
         """Return all faults that stayed, with the time since which each was reported, s."""

@@ -22,15 +22,7 @@ from twind.observe.viewing.viewer_state import Message, News, RobotAnnounced, Vi
 Drawing = Callable[[threading.Event], None]  # draws until it is set
 
 
-def show(
-    robot: Message,
-    messages: Iterable[Message],
-    *,
-    title: str,
-    port: int | None = None,
-    open_page: bool = False,
-    as_json: bool = False,
-) -> int:
+def show(robot: Message, messages: Iterable[Message], *, title: str) -> int:
     """Show messages in the form of `Monitor`, of the robot in the form of `GetRobot`, until Ctrl-C.
 
     They are shown as they come: their source keeps the time. A thread of its own reads them.
@@ -46,7 +38,7 @@ def show(
         viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
         return lambda ended: run(viewer, known, news(), ended)
 
-    return served(begun, title=title, port=port, open_page=open_page, as_json=as_json)
+    return served(begun, title=title)
 
 
 def watch(
@@ -80,7 +72,12 @@ def watch(
 
 
 def served(
-    begun: Callable[[ViewerSite], Drawing], *, title: str, port: int | None, open_page: bool, as_json: bool
+    begun: Callable[[ViewerSite], Drawing],
+    *,
+    title: str,
+    port: int | None = None,
+    open_page: bool = False,
+    as_json: bool = False,
 ) -> int:
     """A page, its address printed, drawn until Ctrl-C or SIGTERM. Raises Rejected where no server can be
     started."""

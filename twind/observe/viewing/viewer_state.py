@@ -148,7 +148,8 @@ class ViewerState:
     def _message(self, news: Message) -> None:
         match news["topic"]:
             case "state":
-                self._joints, self._heard = joints_of(news, _mode(self._status)), self._clock()
+                self._joints = joints_of(news, _mode(self._status))
+                self._heard = self._clock()
                 self._path.append(self._joints)
                 while self._joints.time - self._path[0].time > WINDOW or _behind(self._path):
                     self._path.popleft()

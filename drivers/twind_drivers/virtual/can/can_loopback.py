@@ -4,7 +4,8 @@ With an adapter that `keeps` it acts as a kernel's socket: waiting frames surviv
 leave when a node acknowledges again.
 """
 
-from twind_drivers.bus import PortError, PortErrorCause, output_full
+from twind_drivers.bus import PortError, PortErrorCause
+from twind_drivers.byte_transport import output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
@@ -46,7 +47,7 @@ class CanLoopback:
         )
 
     def send(self, frames: Frames, now: float) -> None:
-        """See `Channel.send`."""
+        """See `CanChannel.send`."""
         self._check()
         self._line.advance(now)
         if self._line.controller.backlog():
@@ -55,7 +56,7 @@ class CanLoopback:
         self.condition.refused += self._line.take_host_frames(frames, now)
 
     def receive(self, now: float) -> Frames:
-        """See `Channel.receive`; error frames are counted and set `condition.line`."""
+        """See `CanChannel.receive`; error frames are counted and set `condition.line`."""
         self._check()
         received = self._line.give_host_frames(now)
         if not received.size:
@@ -70,15 +71,15 @@ class CanLoopback:
         return good
 
     def drive(self, owner: object) -> None:
-        """See `Channel.drive`: nothing here."""
+        """See `CanChannel.drive`: nothing here."""
 
     def purge(self) -> None:
-        """See `Channel.purge`."""
+        """See `CanChannel.purge`."""
         self._check()
         self._empty()
 
     def close(self) -> None:
-        """See `Channel.close`."""
+        """See `CanChannel.close`."""
         if self._open and not self._line.controller.adapter.keeps:
             self._line.controller.connect(False)
         self._open = False

@@ -41,7 +41,8 @@ def as_frames(messages: Iterable[CanMessage]) -> Frames:
     listed = list(messages)
     made = np.zeros(len(listed), FRAME)
     for row, (id, data) in enumerate(listed):
-        made[row]["id"], made[row]["size"] = id, len(data)
+        made[row]["id"] = id
+        made[row]["size"] = len(data)
         made[row]["data"] = np.frombuffer(data.ljust(BYTES, b"\0"), np.uint8)
     return made
 

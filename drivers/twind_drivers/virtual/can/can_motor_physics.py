@@ -7,23 +7,17 @@ serial servos' physics (`twind_drivers.virtual.servo_physics`) use registers; on
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from twind_drivers.virtual.shaft_physics import Bools, Floats, ShaftPhysics
+
 INERTIA = 0.02  # kg·m² at the output: rotor and a light link
 FRICTION = 0.2  # N·m·s/rad, viscous
 STEP = 0.002  # s, the longest step of the solution that is exact as long as nothing saturates
 
 
-class CanMotorPhysics(Protocol):
-    """The motors of the nodes of one bus. Arrays are (m,), in the order of the nodes.
+class CanMotorPhysics(ShaftPhysics, Protocol):
+    """The motors of the nodes of one bus: position in rad of the shaft, neither wrapped nor zeroed; rad/s."""
 
-    The three readings stay valid until the next `advance`; only the physics writes them.
-    """
-
-    position: Floats  # rad of the shaft, continuous: neither wrapped nor zeroed
-    velocity: Floats  # rad/s
     torque: Floats  # N·m, what the motor gives
 
     def drive(
@@ -41,20 +35,8 @@ class CanMotorPhysics(Protocol):
         Off: nothing but friction.
         """
 
-    def block(self, held: Bools) -> None:
-        """Set the blocked shafts (m,); they turn neither with torque nor without."""
 
-    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """Set the positions (m,) where hands hold limp shafts, rad, NaN: no hand; their speed, rad/s.
-
-        Where torque is on a hand slips.
-        """
-
-    def set_base_pose(self, base: str) -> None:
-        """Set how the base of the robot is held. Raises KeyError: no such way, ValueError: no body."""
-
-    def advance(self, now: float) -> None:
-        """Let the time pass until `now` (s). A time already passed does nothing."""
+FASTEST = 30.0  # rad/s of a shaft
 
 
 class FirstOrderCanPhysics:
@@ -63,15 +45,17 @@ class FirstOrderCanPhysics:
     Implicit Euler in steps of at most 2 ms: stable for any gains, at rest at the commanded position.
     """
 
-    def __init__(self, start: Floats, *, speed: float = 30.0, now: float = 0.0) -> None:
-        """Begin at `start` (m,) rad; `speed`: largest speed of a shaft, rad/s."""
+    def __init__(self, start: Floats, *, now: float = 0.0) -> None:
+        """Begin at `start` (m,) rad."""
         self.position = np.array(start, np.float64)
-        self.velocity, self.torque = np.zeros_like(self.position), np.zeros_like(self.position)
-        self._speed = speed
+        self.velocity = np.zeros_like(self.position)
+        self.torque = np.zeros_like(self.position)
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
-        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
-        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
+        self._hand = np.full_like(self.position, np.nan)
+        self._reach = np.zeros_like(self.position)
+        self._lower = np.full_like(self.position, -np.inf)
+        self._upper = np.full_like(self.position, np.inf)
         none = np.zeros_like(self.position)
         self.drive(none > 0, none, none, none, none, none, none)
 
@@ -97,12 +81,12 @@ class FirstOrderCanPhysics:
         self._blocked = held.copy()
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """See `CanMotorPhysics.grip`."""
+        """See `CanMotorPhysics.set_hand_positions`."""
         self._hand = place.copy()
         self._reach = speed.copy()
 
     def set_base_pose(self, base: str) -> None:
-        """See `CanMotorPhysics.lay`."""
+        """See `CanMotorPhysics.set_base_pose`."""
         raise ValueError("lay: these are shafts without load, which no body holds together")
 
     def set_endstops(self, lower: Floats, upper: Floats) -> None:
@@ -127,7 +111,7 @@ class FirstOrderCanPhysics:
         if np.count_nonzero(np.abs(torque) > self._limit):
             torque = np.clip(torque, -self._limit, self._limit)
             speed = (INERTIA * self.velocity + dt * torque) / (INERTIA + dt * FRICTION)
-        speed = np.clip(speed, -self._speed, self._speed)
+        speed = np.clip(speed, -FASTEST, FASTEST)
         held = self._limp & np.isfinite(self._hand)
         if held.any():
             pace = np.clip((self._hand - self.position) / dt, -self._reach, self._reach)

@@ -6,7 +6,8 @@ most that much early.
 
 import numpy as np
 
-from twind_drivers.virtual.can.can_motor_physics import Bools, CanMotorPhysics, Floats
+from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
+from twind_drivers.virtual.shaft_physics import Bools, Floats
 
 REFRESH = 0.001  # s
 

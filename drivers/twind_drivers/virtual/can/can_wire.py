@@ -80,7 +80,8 @@ class CanWire:
     def next(self) -> FrameInFlight | None:
         """Return the frame that is sent next; None: no sender may send."""
         if not self._known:
-            self._known, self._next = True, self._pick()
+            self._next = self._pick()
+            self._known = True
         return self._next
 
     def take(self) -> FrameInFlight | None:

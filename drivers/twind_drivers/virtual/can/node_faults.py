@@ -1,7 +1,6 @@
 """Faults of single CAN nodes and of their supply, by name."""
 
 import struct
-from collections.abc import Mapping
 from math import inf, tau
 
 from twind_drivers.can.can_units import COUNT
@@ -11,23 +10,27 @@ from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node import VirtualCanNode
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
-from twind_drivers.virtual.hinge import ShaftGrip, order
+from twind_drivers.virtual.hinge import ShaftGrip
 from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shaft_faults import ShaftFaults
 
 EVERY = 0.01  # s between two commands of another master
 
 
-class NodeFaults:
-    """Faults of nodes; unless named otherwise they outlast `clear`, as a node's state does."""
+class NodeFaults(ShaftFaults):
+    """Faults of nodes, a method for each order of the fault socket.
+
+    Unless named otherwise they outlast `clear`, as a node's state does.
+    """
 
     def __init__(self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController) -> None:
-        self._bus = bus
         self._nodes = nodes
         self._wire = controller
         self.now = 0.0  # s, kept by the bus
         self.history: ReadingHistory | None = None
         hinges = [node.spec.hinge for node in nodes.each]
-        self.hands = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.set_hand_position)
+        grip = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.set_hand_position)
+        super().__init__(f"bus {bus}: no node", lambda: [node.id for node in nodes.each], grip)
         self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
@@ -126,54 +129,9 @@ class NodeFaults:
             if on:
                 self.masters[row] = self.now + EVERY
 
-    def lock(self, id: int) -> None:
-        """Lock the shaft: it does not turn, with torque or without. Raises KeyError."""
-        for row in self.rows(id):
-            self._nodes.motors.block(row, True)
-
-    def free(self, id: int) -> None:
-        """Unlock the shaft. Raises KeyError."""
-        for row in self.rows(id):
-            self._nodes.motors.block(row, False)
-
-    def hand(
-        self,
-        id: int | None = None,
-        to: float | None = None,
-        rad: float | None = None,
-        speed: float = 1.0,
-        off: bool = False,
-        pose: Mapping[str, float] | None = None,
-    ) -> None:
-        """Move a limp shaft by an external force straight to a position and hold it; stops limit it.
-
-        `to`: counts as the node reports its position; `rad`: of its joint; `pose`: rad by joint, without an
-        id; `speed` rad/s of the joint; `off` releases it. Where torque is on the force slips. Raises
-        KeyError, ValueError.
-        """
-        rows = None if id is None else self.rows(id)
-        order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
-
-    def lay(self, base: str) -> None:
-        """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
-        self._nodes.motors.muscles.set_base_pose(base)
-
-    def freeze(self, id: int, on: bool = True) -> None:
-        """Repeat the reported position, wherever the shaft goes. Raises KeyError."""
-        for row in self.rows(id):
-            self._nodes.motors.freeze(row, on)
-
     def record(self, count: int) -> None:
         """Keep the last `count` positions, in counts; 0: none. Raises ValueError outside 0..100,000."""
         self.history = ReadingHistory(len(self._nodes.each), count) if count else None
-
-    def rows(self, id: int) -> list[int]:
-        """Rows of the nodes with this id. Raises KeyError that names the ids there are."""
-        found = [row for row, node in enumerate(self._nodes.each) if node.id == id]
-        if not found:
-            ids = sorted(node.id for node in self._nodes.each)
-            raise KeyError(f"bus {self._bus}: no node with id {id}; ids are {ids}")
-        return found
 
     def clear(self) -> None:
         """Plug in every connector; remove all twins and the other master."""
@@ -195,6 +153,15 @@ class NodeFaults:
                 self.masters[row] = at + EVERY
                 said.append(_limp(self._nodes.each[row]))
         return said
+
+    def _block(self, row: int, held: bool) -> None:
+        self._nodes.motors.block(row, held)
+
+    def _freeze(self, row: int, on: bool) -> None:
+        self._nodes.motors.freeze(row, on)
+
+    def _set_base_pose(self, base: str) -> None:
+        self._nodes.motors.muscles.set_base_pose(base)
 
     def _place(self, row: int, count: float) -> float:
         return count * COUNT + self._nodes.each[row].shaft.zero

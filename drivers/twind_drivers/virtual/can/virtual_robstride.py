@@ -32,9 +32,14 @@ KNOCK = bytes([1, 2, 3, 4, 5, 6])  # begins the payload of the rare orders
 UNDER_VOLTAGE = 1
 DRIVER = 2
 OVER_TEMPERATURE = 4
-RUN_MODE, TORQUE_LIMIT, PLACE, CURRENT, SPEED, SUPPLY, TURNS, TIMEOUT = (
-    0x7005, 0x700B, 0x7019, 0x701A, 0x701B, 0x701C, 0x701D, 0x7028,
-)  # fmt: skip
+RUN_MODE = 0x7005
+TORQUE_LIMIT = 0x700B
+PLACE = 0x7019
+CURRENT = 0x701A
+SPEED = 0x701B
+SUPPLY = 0x701C
+TURNS = 0x701D
+TIMEOUT = 0x7028
 TICK = 50e-6  # s of the timeout
 EVERY = 0.01  # s between two feedbacks of an active report (assumed)
 # name -> index, format, value as delivered, may it be written?
