@@ -64,7 +64,8 @@ def fast_mixed(path: Path) -> Path:
 def _mixed(name: str) -> dict[str, Any]:
     built_in = load_robot("h24-mixed").path
     robot: dict[str, Any] = yaml.safe_load(built_in.read_text())
-    robot["name"], robot["model"]["mjcf"] = name, str(built_in.parent / robot["model"]["mjcf"])
+    robot["name"] = name
+    robot["model"]["mjcf"] = str(built_in.parent / robot["model"]["mjcf"])
     robot.pop("motions", None)
     return robot
 

@@ -57,11 +57,11 @@ def take_status() -> Mapping[str, MeasuredFigure]:
     return {"control.status_rtt_p50": MeasuredFigure(middle["live"], note)}
 
 
-def _trips(asker: StatusPoller) -> list[float]:
+def _trips(client: StatusPoller) -> list[float]:
     trips = []
     for _ in range(CALLS):
         since = time.perf_counter()
-        asker.ask()
+        client.ask()
         trips.append((time.perf_counter() - since) * 1e6)
     return trips
 

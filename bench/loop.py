@@ -147,7 +147,8 @@ def four_buses(path: Path) -> Path:
     """The body of h24 on four buses at 3 Mbaud, six servos each, adapters without a latency timer."""
     built_in = load_robot("h24").path
     robot = yaml.safe_load(built_in.read_text())
-    robot["name"], robot["model"]["mjcf"] = "h24-four", str(built_in.parent / robot["model"]["mjcf"])
+    robot["name"] = "h24-four"
+    robot["model"]["mjcf"] = str(built_in.parent / robot["model"]["mjcf"])
     bus = {"kind": "dynamixel2", "baud": 3_000_000, "latency_timer_ms": 0}
     robot["buses"] = {name: dict(bus) for name in "abcd"}
     robot["defaults"].pop("bus", None)

@@ -1,9 +1,10 @@
-"""Check of names, docstrings and tests, run by `make lint`: `python tools/check_names.py [--shrink] [ROOT]`.
+"""Check of names, docstrings and tests: `python tools/check_names.py [--shrink | --allow] [ROOT]`.
 
-Class names are unique in the program, module names in each package. A docstring begins with a noun or a verb.
-Retired words stand in no name of a class, module or function. No file of the tests imports a test module or
-uses a private attribute that it does not define. `tools/allowed_names.txt` lists the offenders that are left.
-An entry without an offender fails the check too, so the list can only shrink.
+`make lint` runs it. Class names are unique in the program, module names in each package. A docstring begins
+with a noun or a verb. Retired words stand in no name of a class, module, function or parameter. No file of
+the tests imports a test module or uses a private attribute that it does not define.
+`tools/allowed_names.txt` lists the offenders that are left. An entry without an offender fails the check too,
+so the list can only shrink. `--allow` writes the list anew, for a rule that becomes stricter.
 """
 
 import argparse
@@ -26,7 +27,7 @@ REMEDIES = {
 # Attributes with an underscore that their documentation declares public.
 PUBLIC = {"_replace", "_fields", "_asdict", "_exit", "_getframe"}
 SAME_IN_EACH_PACKAGE = {"__init__", "__main__"}
-RELATIVE_CLAUSE = re.compile(r"(Of|Who|Whom|Whose|What is)\b")
+RELATIVE_CLAUSE = re.compile(r"(Of|Who|Whom|Whose|What|Which|Where|When|How|Whether)\b")
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
@@ -53,6 +54,12 @@ def duplicates(kind: str, places: dict[str, list[str]]) -> Iterator[str]:
     for name, paths in sorted(places.items()):
         if len(paths) > 1:
             yield f"{kind} {name}: {', '.join(sorted(paths))}"
+
+
+def parameters(arguments: ast.arguments) -> list[str]:
+    """Names of all parameters of a function."""
+    rest = [each for each in (arguments.vararg, arguments.kwarg) if each]
+    return [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, *rest)]
 
 
 def imported_modules(node: ast.AST) -> list[str]:
@@ -91,29 +98,39 @@ def offenders_in_tests(root: Path) -> Iterator[str]:
             yield f"private-attribute {place}: {attribute}"
 
 
+def offenders_in_names(place: str, tree: ast.Module, retired: set[str]) -> Iterator[str]:
+    """Retired words in the names of a module at `place` and relative clauses in its docstrings."""
+    if words(Path(place).stem) & retired:
+        yield f"retired-word {place}"
+    if RELATIVE_CLAUSE.match(ast.get_docstring(tree) or ""):
+        yield f"docstring {place}"
+    for name, node in definitions(tree):
+        arguments = [] if isinstance(node, ast.ClassDef) else parameters(node.args)
+        yield from (
+            f"retired-word {place}::{name}({argument})" for argument in arguments if words(argument) & retired
+        )
+        if words(node.name) & retired:
+            yield f"retired-word {place}::{name}"
+        if RELATIVE_CLAUSE.match(ast.get_docstring(node) or ""):
+            yield f"docstring {place}::{name}"
+
+
 def offenders(root: Path) -> set[str]:
     """All offenders of the tree at `root`, each as `KIND PLACE`."""
     retired = set((root / WORDS).read_text().split())
     found = set(offenders_in_tests(root))
     classes: dict[str, list[str]] = defaultdict(list)
-    for package in PACKAGES:
+    for folder in (*PACKAGES, TESTS):
         modules: dict[str, list[str]] = defaultdict(list)
-        for path in sorted((root / package).rglob("*.py")):
+        for path in sorted((root / folder).rglob("*.py")):
             place = path.relative_to(root).as_posix()
-            modules[path.stem].append(place)
-            if words(path.stem) & retired:
-                found.add(f"retired-word {place}")
             tree = ast.parse(path.read_text(encoding="utf-8"))
-            documented: list[tuple[str, Definition | ast.Module]] = [(place, tree)]
-            for name, node in definitions(tree):
-                documented.append((f"{place}::{name}", node))
-                if isinstance(node, ast.ClassDef) and "." not in name:
-                    classes[name].append(place)
-                if words(node.name) & retired:
-                    found.add(f"retired-word {place}::{name}")
-            for where, node in documented:
-                if RELATIVE_CLAUSE.match(ast.get_docstring(node) or ""):
-                    found.add(f"docstring {where}")
+            found.update(offenders_in_names(place, tree, retired))
+            if folder != TESTS:
+                modules[path.stem].append(place)
+                for name, node in definitions(tree):
+                    if isinstance(node, ast.ClassDef) and "." not in name:
+                        classes[name].append(place)
         found.update(
             duplicates("module", {n: p for n, p in modules.items() if n not in SAME_IN_EACH_PACKAGE})
         )
@@ -126,9 +143,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", type=Path, nargs="?", default=HOME)
     parser.add_argument("--shrink", action="store_true", help="remove the entries whose offender is gone")
+    parser.add_argument("--allow", action="store_true", help="list all offenders as allowed")
     options = parser.parse_args(arguments)
     found = offenders(options.root)
     listed = (options.root / ALLOWED).read_text().splitlines()
+    if options.allow:
+        listed = [line for line in listed if line.startswith("#")] + sorted(found)
+        (options.root / ALLOWED).write_text("\n".join(listed) + "\n")
     allowed = {line for line in listed if line and not line.startswith("#")}
     gone = allowed - found
     if options.shrink and gone:

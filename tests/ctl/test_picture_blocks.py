@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.picture_messages import bus, event, loop, told, view, watched
+from tests.support.picture_messages import bus, event, loop, receive, view, watched
 from twind.ctl.picture.picture_blocks import (
     PictureBlock,
     PictureRow,
@@ -123,7 +123,7 @@ def test_refusals_show_age_and_reason_with_the_newest_first() -> None:
     )
     one = watched()
     for k in range(9):
-        told(
+        receive(
             one,
             "verdicts",
             {"refusals": [{"code": "BUSY", "message": str(k)}], "warnings": [], "changes": []},
@@ -135,7 +135,7 @@ def test_refusals_show_age_and_reason_with_the_newest_first() -> None:
 
 def test_the_recorder_block_shows_its_content_and_the_outcome_of_episodes() -> None:
     one = watched(flight={"span_s": 30.0, "bytes": 4_200_000, "last": "/var/lib/twind/x.flight"})
-    told(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 98.0)
+    receive(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 98.0)
     assert text(recorder(one.view(100.0), 120)).splitlines() == [
         "flight   holds 30 s, 4.2 MB · last file /var/lib/twind/x.flight",
         "episode  pour runs for 2 s",

@@ -2,16 +2,16 @@
 
 import pytest
 
-from tests.support.picture_messages import REFUSAL, bus, event, joints, loop, robot, status, told, watched
+from tests.support.picture_messages import REFUSAL, bus, event, joints, loop, receive, robot, status, watched
 from twind.ctl.picture.picture_state import KEPT, MonitorCollector
 
 
 def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:
     one = MonitorCollector()
     assert not one.is_complete
-    told(one, "status", status(), 1.0)
+    receive(one, "status", status(), 1.0)
     assert not one.is_complete
-    told(one, "state", joints(), 1.0)
+    receive(one, "state", joints(), 1.0)
     assert one.is_complete
     assert one.view(1.0).joints == joints()
 
@@ -19,11 +19,11 @@ def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:
 def test_the_rate_of_a_bus_is_counted_over_a_second_and_anew_after_a_restart() -> None:
     one = MonitorCollector()
     for now, exchanges in ((1.0, 1000), (1.5, 1049), (2.0, 1098)):
-        told(one, "status", status(buses=[bus("main", exchanges=exchanges)]), now)
+        receive(one, "status", status(buses=[bus("main", exchanges=exchanges)]), now)
     assert one.view(2.0).rates == {"main": pytest.approx(98.0)}
     one.record_disconnect("it ended", 2.5)
-    told(one, "status", status(buses=[bus("main", exchanges=7)]), 3.0)
-    told(one, "status", status(buses=[bus("main", exchanges=107)]), 4.0)
+    receive(one, "status", status(buses=[bus("main", exchanges=7)]), 3.0)
+    receive(one, "status", status(buses=[bus("main", exchanges=107)]), 4.0)
     assert one.view(4.0).rates == {"main": pytest.approx(100.0)}
 
 
@@ -31,7 +31,7 @@ def test_a_histogram_sent_once_a_second_stays_until_the_next() -> None:
     one = watched()
     before = one.view(100.0).lateness
     assert before
-    told(one, "status", status(loop=loop(lateness=None)), 100.1)
+    receive(one, "status", status(loop=loop(lateness=None)), 100.1)
     assert one.view(100.1).lateness == before
 
 
@@ -39,8 +39,8 @@ def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none()
     one = MonitorCollector()
     for number in range(KEPT + 5):
         finding = {"code": "BUSY", "message": str(number)}
-        told(one, "verdicts", {"refusals": [finding], "warnings": [], "changes": []}, float(number))
-    told(one, "verdicts", {"refusals": [], "warnings": REFUSAL["refusals"], "changes": []}, 99.0)
+        receive(one, "verdicts", {"refusals": [finding], "warnings": [], "changes": []}, float(number))
+    receive(one, "verdicts", {"refusals": [], "warnings": REFUSAL["refusals"], "changes": []}, 99.0)
     seen = one.view(99.0).refusals
     assert [(each.at, each.text) for each in seen[:2]] == [(24.0, "BUSY: 24"), (23.0, "BUSY: 23")]
     assert len(seen) == KEPT
@@ -48,12 +48,12 @@ def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none()
 
 def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_none() -> None:
     one = MonitorCollector()
-    told(one, "events", event("EPISODE_END", "x", kind="end", success=True), 1.0)
-    told(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 2.0)
-    told(one, "events", event("NOTE", "hm", kind="note"), 3.0)
+    receive(one, "events", event("EPISODE_END", "x", kind="end", success=True), 1.0)
+    receive(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 2.0)
+    receive(one, "events", event("NOTE", "hm", kind="note"), 3.0)
     (running,) = one.view(3.0).episodes
     assert (running.task, running.begin, running.end) == ("pour", 2.0, None)
-    told(one, "events", event("EPISODE_END", "x", kind="end", success=False), 5.0)
+    receive(one, "events", event("EPISODE_END", "x", kind="end", success=False), 5.0)
     (ended,) = one.view(5.0).episodes
     assert (ended.task, ended.begin, ended.end, ended.success) == ("pour", 2.0, 5.0, False)
     assert len(one.view(5.0).events) == 4
@@ -62,13 +62,13 @@ def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_non
 def test_an_episode_ends_with_the_next_ones_begin_and_with_its_daemon() -> None:
     one = MonitorCollector()
     for now, task in ((1.0, "a"), (2.0, "b")):
-        told(one, "events", event("EPISODE_BEGIN", task, kind="begin", task=task), now)
-    told(one, "events", event("EPISODE_END", "b", kind="end", success=True), 3.0)
+        receive(one, "events", event("EPISODE_BEGIN", task, kind="begin", task=task), now)
+    receive(one, "events", event("EPISODE_END", "b", kind="end", success=True), 3.0)
     assert [(each.task, each.end, each.success) for each in one.view(3.0).episodes] == [
         ("b", 3.0, True),
         ("a", 2.0, None),
     ]
-    told(one, "events", event("EPISODE_BEGIN", "c", kind="begin", task="c"), 4.0)
+    receive(one, "events", event("EPISODE_BEGIN", "c", kind="begin", task="c"), 4.0)
     one.record_disconnect("it ended", 5.0)
     assert one.view(6.0).episodes[0].end == 5.0
 
@@ -80,7 +80,7 @@ def test_a_lost_daemon_is_gone_since_the_first_failure_and_back_with_the_next_me
     seen = one.view(104.0)
     assert (seen.gone, seen.gone_since) == ("it hung up", 101.0)
     assert seen.joints  # what it said last
-    told(one, "state", joints(), 105.0)
+    receive(one, "state", joints(), 105.0)
     assert one.view(105.0).gone == ""
 
 
@@ -113,8 +113,8 @@ def test_fields_missing_from_an_older_daemon_are_accepted() -> None:
     old = status()
     del old["flight"], old["skew_ms"]
     del old["loop"]["lateness"]
-    told(one, "status", old, 1.0)
+    receive(one, "status", old, 1.0)
     marked = event("NOTE", "x")
     del marked["annotation"]
-    told(one, "events", marked, 1.0)
+    receive(one, "events", marked, 1.0)
     assert one.view(1.0).lateness == ()

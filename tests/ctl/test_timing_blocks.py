@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.picture_messages import bus, loop, told, view, watched
+from tests.support.picture_messages import bus, loop, receive, view, watched
 from twind.ctl.picture.picture_renderer import plain
 from twind.ctl.picture.picture_state import MonitorCollector
 from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
@@ -69,7 +69,7 @@ def test_values_not_yet_received_have_no_block() -> None:
         == 0
     )
     known = watched()
-    told(known, "latency", [], 101.0)
+    receive(known, "latency", [], 101.0)
     assert hops(known.view(101.0), 80).full_height == 0
     assert "longer, unknown" in plain([row.line for row in lateness(view(loop=odd()), 80).rows])
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
-from tests.support.scene_rig import ask, move, told
+from tests.support.scene_rig import ask, move, reported_codes
 from twind import link
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
@@ -117,7 +117,7 @@ def test_a_loop_without_sockets_holds_in_every_mode(make_rig: MakeRig, mode: Mod
     assert rig.loop.executor.motion is Motion.HOLDING
     rig.lease()
     ask(rig)
-    assert "SOCKETS_GONE" in told(rig)
+    assert "SOCKETS_GONE" in reported_codes(rig)
 
 
 def test_a_check_only_warns(armed: Rig) -> None:

@@ -346,6 +346,16 @@ def test_torque_mismatch_readings_during_a_procedure_count_as_no_restart() -> No
     assert [(one.code, one.joint) for one in last.findings] == [(ReasonCode.TORQUE_MISMATCH, 1)]
 
 
+def test_servo_rebooted_a_watchdog_read_off_before_a_procedure_counts_no_more_after_it() -> None:
+    judge = guard()
+    unwatched = {"watchdog": at(0, 0, 5, np.int16)}
+    assert judge.judge(facts(status_time=np.full(N, 10.0), **unwatched)).latches
+    judge.judge(facts(now=10.11, status_time=np.full(N, 10.1), torque_settled=False, **unwatched))
+    others = np.where(np.arange(N) == 1, 10.2, 10.1)
+    found = judge.judge(facts(now=10.21, status_time=others, torque=at(1, 0, 1, np.int8)))
+    assert (codes(found), found.latches) == ([], False)
+
+
 def test_servo_rebooted_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
     off = at(0, 0, 1, np.int8)
     zero = at(0, 0, 5, np.int16)

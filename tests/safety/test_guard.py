@@ -14,7 +14,7 @@ from tests.support.guard_rig import FINE, LIMITS, STEP, TINY, N, codes, facts, j
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecision, Reaction
+from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecision, GuardThresholds, Reaction
 
 # --------------------------------------------------------------------------------------------- all well
 
@@ -40,6 +40,11 @@ def test_a_hold_at_the_last_goal_is_refused_only_where_nothing_may_be_written(
         assert not judgement.goal_refused
     else:
         assert judgement == FINE
+
+
+def test_other_parts_of_the_loop_read_the_thresholds_of_the_guard() -> None:
+    bounds = GuardThresholds(follow=0.123)
+    assert Guard(LIMITS, bounds, support="gantry").bounds is bounds
 
 
 def test_nothing_to_write_is_always_fine() -> None:

@@ -444,6 +444,22 @@ def test_voltage_what_was_not_read_before_the_arming_has_two_seconds_to_be_read(
     assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
 
 
+def test_voltage_a_second_arming_has_two_seconds_again() -> None:
+    watch = Supply(health_time=np.full(N, 1.0))
+    watch.tick(0.5)
+    watch.tick(5.0, torque_expected=False)
+    assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
+
+
+def test_voltage_the_last_reading_before_an_arming_counts_as_its_first() -> None:
+    watch = Supply()
+    watch.volts(9.0, 12.0, 12.0)
+    same = {"voltage": joints(9.0, 12.0, 12.0), "health_time": np.full(N, watch.now)}
+    watch.tick(torque_expected=False, **same)
+    assert watch.tick(**same) == FINE
+    assert watch.volts(9.0, 12.0, 12.0).reaction is DAMP
+
+
 def test_without_ratings_no_supply_is_too_low() -> None:
     guard = Guard(LIMITS)
     for tick in range(5):

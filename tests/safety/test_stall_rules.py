@@ -180,6 +180,14 @@ def test_missed_ticks_after_another_state_lower_no_robot(over: dict[str, object]
     assert {held.second(motion=Motion.HOLDING).reaction for _ in range(60)} == {NONE}
 
 
+def test_a_motion_that_ended_before_the_torque_was_off_lowers_no_robot_that_is_armed_again() -> None:
+    held = Held("free")
+    assert held.second(motion=Motion.ACTIVE, missed_in_a_row=5).reaction is HOLD
+    held.second(torque_expected=False)
+    assert held.second(motion=Motion.HOLDING, missed_in_a_row=5).reaction is HOLD
+    assert {held.second(motion=Motion.HOLDING).reaction for _ in range(60)} == {NONE}
+
+
 @pytest.mark.parametrize("motion", [Motion.ACTIVE, Motion.HOLDING])
 def test_a_reported_finding_without_reaction_is_no_hold(motion: Motion) -> None:
     held = Held("free")

@@ -383,9 +383,10 @@ def test_sense_frozen_a_joint_at_rest_away_from_zero_gives_no_finding(place: flo
     assert all(watch.tick(there, there, speed=[0.5, 0.5, 0.5]) == FINE for _ in range(60))
 
 
-def test_all_may_be_frozen_at_once() -> None:
+@pytest.mark.parametrize("place", [0.0, 1.0])
+def test_all_may_be_frozen_at_once(place: float) -> None:
     watch = Watch()
-    found = [watch.tick([0.0] * N, [0.005 * tick] * N, speed=[0.5] * N) for tick in range(35)]
+    found = [watch.tick([place] * N, [place + 0.005 * tick] * N, speed=[0.5] * N) for tick in range(35)]
     first = next(one for one in found if one.findings)
     assert [one.joint for one in first.findings] == list(range(N))
     assert {one.code for one in first.findings} == {ReasonCode.SENSE_FROZEN}

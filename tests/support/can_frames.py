@@ -17,10 +17,13 @@ def mixed() -> Frames:
     """One frame of each kind, and every size."""
     rows = np.zeros(12, FRAME)
     for size in range(9):
-        rows[size]["id"], rows[size]["size"] = 0x100 + size, size
+        rows[size]["id"] = 0x100 + size
+        rows[size]["size"] = size
         rows[size]["data"][:size] = range(0xF0, 0xF0 + size)
-    rows[9]["id"], rows[9]["size"] = 0x1ABCDEF0 | EXTENDED, 8
-    rows[10]["id"], rows[10]["size"] = 0x123 | REMOTE, 4
+    rows[9]["id"] = 0x1ABCDEF0 | EXTENDED
+    rows[9]["size"] = 8
+    rows[10]["id"] = 0x123 | REMOTE
+    rows[10]["size"] = 4
     rows[11]["id"] = 0x7F | EXTENDED | REMOTE
     return rows
 

@@ -28,7 +28,10 @@ class Servos:
         self._framer = Framer(status=False)
         for id, memory in self.memory.items():
             memory[0:2] = model.to_bytes(2, "little")
-            memory[6], memory[7], memory[11], memory[68] = firmware, id, 3, 2
+            memory[6] = firmware
+            memory[7] = id
+            memory[11] = 3
+            memory[68] = 2
 
     def put(self, id: int, address: int, value: int, size: int) -> None:
         self.memory[id][address : address + size] = value.to_bytes(size, "little", signed=value < 0)

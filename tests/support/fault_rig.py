@@ -148,11 +148,11 @@ class Judge:
         readings = self.rig.loop.hardware.readings
         return np.where(np.isnan(state.position) & ~readings.placed, readings.position, state.position)
 
-    def verdict(self, said: str = "") -> None:
-        """Raises AssertionError that names what was wrong and what was ordered (`said`)."""
+    def verdict(self, report: str = "") -> None:
+        """Raises AssertionError that names what was wrong and what was ordered (`report`)."""
         wrong = self.wrong
         self.wrong = []
-        assert not wrong, "\n".join([said, *wrong[:20]])
+        assert not wrong, "\n".join([report, *wrong[:20]])
 
     def _look(self) -> None:
         for witness in self.witnesses.values():
@@ -296,9 +296,9 @@ class Wire:
                 self.wrong.append(f"{self.rig.clock.now():.3f} {name}/{id}: goal {goal}, {where}")
             self._goals[name, id] = goal
 
-    def verdict(self, said: str = "") -> None:
+    def verdict(self, report: str = "") -> None:
         """Raises AssertionError."""
-        assert not self.wrong, "\n".join([said, *self.wrong[:20]])
+        assert not self.wrong, "\n".join([report, *self.wrong[:20]])
 
 
 def nod_all(rig: Rig, seconds: float = 60.0, far: float = 0.2) -> Trajectory:

@@ -72,8 +72,8 @@ def judge(**over: object) -> GuardDecision:
     return Guard(LIMITS).judge(facts(**over))
 
 
-def codes(judgement: GuardDecision) -> list[ReasonCode]:
-    return [finding.code for finding in judgement.findings]
+def codes(decision: GuardDecision) -> list[ReasonCode]:
+    return [finding.code for finding in decision.findings]
 
 
 def joints(*values: float) -> Floats:

@@ -15,7 +15,7 @@ def found(version: str) -> str | None:
     if sys.version_info[:2] == tuple(map(int, version.split("."))):
         return sys.executable
     for each in (shutil.which(f"python{version}"), _beside(version)):
-        if each and _said(each, "-c", "import sys; print(sys.version)").startswith(f"{version}."):
+        if each and _output(each, "-c", "import sys; print(sys.version)").startswith(f"{version}."):
             return each  # a shim may be there for versions that are not
     return None
 
@@ -26,7 +26,7 @@ def _beside(version: str) -> str | None:
     return str(kept[-1]) if kept else None
 
 
-def _said(*command: str) -> str:
+def _output(*command: str) -> str:
     return subprocess.run(command, capture_output=True, text=True).stdout
 
 

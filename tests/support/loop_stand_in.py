@@ -77,7 +77,8 @@ def tick(now: float, sequence: int, count: int = 24) -> link.Tick:
 def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
     torque = np.array([1] * (count - 2) + [0, -1], np.int8)
     bits = np.zeros(count, np.int16)
-    bits[0], bits[-1] = 0b100000 | 0b100, -1
+    bits[0] = 0b100000 | 0b100
+    bits[-1] = -1
     whole = ticks % 100 == 1  # once a second, as the loop does
     runs = ([link.Bucket(0.05, ticks), link.Bucket(None, 1)], 7.5) if whole else (None, None)
     return link.Overview(

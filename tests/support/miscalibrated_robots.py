@@ -84,9 +84,11 @@ class Planted(Rig):
         return [(code, "" if at is None else self.names[at], text) for code, at, text in found]
 
 
-def names_it(said: list[tuple[str, str, str]], code: str, joint: str, *words: str) -> bool:
-    """Does anything that was said name all that?"""
-    return any((kind, at) == (code, joint) and all(word in text for word in words) for kind, at, text in said)
+def names_it(findings: list[tuple[str, str, str]], code: str, joint: str, *words: str) -> bool:
+    """Check for a finding of this code and joint whose message has all words."""
+    return any(
+        (kind, at) == (code, joint) and all(word in text for word in words) for kind, at, text in findings
+    )
 
 
 @pytest.fixture(scope="module")

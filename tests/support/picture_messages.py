@@ -128,7 +128,7 @@ def event(code: str, text: str, level: str = "info", **annotation: Any) -> dict[
     return {"level": level, "code": code, "message": text, "findings": [], "annotation": marked}
 
 
-def told(watched: MonitorCollector, topic: str, what: Any, now: float) -> None:
+def receive(watched: MonitorCollector, topic: str, what: Any, now: float) -> None:
     """A message of Monitor."""
     key = {"state": "joints", "verdicts": "verdict", "events": "event"}.get(topic, topic)
     watched.take({"topic": topic, "dropped": 0, key: what}, now)
@@ -145,15 +145,15 @@ def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
     shown = other.pop("joints", None) or joints()
     one = MonitorCollector()
     one.robot(robot())
-    told(one, "events", event("EPISODE_BEGIN", "pick", kind="begin", task="pick the cup"), now - 95.0)
-    told(one, "events", event("EPISODE_END", "pick", kind="end", success=True), now - 61.0)
-    told(one, "events", event("LATENCY_WARN", "latency 61 ms, bound 50 ms", "warning"), now - 40.0)
-    told(one, "verdicts", REFUSAL, now - 12.0)
-    told(one, "status", status(**other), now - 1.0)
+    receive(one, "events", event("EPISODE_BEGIN", "pick", kind="begin", task="pick the cup"), now - 95.0)
+    receive(one, "events", event("EPISODE_END", "pick", kind="end", success=True), now - 61.0)
+    receive(one, "events", event("LATENCY_WARN", "latency 61 ms, bound 50 ms", "warning"), now - 40.0)
+    receive(one, "verdicts", REFUSAL, now - 12.0)
+    receive(one, "status", status(**other), now - 1.0)
     moved = [each | {"exchanges": each["exchanges"] + 100} for each in status(**other)["buses"]]
-    told(one, "status", status(**other) | {"buses": moved}, now)
-    told(one, "latency", [hop(name, place) for place, name in enumerate(HOPS)], now)
-    told(one, "state", shown, now)
+    receive(one, "status", status(**other) | {"buses": moved}, now)
+    receive(one, "latency", [hop(name, place) for place, name in enumerate(HOPS)], now)
+    receive(one, "state", shown, now)
     return one
 
 

@@ -29,15 +29,15 @@ LATCHED = frozenset({"FAULT_LATCHED", "NOT_ARMED"})  # what such a thing leaves 
 PATIENCE = 30.0  # s that a machine may be too busy
 
 
-def until(what: Callable[[], T | None], seconds: float, said: str | Callable[[], str]) -> T:
-    """Wait until `what` returns a true value, at most `seconds`, and return it; else fail with `said`."""
+def until(what: Callable[[], T | None], seconds: float, message: str | Callable[[], str]) -> T:
+    """Wait until `what` returns a true value, at most `seconds`, and return it; else fail with `message`."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         found = what()
         if found:
             return found
         time.sleep(0.02)
-    raise AssertionError(f"not within {seconds} s: {said if isinstance(said, str) else said()}")
+    raise AssertionError(f"not within {seconds} s: {message if isinstance(message, str) else message()}")
 
 
 def favour(process: subprocess.Popen[bytes]) -> None:

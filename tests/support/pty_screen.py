@@ -42,7 +42,8 @@ class Screen:
         self._rest = ""
         begun = text.rfind("\x1b")
         if begun >= 0 and not re.match(r"\x1b\[\??[\d;]*[A-Za-z]", text[begun:]):
-            text, self._rest = text[:begun], text[begun:]
+            self._rest = text[begun:]
+            text = text[:begun]
         at = 0
         while at < len(text):
             found = _PIECE.match(text, at)

@@ -43,9 +43,9 @@ class FarRobot:
         """Client of this robot, by a session of its own."""
         return client(self.name, PrivateSession(self.place), timeout)
 
-    def tell(self, part: str, told: Any) -> None:
+    def tell(self, part: str, report: Any) -> None:
         """News, or what became of a goal."""
-        data = told if isinstance(told, bytes) else json.dumps(told).encode()
+        data = report if isinstance(report, bytes) else json.dumps(report).encode()
         self.session.put(robot_key(self.name, part), data)
 
     def grant(self, asked: dict[str, Any]) -> dict[str, Any]:

@@ -24,8 +24,8 @@ def rig(**how: Any) -> Iterator[Rig]:
         made.close()
 
 
-def told(made: Rig) -> set[str]:
-    """Everything that left the loop: events, answers, and what is latched."""
+def reported_codes(made: Rig) -> set[str]:
+    """Reason codes that left the loop: in events, replies and latches."""
     found: set[str] = set()
     for news in made.news:
         if isinstance(news, link.Event):
@@ -45,10 +45,10 @@ def leads_to(code: ReasonCode, *, arm: bool = True, **how: Any) -> Callable[[Sce
             with rig(**how) as made:
                 if arm:
                     made.arm()
-                before = told(made)
-                assert code not in before, f"{code} was told before anything happened"
+                before = reported_codes(made)
+                assert code not in before, f"{code} was reported before the scene began"
                 scene(made)
-                return told(made)
+                return reported_codes(made)
 
         run.__name__ = scene.__name__
         assert code not in SCENES, code

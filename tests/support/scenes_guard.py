@@ -52,7 +52,7 @@ def the_wire_is_noisy(made: Rig) -> None:
 
 
 @leads_to(ReasonCode.RX_SHAPE)
-def an_answer_comes_that_nobody_sent(made: Rig) -> None:
+def a_reply_comes_without_a_sender(made: Rig) -> None:
     faults(made).corrupt(1)
     made.seconds(0.1)
 
@@ -162,7 +162,7 @@ def the_battery_runs_down(made: Rig) -> None:
 
 
 @leads_to(ReasonCode.LOOKAHEAD_COLLISION)
-def the_legs_cross_though_nobody_looked_before(made: Rig) -> None:
+def the_legs_cross_without_an_earlier_check(made: Rig) -> None:
     rows = np.tile(made.loop.measured.position, (1, 1))
     places = [made.names.index(name) for name in ("l_hip_roll", "r_hip_roll")]
     rows[0, places] = (-0.4, 0.4)
@@ -196,7 +196,7 @@ def the_adapter_is_stuck(made: Rig) -> None:
 
 
 @leads_to(ReasonCode.CAN_BUS_STATE, robot="h24-mixed")
-def everybody_on_a_leg_loses_its_power(made: Rig) -> None:
+def all_servos_of_a_leg_lose_power(made: Rig) -> None:
     made.virtual["l_leg"].faults.power(False)
     made.ticks(13)
 

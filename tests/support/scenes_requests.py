@@ -12,12 +12,12 @@ from twind_drivers.bus import PortError
 
 
 @leads_to(ReasonCode.LEASE_MISSING)
-def somebody_else_moves_it(made: Rig) -> None:
+def another_client_moves_it(made: Rig) -> None:
     ask(made, client=CLIENT + 1)
 
 
 @leads_to(ReasonCode.ESTOP)
-def somebody_stops_it(made: Rig) -> None:
+def another_client_stops_it(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")
 
 
@@ -183,7 +183,7 @@ def it_was_found_half_energised(made: Rig) -> None:
 
 
 @leads_to(ReasonCode.STOP_NOT_FOUND, arm=False, robot="h24-split")
-def nobody_said_where_the_stop_is(made: Rig) -> None:
+def the_place_of_a_stop_is_unknown(made: Rig) -> None:
     made.connect()
     made.lease()
     made.call(link.Calibrate, on=True)

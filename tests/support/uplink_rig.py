@@ -133,9 +133,9 @@ class Far:
         return float(next(joint["position"] for joint in joints if joint["name"] == JOINT))
 
 
-def phases(heard: list[bytes]) -> list[str]:
+def phases(replies: list[bytes]) -> list[str]:
     """Phases of a goal, in order."""
-    return [json.loads(each)["phase"] for each in heard]
+    return [json.loads(each)["phase"] for each in replies]
 
 
 def up(far: Far, uplink: Uplink) -> None:

@@ -57,6 +57,26 @@ def test_a_tree_without_an_offender_passes(tree: Path) -> None:
             id="docstring-what-is",
         ),
         pytest.param(
+            {"twind/a.py": 'def reply():\n    """Whether a reply came."""\n'},
+            "docstring twind/a.py::reply",
+            id="docstring-whether",
+        ),
+        pytest.param(
+            {"tests/room/test_lease.py": 'def test_lease():\n    """When the lease ends."""\n'},
+            "docstring tests/room/test_lease.py::test_lease",
+            id="docstring-of-a-test",
+        ),
+        pytest.param(
+            {"tests/room/test_lease.py": "def test_the_client_is_told(): ...\n"},
+            "retired-word tests/room/test_lease.py::test_the_client_is_told",
+            id="test-word",
+        ),
+        pytest.param(
+            {"twind/a.py": "def reply(joint, *, told=0): ...\n"},
+            "retired-word twind/a.py::reply(told)",
+            id="parameter-word",
+        ),
+        pytest.param(
             {"twind/a.py": "class StateTold: ...\n"}, "retired-word twind/a.py::StateTold", id="class-word"
         ),
         pytest.param({"twind/reins.py": ""}, "retired-word twind/reins.py", id="module-word"),
@@ -92,6 +112,14 @@ def test_a_planted_offender_fails_the_check_until_it_is_allowed(
     assert offender in capsys.readouterr().out
     (tree / check_names.ALLOWED).write_text(f"{offender}\n")
     assert check_names.main([str(tree)]) == 0
+
+
+def test_a_stricter_rule_lists_all_its_offenders_at_once(tree: Path) -> None:
+    plant(tree, "twind/a.py", "def told(): ...\n")
+    plant(tree, "twind/b.py", "def reins(): ...\n")
+    assert check_names.main(["--allow", str(tree)]) == 0
+    listed = (tree / check_names.ALLOWED).read_text().splitlines()
+    assert listed[1:] == ["retired-word twind/a.py::told", "retired-word twind/b.py::reins"]
 
 
 def test_a_test_may_use_what_it_defines_and_documented_names_with_an_underscore(tree: Path) -> None:

@@ -1,12 +1,11 @@
 """The monitor: bytes of both directions in, violations of W1-W11 out. Time is an argument; no I/O.
 
-What is not in the bytes (states, an e-stop, the end of the process) it is told by `told`. Words may come
-`hearsay` seconds after the bytes that they explain.
+It receives what is not in the bytes (states, an e-stop, the end of the process) by `take_report`. A report
+may come `hearsay` seconds after the bytes that it explains.
 """
 
 from collections import deque
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,40 +27,11 @@ from tests.proof.busmon.search import STATE as SEARCHING
 from tests.proof.busmon.search import Search
 from tests.proof.busmon.stopping import Stopping
 from tests.proof.busmon.turns import Turning
+from tests.proof.busmon.violation import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.words import Words
 
-SILENCE = 0.06  # s between two packets of an armed bus (W7)
-UNFINISHED = 0.05  # s that the rest of a packet may take (W8)
-BARE = 0.02  # s that a watchdog may be off under torque, while it is set anew (W7)
 WATCHDOG = 5  # x 20 ms, the longest that counts as one
-KEPT = 200  # packets
-MOST = 1000  # violations that are kept
 BITS = 10  # a byte on the wire
-
-
-@dataclass(frozen=True)
-class Violation:
-    """A broken rule."""
-
-    rule: str  # W1 .. W11
-    time: float  # s
-    id: int | None
-    text: str
-
-    def __str__(self) -> str:
-        who = "" if self.id is None else f" id {self.id}"
-        return f"{self.time:.6f} {self.rule}{who}: {self.text}"
-
-
-class Seen(NamedTuple):
-    """A packet, or bytes, that went by."""
-
-    time: float
-    way: str  # > to the servos, < from them
-    data: bytes
-
-    def __str__(self) -> str:
-        return f"{self.time:.6f} {self.way} {self.data.hex(' ')}"
 
 
 class Monitor:
@@ -156,15 +126,15 @@ class Monitor:
 
     # --------------------------------------------------------------------------- what is known from outside
 
-    def told(self, what: str, now: float, **facts: Any) -> None:
-        """See `Words.told`; what it means for bytes is done here."""
+    def take_report(self, what: str, now: float, **facts: Any) -> None:
+        """See `Words.take_report`; what it means for bytes is done here."""
         self.look(now)
-        self.words.told(what, now, **facts)
+        self.words.take_report(what, now, **facts)
         self._easy = False
         if what == "estop":
             self.stopping.begin(str(facts.get("level", "settle")), facts.get("at", now), now)
         elif what in ("hold", "damp", "aborted", "state", "killed"):
-            self.stopping.told(what, now, facts)
+            self.stopping.take_report(what, now, facts)
         elif what in ("born", "port"):
             self._rest = b""
             self.packet_at = -np.inf
@@ -292,7 +262,7 @@ class Monitor:
                 servos.aim(now, words)
                 return
         if self.words.state == SEARCHING:
-            self._sought(rows, now, "a goal")
+            self._search_goals(rows, now, "a goal")
         else:
             self.words.goal(now, servos.ids[int(rows[0])])
         anew = rows[servos.anew[rows]]
@@ -351,7 +321,7 @@ class Monitor:
             self.stopping.let_go(now)
             return
         if self.words.state == SEARCHING:
-            self._sought(np.array([row]), now, "torque on")
+            self._search_goals(np.array([row]), now, "torque on")
         else:
             self.words.torque(now, id)
         if not servos.known[row] or servos.anew[row]:
@@ -367,7 +337,7 @@ class Monitor:
         servos.first[row] = True
         servos.lost[row] = False
 
-    def _sought(self, rows: np.ndarray, now: float, what: str) -> None:
+    def _search_goals(self, rows: np.ndarray, now: float, what: str) -> None:
         """W5 while nobody is armed: only what finds a stop."""
         for row in rows.tolist():
             if wrong := self.search.wrong(row):

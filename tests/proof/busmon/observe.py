@@ -56,7 +56,7 @@ class Observer:
             self._socket = None
 
     def words(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Reports since the last call, in order, for `Monitor.told`."""
+        """Reports since the last call, in order, for `Monitor.take_report`."""
         if self._socket is None:
             return
         try:
@@ -73,19 +73,19 @@ class Observer:
             with suppress(ValueError, KeyError, TypeError):
                 yield from self._understood(json.loads(message)["parameters"])
 
-    def _understood(self, said: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    def _understood(self, message: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
         """States come as events, which are never dropped and carry the daemon's own time; the first status
         says where they begin."""
-        if said["topic"] == "status":
-            yield "mode", {"mode": said["status"]["mode"]}
+        if message["topic"] == "status":
+            yield "mode", {"mode": message["status"]["mode"]}
             if self._new:
-                yield "state", {"state": said["status"]["state"]}
+                yield "state", {"state": message["status"]["state"]}
             self._new = False
-        elif said["topic"] == "events" and said["event"]["code"] == "DAMP":
+        elif message["topic"] == "events" and message["event"]["code"] == "DAMP":
             yield "damp", {}
-        elif said["topic"] == "events" and said["event"]["code"] in STATES:
-            at = float(said["event"]["time"])
-            yield "state", {"state": said["event"]["code"], "at": at}
-            if said["event"]["code"] == "estop":
+        elif message["topic"] == "events" and message["event"]["code"] in STATES:
+            at = float(message["event"]["time"])
+            yield "state", {"state": message["event"]["code"], "at": at}
+            if message["event"]["code"] == "estop":
                 yield "estop", {"level": self.level, "at": at}
                 self.level = "settle"

@@ -60,10 +60,10 @@ class Relay:
             now = monotonic()
             if now - last > LOOK + BLIND:
                 self.blind += 1
-                self.monitor.told("blind", now)
+                self.monitor.take_report("blind", now)
             self._round(ready, now)
             if not ready and (others := self._holders.step(self._daemon.path)):
-                self.monitor.told("talker", now, processes=others)
+                self.monitor.take_report("talker", now, processes=others)
             last = now
             if self.monitor.violations:
                 self.report()
@@ -100,7 +100,7 @@ class Relay:
             self._ordered(now)
         if self._observer is not None and self._observer.fileno() in ready:
             for what, facts in self._observer.words():
-                self.monitor.told(what, now, **facts)
+                self.monitor.take_report(what, now, **facts)
         self.monitor.look(now)
 
     # ------------------------------------------------------------------------- bytes
@@ -148,7 +148,7 @@ class Relay:
         self._servos.close()
         self._daemon.close()
         self._was_there = False
-        self.monitor.told("port", now, open=False)
+        self.monitor.take_report("port", now, open=False)
 
     def _come_and_go(self, now: float) -> None:
         if now >= self._try_at:
@@ -164,15 +164,15 @@ class Relay:
             while data := self._daemon.read():
                 self.monitor.sent(data, now, self._since)
             self._was_there = False
-            self.monitor.told("port", now, open=False)
+            self.monitor.take_report("port", now, open=False)
 
     def _arrived(self, now: float) -> None:
         """Whoever opens the port begins anew: with nothing read, nothing written, nobody killed."""
         self._was_there = True
         state = self.monitor.words.state
-        self.monitor.told("born", now)
+        self.monitor.take_report("born", now)
         if self._observer is not None and self._observer.fileno() >= 0:
-            self.monitor.told("state", now, state=state)  # the same daemon, back on its port
+            self.monitor.take_report("state", now, state=state)  # the same daemon, back on its port
 
     def _died(self, now: float) -> None:
         """The process is gone: what it had written before is still read, then nothing may come."""
@@ -183,7 +183,7 @@ class Relay:
                 with suppress(OSError):
                     write_all(self._servos.fd, data)
                 self.monitor.sent(data, now, self._since)
-        self.monitor.told("killed", now)
+        self.monitor.take_report("killed", now)
 
     # ------------------------------------------------------------------------- orders and words
 
@@ -204,7 +204,7 @@ class Relay:
             else:
                 what = order.pop("told")
                 facts = {key: _by_id(value) for key, value in order.items()}
-                self.monitor.told(what, now, **facts)
+                self.monitor.take_report(what, now, **facts)
 
     def report(self) -> None:
         """Print counts, and for a violation all that led to it."""

@@ -56,8 +56,8 @@ class Stopping:
     def easy(self) -> bool:
         return self._stop is None and self._hold_due == np.inf
 
-    def told(self, what: str, now: float, facts: dict[str, object]) -> None:
-        """Take a report of the daemon; see `Words.told`."""
+    def take_report(self, what: str, now: float, facts: dict[str, object]) -> None:
+        """Take a report of the daemon; see `Words.take_report`."""
         if what == "hold" or (what == "state" and facts["state"] != "armed"):
             self._hold_due = np.inf
         if what in ("damp", "aborted") and self._stop is not None:

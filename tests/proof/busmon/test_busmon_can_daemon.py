@@ -69,7 +69,8 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
         data = frames["data"]
         goal &= data[:, 0] != 0xFF
         field = data[:, 0].astype(np.int64) * 256 + data[:, 1] + np.where(goal, moved, 0)
-        data[:, 0], data[:, 1] = field // 256, field % 256
+        data[:, 0] = field // 256
+        data[:, 1] = field % 256
         return int(heard(frames, now))
 
     assert not found.monitors["l_leg"].violations

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.proof.busmon.bus import limits_of, monitor_of, port_baud
-from tests.proof.busmon.can.acts import Act, Heard
+from tests.proof.busmon.can.acts import Act, MotorReply
 from tests.proof.busmon.can.mit import Mit
 from tests.proof.busmon.can.monitor import CanMonitor
 from tests.proof.busmon.can.motors import FIELD, TURN, CanLimits, motor, word
@@ -26,7 +26,7 @@ def mit(family: str = "damiao", spans: tuple[float, float, float] = (12.5, 30.0,
 
 
 def act(family: Mit | RobStride | ODrive, line: bytes) -> Act:
-    found = family.told(frame(line))
+    found = family.command(frame(line))
     assert found is not None
     return found
 
@@ -161,17 +161,17 @@ def test_golden_frames_of_odrive() -> None:
 
 def test_an_acknowledgement_is_no_place() -> None:
     """Field manual, 2.3: on the master id it would decode to -12.468 rad."""
-    assert mit().said(frame(b"t0118010055091E000000")) is None
-    assert mit().said(frame(b"t01181100AA1000000000")) is not None  # its status nibble: feedback
-    assert mit().said(frame(b"t01180100330A01000000")) is None
-    assert mit().said(frame(b"t0118010033" + b"09" + b"D0070000")) == Heard(1, seconds=0.1)
+    assert mit().reply(frame(b"t0118010055091E000000")) is None
+    assert mit().reply(frame(b"t01181100AA1000000000")) is not None  # its status nibble: feedback
+    assert mit().reply(frame(b"t01180100330A01000000")) is None
+    assert mit().reply(frame(b"t0118010033" + b"09" + b"D0070000")) == MotorReply(1, seconds=0.1)
 
 
 def test_feedback_is_of_its_own_id_and_size_alone() -> None:
-    assert mit().said(frame(b"t01181180007FF7FF1E1F")) == Heard(1, 0x8000, True, False)
-    assert mit().said(frame(b"t0118B180007FF7FF1E1F")) == Heard(1, 0x8000, False, True)
+    assert mit().reply(frame(b"t01181180007FF7FF1E1F")) == MotorReply(1, 0x8000, True, False)
+    assert mit().reply(frame(b"t0118B180007FF7FF1E1F")) == MotorReply(1, 0x8000, False, True)
     for line in (b"t01281180007FF7FF1E1F", b"t01181280007FF7FF1E1F", b"t01171180007FF7FF1E", b"r0110"):
-        assert mit().said(frame(line)) is None
+        assert mit().reply(frame(line)) is None
 
 
 # ----------------------------------------------------------------------------------------------- limits

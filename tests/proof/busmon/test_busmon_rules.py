@@ -116,7 +116,7 @@ def test_eeprom_and_restarts_need_a_robot_at_rest_and_torque_read_off(state: str
         wanted = [] if state in states else ["W2"]
         assert [violation.rule for violation in port.monitor.violations] == wanted
         unread = Monitor(LIMITS)
-        unread.told("state", 0.0, state=state)
+        unread.take_report("state", 0.0, state=state)
         unread.sent(data, 0.0)
         assert [violation.rule for violation in unread.violations] == ["W2"]
 
@@ -169,7 +169,7 @@ def test_reports_may_arrive_later_than_bytes_up_to_the_bound() -> None:
         port.write(daemon.aim(daemon.present()))
         while port.now < began + late:
             daemon.cycle()
-        port.monitor.told("state", began + late, state="arming")
+        port.monitor.take_report("state", began + late, state="arming")
         port.monitor.look(began + 1.0)
         assert ("W5" in {each.rule for each in port.monitor.violations}) is wrong
 
@@ -178,7 +178,7 @@ def test_an_unknown_report_raises_an_error() -> None:
     monitor = Monitor(LIMITS)
     for what, facts in (("weather", {}), ("state", {"state": "asleep"}), ("mode", {"mode": "fast"})):
         with pytest.raises(ValueError, match="known:"):
-            monitor.told(what, 0.0, **facts)
+            monitor.take_report(what, 0.0, **facts)
 
 
 def test_the_last_packets_can_be_printed() -> None:
@@ -226,7 +226,7 @@ def test_late_words_that_carry_their_time_excuse_nothing_that_came_before_them()
     for left, at, wrong in ((1.0, 1.0, False), (1.0, 0.9, False), (1.0, 1.004, False), (1.0, 1.02, True)):
         monitor = Monitor(LIMITS, hearsay=0.5)
         monitor.sent(packet.make(1, 0x03, bytes.fromhex("74 00 34 08 00 00")), left)
-        monitor.told("state", 1.1, state="arming", at=at)
+        monitor.take_report("state", 1.1, state="arming", at=at)
         monitor.look(3.0)
         assert ("W5" in {each.rule for each in monitor.violations}) is wrong, at
 
@@ -234,9 +234,9 @@ def test_late_words_that_carry_their_time_excuse_nothing_that_came_before_them()
 def test_a_goal_that_left_after_the_robot_was_disarmed_is_found_when_the_word_comes() -> None:
     for left, wrong in ((1.0, False), (1.005, False), (1.02, True)):
         monitor = Monitor(LIMITS, hearsay=0.5)
-        monitor.told("state", 0.5, state="armed", at=0.5)
+        monitor.take_report("state", 0.5, state="armed", at=0.5)
         monitor.sent(packet.make(1, 0x03, bytes.fromhex("74 00 34 08 00 00")), left)
-        monitor.told("state", 1.1, state="connected", at=1.0)
+        monitor.take_report("state", 1.1, state="connected", at=1.0)
         assert ("W5" in {each.rule for each in monitor.violations}) is wrong, left
 
 

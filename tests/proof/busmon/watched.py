@@ -54,19 +54,19 @@ class Watched:
         hear = bus.take_host_frames
         say = bus.give_host_frames
 
-        def heard(frames: Any, now: float) -> int:
+        def receive(frames: Any, now: float) -> int:
             self.listen(now)
             monitor.sent(text(frames.tobytes()), now)
             return int(hear(frames, now))
 
-        def said(now: float) -> Any:
+        def give(now: float) -> Any:
             frames = say(now)
             if frames.size:
                 monitor.answered(text(frames.tobytes()), now)
             return frames
 
-        bus.take_host_frames = heard
-        bus.give_host_frames = said
+        bus.take_host_frames = receive
+        bus.give_host_frames = give
 
     def listen(self, now: float) -> None:
         """Report each change of the daemon's state to every monitor."""
@@ -77,27 +77,27 @@ class Watched:
         if self._said.get("estop") != level:
             self._said["estop"] = level
             if level is not None:
-                self.told("estop", now, level=level)
+                self.take_report("estop", now, level=level)
         soft = getattr(loop, "soft_since", None)
         if soft != self._said.get("damp"):
             self._said["damp"] = soft
             if soft is not None:
-                self.told("damp", now)
+                self.take_report("damp", now)
         for port in loop.hardware.ports:
             is_open = port.reader is not None
             if self._said.get(("port", port.name)) not in (None, is_open):
-                self.monitors[port.name].told("port", now, open=is_open)
+                self.monitors[port.name].take_report("port", now, open=is_open)
             self._said["port", port.name] = is_open
 
     def _tell(self, what: str, now: float, **facts: Any) -> None:
         if self._said.get(what) != facts:
             self._said[what] = facts
-            self.told(what, now, **facts)
+            self.take_report(what, now, **facts)
 
-    def told(self, what: str, now: float, **facts: Any) -> None:
+    def take_report(self, what: str, now: float, **facts: Any) -> None:
         """Something that all monitors must know."""
         for monitor in self.monitors.values():
-            monitor.told(what, now, **facts)
+            monitor.take_report(what, now, **facts)
 
     def look(self) -> None:
         """Between ticks: rules about silence."""
@@ -106,9 +106,9 @@ class Watched:
         for monitor in self.monitors.values():
             monitor.look(now)
 
-    def verdict(self, said: str = "") -> None:
+    def verdict(self, report: str = "") -> None:
         """Raises AssertionError with what was broken and the last packets before it."""
         for name, monitor in self.monitors.items():
             if monitor.violations:
-                lines = [said, *map(str, monitor.violations[:10]), f"last packets on {name}:"]
+                lines = [report, *map(str, monitor.violations[:10]), f"last packets on {name}:"]
                 raise AssertionError("\n".join([*lines, *(str(seen)[:400] for seen in monitor.last)]))

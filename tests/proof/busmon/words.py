@@ -56,7 +56,7 @@ class Words:
         """Silence is what is meant, or all there can be; or it is not ours to judge: nobody is armed."""
         return self.killed or self.stopped or not self.open or self.state not in ("arming", "armed")
 
-    def told(self, what: str, now: float, **facts: Any) -> None:
+    def take_report(self, what: str, now: float, **facts: Any) -> None:
         """Raises ValueError for what nobody knows.
 
         `state` (state=, at=), `mode` (mode=), `estop` (level=, at=), `killed`, `born`: another process begins

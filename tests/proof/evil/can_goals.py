@@ -183,7 +183,7 @@ class CatchesUp(Good):
 
 
 @EVILS.breaks("W4")
-class FirstGoalElsewhere(Good):
+class FirstGoalOffPosition(Good):
     """The first goal after torque-on is a step away: within the speed, and not where the motor is."""
 
     def energise(self) -> None:

@@ -48,7 +48,7 @@ class VirtualPort:
             self.monitor.look(self.now)
 
     def say(self, what: str, **facts: Any) -> None:
-        self.monitor.told(what, self.now, **facts)
+        self.monitor.take_report(what, self.now, **facts)
 
     def ask_servos(self) -> None:
         """Report the velocities of the motors, for W11."""

@@ -225,7 +225,7 @@ class OldGoalAfterRestart(Good):
 
 
 @EVILS.breaks("W4")
-class FirstGoalElsewhere(Good):
+class FirstGoalOffPosition(Good):
     """The first goal after torque-on is a step away: within the speed, and not where the servo is."""
 
     def energise(self) -> None:

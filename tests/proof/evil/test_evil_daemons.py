@@ -1,7 +1,5 @@
 """The monitor is proved by what it catches: each wrong daemon by its rule, the right ones by none."""
 
-import ast
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +9,7 @@ from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.monitor import Monitor
 from tests.proof.busmon.packet import make
 from tests.proof.evil import world
+from tests.proof.evil.accusations import Accusation, accusations, without
 from tests.proof.evil.every import EVILS
 from tests.proof.evil.good import Cutting, Good, Killed, Mirror, Reborn
 from tests.proof.evil.registry import Evil
@@ -73,7 +72,6 @@ def test_a_mirror_without_mode_reports_is_recognised_by_its_monitor() -> None:
 
 # ------------------------------------------------------------------------------------------- the proof proved
 
-HOME = Path(busmon.__file__).parent
 # Needed by others than these daemons: words that come late, second holders of a port, the servos' clocks.
 ELSEWHERE = {
     "self._broken(rule, time, id, text)": "tests/proof/busmon/test_busmon_rules.py",
@@ -83,42 +81,24 @@ ELSEWHERE = {
 }
 
 
-def accusations() -> list[tuple[str, int, str]]:
-    """Every place where the monitor says that a rule is broken: file, line, text."""
-    found = []
-    for path in sorted(HOME.glob("*.py")):
-        source = path.read_text()
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "self._broken":
-                found.append((path.name, node.lineno, ast.get_source_segment(source, node) or ""))
-    return found
-
-
-PLACES = [place for place in accusations() if not place[2].startswith(tuple(ELSEWHERE))]
+ACCUSATIONS = accusations(Path(busmon.__file__).parent)
+PLACES = [place for place in ACCUSATIONS if not place.text.startswith(tuple(ELSEWHERE))]
 
 
 def test_the_places_that_accuse_are_known() -> None:
-    assert len(accusations()) == len(PLACES) + len(ELSEWHERE) >= 20
+    assert len(ACCUSATIONS) == len(PLACES) + len(ELSEWHERE) >= 20
 
 
 # The fast tests take the first accusation, `make check` takes all.
 @pytest.mark.parametrize(
     "place",
     [pytest.param(place, marks=[pytest.mark.slow] if number else []) for number, place in enumerate(PLACES)],
-    ids=[f"{name}:{line}" for name, line, _ in PLACES],
+    ids=map(str, PLACES),
 )
-def test_without_any_one_accusation_some_daemon_goes_free(place: tuple[str, int, str]) -> None:
-    """Each is there for somebody: a monitor that lacks it lets a wrong daemon pass, or names another rule."""
-    name, first, text = place
-    lines = range(first, first + text.count("\n") + 1)
-
-    class Silent(Monitor):
-        def _broken(self, rule: str, time: float, id: int | None, said: str) -> None:
-            frame = sys._getframe(1)
-            if not (frame.f_code.co_filename.endswith(f"busmon/{name}") and frame.f_lineno in lines):
-                super()._broken(rule, time, id, said)
-
-    for evil in sorted(EVILS, key=lambda evil: f'"{evil.rule}"' not in text):
-        if {each.rule for each in world.tried(evil.daemon, LIMITS, Silent).violations} != {evil.rule}:
+def test_without_any_one_accusation_some_daemon_goes_free(place: Accusation) -> None:
+    """A monitor that lacks one lets a wrong daemon pass, or names another rule."""
+    for evil in sorted(EVILS, key=lambda evil: f'"{evil.rule}"' not in place.text):
+        tried = world.tried(evil.daemon, LIMITS, without(Monitor, place))
+        if {each.rule for each in tried.violations} != {evil.rule}:
             return
-    pytest.fail(f"nobody needs {text}")
+    pytest.fail(f"no wrong daemon needs {place.text}")

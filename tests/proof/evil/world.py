@@ -117,7 +117,7 @@ class VirtualPort:
         self.bus.advance(self.now)
 
     def say(self, what: str, **facts: Any) -> None:
-        self.monitor.told(what, self.now, **facts)
+        self.monitor.take_report(what, self.now, **facts)
 
     def ask_servos(self) -> None:
         """Report the velocities of the servos, for W11."""

@@ -27,7 +27,7 @@ TRUE = {"goal_position": "goal", "torque_enable": "torque"}
 class MixedRig(Rig):
     """Registers and shafts of actuators of both kinds, bus after bus: a CAN node's are what is true of it."""
 
-    def told(self, bus: Any) -> list[dict[str, Any]]:
+    def nodes(self, bus: Any) -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = bus.truth(self.clock.now())
         return found
 
@@ -38,7 +38,7 @@ class MixedRig(Rig):
         rows = [
             bus.servos.muscles.position.copy()
             if bus.kind != "can"
-            else np.array([node["position"] for node in self.told(bus)])
+            else np.array([node["position"] for node in self.nodes(bus)])
             for bus in self.virtual.values()
         ]
         return np.concatenate(rows)
@@ -50,9 +50,9 @@ class MixedRig(Rig):
             if bus.kind != "can":
                 rows.append(np.asarray(bus.servos[key]))
             elif key in TRUE:
-                rows.append(np.array([round(float(node[TRUE[key]])) for node in self.told(bus)]))
+                rows.append(np.array([round(float(node[TRUE[key]])) for node in self.nodes(bus)]))
             else:
-                rows.append(np.array([255 if node["tripped"] else 5 for node in self.told(bus)]))
+                rows.append(np.array([255 if node["tripped"] else 5 for node in self.nodes(bus)]))
         return np.concatenate(rows)
 
 

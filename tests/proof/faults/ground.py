@@ -195,7 +195,7 @@ class Ground:
         if not right:
             self.wrong.append(what)
 
-    def told(self, codes: Iterable[str] | None = None) -> float | None:
+    def first_report(self, codes: Iterable[str] | None = None) -> float | None:
         """Time of the first of these reports since the injection."""
         wanted = set(codes if codes is not None else self.fault.codes)
         times = [
@@ -209,13 +209,13 @@ class Ground:
     def detected(self, bound: float | None = None, codes: Iterable[str] | None = None) -> bool:
         """Told within the bound."""
         bound = (self.fault.bound if bound is None else bound) + ORDER
-        if not self.until(lambda: self.told(codes) is not None, bound + 1.0):
-            if self.told_before(codes if codes is not None else self.fault.codes):
+        if not self.until(lambda: self.first_report(codes) is not None, bound + 1.0):
+            if self.reported_before(codes if codes is not None else self.fault.codes):
                 self.machine.note("told already before: a warning is not told again within 10 s")
             said = sorted({event["code"] for event in self.watcher.events if event["time"] >= self.begun})
             self.wrong.append(f"not told within {bound:.2f} s; told was {said}")
             return False
-        told = self.told(codes)
+        told = self.first_report(codes)
         assert told is not None
         self.outcome.bound = bound
         self.outcome.delay = max(0.0, told - self.begun)
@@ -231,7 +231,7 @@ class Ground:
         counted = self.until(lambda: self.bad() > before, 1.0)
         self.claim(counted, "neither told nor counted")
 
-    def told_before(self, codes: Iterable[str]) -> bool:
+    def reported_before(self, codes: Iterable[str]) -> bool:
         """One of these was told in the last seconds before the injection: a machine that stood still."""
         wanted = set(codes) & DISTURBED
         events = list(self.watcher.events)
@@ -287,13 +287,13 @@ class Ground:
 
     def disturbed(self) -> bool:
         """The machine kept us from running, or the daemon says so."""
-        return self.told_before(DISTURBED) or self.told(DISTURBED) is not None
+        return self.reported_before(DISTURBED) or self.first_report(DISTURBED) is not None
 
     def lost(self) -> float:
         """s that the servos' process did not run, by its own account."""
         return float(self.virtual.order(query="state")["lost"])
 
-    def said(self) -> str:
+    def last_events(self) -> str:
         """Events since the motion began, for the message of a failure."""
         events = list(self.watcher.events) if hasattr(self, "watcher") else []
         return ", ".join(f"{each['time'] - self.begun:+.2f} {each['code']}" for each in events[-30:])
@@ -375,7 +375,7 @@ def _attempt(fault: Fault, seed: int) -> tuple[Outcome, list[str]]:
         ground.note_lost()
         ground.finish()
         if ground.wrong:
-            ground.wrong.append(f"told: {ground.said()}")
+            ground.wrong.append(f"told: {ground.last_events()}")
         return ground.outcome, list(ground.machine.waits)
     except Exception as error:
         ground.wrong.append(f"the run itself failed: {error!r}"[:600])

@@ -39,7 +39,7 @@ def quiet(hours: float, seed: int = 0) -> dict[str, Any]:
         else:
             played += _play(rig, motions[int(random.integers(len(motions)))], wrong)
         tap.look()
-        wrong += _said(rig) + tap.wrong[:5]
+        wrong += _reports(rig) + tap.wrong[:5]
         rig.news.clear()
     missed = rig.loop.figures.missed
     state = rig.loop.state.value
@@ -110,7 +110,7 @@ def _rest(rig: Rig, seconds: float, wrong: list[str]) -> int:
     return 0
 
 
-def _said(rig: Rig) -> list[str]:
+def _reports(rig: Rig) -> list[str]:
     return [
         f"{event.time:.3f} {event.code} {event.message}" for event in rig.events() if event.level not in FINE
     ]

@@ -94,7 +94,7 @@ def burst(ground: Ground) -> None:
     before = ground.bad()
     ground.inject({"fault": "noise", "seconds": float(ground.random.uniform(0.01, 0.04))})
     ground.counted(before)
-    if not ground.told_before(ground.fault.codes):  # a mere warning is not told again within 10 s
+    if not ground.reported_before(ground.fault.codes):  # a mere warning is not told again within 10 s
         ground.detected()
     time.sleep(0.5)
     ground.claim(not ground.running.status()["faults"], "a fault is latched")

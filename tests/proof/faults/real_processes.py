@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import socket
 import subprocess
@@ -11,11 +10,11 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tests.proof.faults.real_clients import client_dies, never_reads, no_descriptors, second_daemon
 from tests.support.processes import Daemon
 from twind.client import CallError, Client, ClientError
 
@@ -157,12 +156,13 @@ def hangs(ground: Ground) -> None:
     manager.bind(address)
     manager.setblocking(False)
     ground.stack.callback(manager.close)
-    os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"] = address, "2000000"
+    os.environ["NOTIFY_SOCKET"] = address
+    os.environ["WATCHDOG_USEC"] = "2000000"
     try:
         _with(ground, HANG)
     finally:
         del os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"]
-    ground.claim("WATCHDOG=1" in _heard(manager), "the service manager is not told that the loop lives")
+    ground.claim("WATCHDOG=1" in _received(manager), "the service manager is not told that the loop lives")
     ground.begun = time.monotonic()
     os.kill(ground.running.process.pid, signal.SIGUSR1)
     ground.claim(
@@ -172,13 +172,13 @@ def hangs(ground: Ground) -> None:
     ground.outcome.delay = max(delays)
     ground.outcome.bound = 0.12
     ground.claim(max(delays) <= 0.12, f"a watchdog tripped after {max(delays):.3f} s")
-    _heard(manager)
+    _received(manager)
     time.sleep(2.2)
-    ground.claim("WATCHDOG=1" not in _heard(manager), "the service manager is told that a hung loop lives")
+    ground.claim("WATCHDOG=1" not in _received(manager), "the service manager is told that a hung loop lives")
     ground.torque(True)
 
 
-def _heard(manager: socket.socket) -> str:
+def _received(manager: socket.socket) -> str:
     said = ""
     while True:
         try:
@@ -244,107 +244,6 @@ def killed_saving(ground: Ground) -> None:
     ground.claim(len(lines) == 4000 and len(set(lines)) == 1, f"{len(lines)} lines, {len(set(lines))} kinds")
 
 
-def never_reads(ground: Ground) -> None:
-    """Row 33: a client that asks for everything and reads nothing: the tick goes on, it is hung up on."""
-    ground.moving(watched=True)
-    deaf = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    ground.stack.callback(deaf.close)
-    deaf.connect(str(ground.folder / "run" / "observe.sock"))
-    call = '{"method":"io.twind.Control.Monitor","parameters":{"topics":["state"],"rate":100.0},"more":true}'
-    deaf.sendall(call.encode() + b"\0")
-    ground.begun = time.monotonic()
-    ground.goes_on(2.0)
-    time.sleep(6.0)
-    deaf.settimeout(2.0)
-    closed = False
-    with suppress(TimeoutError):
-        size = 0
-        while size < 8 << 20:
-            data = deaf.recv(1 << 16)
-            size += len(data)
-            if not data:
-                closed = True
-                break
-    ground.claim(closed, "a client that never reads is kept")
-    ground.claim(not ground.running.status()["faults"], "a fault is latched")
-
-
-CLIENT = """
-import sys, time
-sys.path.insert(0, sys.argv[2])
-from twind.client import Client
-client = Client(sys.argv[1])
-client.call("AcquireLease")
-points = [{"positions": [0.6 * (k % 2)], "time_from_start": 1.2 * k} for k in range(1, 40)]
-client.call("SubmitTrajectory", trajectory={"joint_names": ["head_yaw"], "points": points})
-print("moving", flush=True)
-while True:
-    client.call("RenewLease")
-    time.sleep(0.1)
-"""
-
-
-def client_dies(ground: Ground) -> None:
-    """Row 34: a client's process is killed in motion."""
-    first = ground.armed(watched=True)
-    first.call("ReleaseLease")
-    command = [sys.executable, "-c", CLIENT, str(ground.folder / "run"), str(Path(__file__).parents[3])]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stdout.readline() == b"moving\n"
-    time.sleep(float(ground.random.uniform(0.2, 1.5)))
-    ground.begun = time.monotonic()
-    process.kill()
-    process.wait(5)
-    process.stdout.close()
-    ground.detected()
-    time.sleep(0.5)
-    ground.stands()
-    ground.torque(True)
-    ground.recover()
-
-
-def seconds(ground: Ground) -> None:
-    """Row 35: a second daemon and a second client are refused, the first go on."""
-    ground.moving()
-    port = f"main={ground.folder / 'ports' / 'main'}"
-    other = Daemon(ground.folder / "other", "--mode", "mirror", "--port", port)
-    ground.claim(other.end(signal.SIGCONT) == 1, "a second daemon was not refused")
-    with ground.running.client() as client:
-        for method, given in (("AcquireLease", {}), ("Arm", {}), ("RenewLease", {})):
-            try:
-                client.call(method, **given)
-                ground.claim(False, f"{method} of another client was accepted")
-            except CallError:
-                pass
-    ground.goes_on()
-
-
-def no_descriptors(ground: Ground) -> None:
-    """Row 36: the front has no descriptors left: new clients wait or are refused, the motion goes on."""
-    ground.moving(watched=True)
-    front = ground.running.front()
-    count = len(os.listdir(f"/proc/{front}/fd"))
-    before = resource.prlimit(front, resource.RLIMIT_NOFILE)
-    resource.prlimit(front, resource.RLIMIT_NOFILE, (count, before[1]))
-    tried: list[Any] = []
-    for _ in range(8):
-        made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        made.setblocking(False)
-        with suppress(OSError):
-            made.connect(str(ground.folder / "run" / "control.sock"))
-        tried.append(made)
-    ground.goes_on(2.0)
-    resource.prlimit(front, resource.RLIMIT_NOFILE, before)
-    for made in tried:
-        made.close()
-    time.sleep(0.5)
-    with suppress(ClientError):
-        ground.claim(not ground.running.status()["faults"], "a fault is latched")
-        return
-    ground.claim(False, "nobody is served once there are descriptors again")
-
-
 def file_edited(ground: Ground) -> None:
     """Row 37: the calibration is another one than the daemon has read: not armed with it."""
     ground.robot()
@@ -404,7 +303,7 @@ PROCESSES: dict[int, Callable[[Ground], None]] = {
     32: killed_saving,
     33: never_reads,
     34: client_dies,
-    35: seconds,
+    35: second_daemon,
     36: no_descriptors,
     37: file_edited,
     40: blocked_log,

@@ -27,7 +27,7 @@ def brown_out(world: World) -> None:
     world.inject({"fault": "brown_out", "id": world.id})
     world.detected(STATUS + 0.05, codes=("STATE_STALE", "TORQUE_MISMATCH", "SERVO_REBOOTED"))
     known = ("SERVO_REBOOTED", "TORQUE_MISMATCH")
-    seen = world.until(lambda: world.told(known) is not None, BOOT + ROUND + 0.02)
+    seen = world.until(lambda: world.first_report(known) is not None, BOOT + ROUND + 0.02)
     world.claim(seen, "nobody said that a servo restarted or lost its torque")
     world.latched(*known)
     if world.free:
@@ -258,7 +258,7 @@ def lost_turn(world: World) -> None:
 def tripped(world: World) -> None:
     """The loop is away for 120 to 200 ms: servos stop by themselves, and take nothing until armed anew."""
     rig = world.moving()
-    world.tap.told("stopped", world.now)
+    world.tap.take_report("stopped", world.now)
     rig.clock.time += float(world.random.uniform(0.12, 0.2))
     world.begun = world.now
     world.ticks(1)

@@ -66,7 +66,7 @@ def one_count_is_lost(patch: Patch) -> None:
     samples(patch, lambda sample: replace(sample, position=sample.position & ~1))
 
 
-def nobody_looks_at_a_crc(patch: Patch) -> None:
+def no_crc_is_checked(patch: Patch) -> None:
     def intact(self: Any) -> int:
         stride = self.size + 4
         return int(min(len(self.ids), (self._got - 8) // stride))
@@ -102,10 +102,10 @@ def registers_get_a_new_stamp_for_old_values(patch: Patch) -> None:
     fold = DynamixelSlowRegisters.update_from_replies
     first = dict[Any, Any]()
 
-    def folded(self: Any, query: Any, ids: Any, data: Any, time: float) -> None:
+    def keep_first(self: Any, query: Any, ids: Any, data: Any, time: float) -> None:
         fold(self, query, ids, first.setdefault((query, ids), data.copy()), time)
 
-    patch.setattr(DynamixelSlowRegisters, "update_from_replies", folded)
+    patch.setattr(DynamixelSlowRegisters, "update_from_replies", keep_first)
 
 
 MUTANTS: list[tuple[Mutation, Injury, str]] = [
@@ -115,7 +115,7 @@ MUTANTS: list[tuple[Mutation, Injury, str]] = [
     (a_reading_is_stamped_one_cycle_early, lambda faults: None, "stamp"),
     (a_reading_is_stamped_when_it_is_looked_at_later, lambda faults: None, "stamp"),
     (one_count_is_lost, lambda faults: None, "fresh and wrong"),
-    (nobody_looks_at_a_crc, lambda faults: faults.corrupt(100, bits=3), "fresh and wrong"),
+    (no_crc_is_checked, lambda faults: faults.corrupt(100, bits=3), "fresh and wrong"),
     (a_late_answer_is_taken_for_the_new_one, lambda faults: faults.delay(0.01), "fresh and wrong"),
     (a_late_answer_is_taken_for_the_new_one, lambda faults: faults.delay(0.01, id=7), "fresh and wrong"),
     (an_answer_of_another_length_is_taken, lambda faults: faults.delay(0.01), "fresh and wrong"),

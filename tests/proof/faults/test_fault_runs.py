@@ -57,8 +57,8 @@ def mirror() -> Iterator[tuple[Rig, Judge, Wire]]:
     rig.close()
 
 
-def heard_again(rig: Rig, seconds: float = 3.0) -> bool:
-    """Everybody, within that time."""
+def all_fresh_again(rig: Rig, seconds: float = 3.0) -> bool:
+    """Check whether all joints are fresh within that time."""
     for _ in range(round(seconds / rig.loop.period)):
         rig.ticks(1)
         if rig.loop.measured.heard.all() and rig.loop.hardware.connected:
@@ -78,7 +78,7 @@ def test_a_mirror_shows_no_wrong_reading_as_fresh(
     obey(rig, [given])
     rig.ticks(min(40, round(random.uniform(*case.lasts) / rig.loop.period)))
     obey(rig, healing(case, given))
-    assert heard_again(rig), given
+    assert all_fresh_again(rig), given
     judge.verdict(str(given))
     wire.verdict(str(given))
 
@@ -131,7 +131,7 @@ def mix(rig: Rig, judge: Judge, wire: Wire, seed: int) -> int:
 def run_mixes(judged: tuple[Rig, Judge, Wire], seeds: range, least: int) -> None:
     rig, judge, wire = judged
     assert sum(mix(rig, judge, wire, seed) for seed in seeds) >= least
-    assert heard_again(rig, 5.0)
+    assert all_fresh_again(rig, 5.0)
     judge.verdict(str(seeds))
     assert judge.fresh > 20 * len(seeds), "nobody was heard: the judge saw nothing"
     assert judge.stale > 20 * len(seeds), "nothing went wrong: the judge saw nothing"
@@ -228,14 +228,14 @@ def test_a_turn_lost_at_a_restart_is_taken_from_the_register_and_reported(
     obey(rig, [{"fault": "unplug"}])
     rig.ticks(20)
     obey(rig, [{"fault": "replug"}])
-    assert heard_again(rig)
+    assert all_fresh_again(rig)
     rig.ticks(20)
     before = rig.loop.hardware.readings.position[8]
     assert np.isnan(rig.loop.measured.position[8]), "position mode, a turn off: nobody knows where it is"
     obey(rig, [{"fault": "brown_out", "id": 9}])
     rig.seconds(0.4)
     assert {"SERVO_REBOOTED", "SENSE_JUMP"} & first_events(rig, begun).keys(), first_events(rig, begun)
-    assert heard_again(rig)
+    assert all_fresh_again(rig)
     assert abs(rig.loop.hardware.readings.position[8] - before) > 3.0, "the register lost a turn"
     judge.verdict()
 
@@ -244,7 +244,7 @@ def test_a_frozen_encoder_is_shown_as_its_register_shows_it(mirror: tuple[Rig, J
     """The reading is right: it is the servo that lies. The velocity register goes on."""
     rig, judge, _ = mirror
     rig.ticks(100)  # what was before is over
-    assert heard_again(rig)
+    assert all_fresh_again(rig)
     shown = rig.loop.hardware.readings
     obey(rig, [{"fault": "freeze", "id": 5}])
     rig.ticks(2)

@@ -95,7 +95,7 @@ def killed(world: World) -> None:
     except Killed:
         del rig.clock.now  # type: ignore[attr-defined]
     world.begun = world.now
-    world.tap.told("killed", world.now)
+    world.tap.take_report("killed", world.now)
     for _ in range(60):
         rig.clock.time += 0.01
         world.note()
@@ -104,10 +104,10 @@ def killed(world: World) -> None:
     place = world.trace.place(world.begun + 0.12 + BRAKE - 0.2)
     world.claim(bool((np.ptp(place, axis=0) <= 3.0).all()), "shafts go on")
     world.outcome.delay = float(np.nanmax(rig.virtual["main"].servos.trip_delay))
-    world.tap.told("servos", world.now, velocity={}, trip_delay={})
+    world.tap.take_report("servos", world.now, velocity={}, trip_delay={})
     rest = rig.counts
     heir = world.take(Heir(rig))
-    world.tap.told("born", world.now)
+    world.tap.take_report("born", world.now)
     world.until(lambda: heir.loop.state is RobotState.CONNECTED, 3.0)
     world.seconds(0.5)
     world.claim(heir.loop.state is RobotState.CONNECTED, f"the next daemon is {heir.loop.state.value}")
@@ -122,7 +122,7 @@ def stopped(world: World) -> None:
     """SIGSTOP, a debugger, a virtual machine that freezes: 0.05 to 30 s. No burst of old goals afterwards."""
     rig = world.moving()
     pause = float(10 ** world.random.uniform(np.log10(0.05), np.log10(30.0)))
-    world.tap.told("stopped", world.now)
+    world.tap.take_report("stopped", world.now)
     before = rig.register("goal_position").astype(int)
     world.within(lambda: _pass(rig, pause))
     world.begun = world.now
@@ -146,15 +146,15 @@ def hang(world: World) -> None:
     rig = world.moving()
     alive: list[float] = []
 
-    class Heard(Notifier):
+    class CountingNotifier(Notifier):
         def alive(self, now: float) -> None:
             alive.append(rig.clock.now())
 
-    object.__setattr__(rig.loop.parts, "notifier", Heard({}))
+    object.__setattr__(rig.loop.parts, "notifier", CountingNotifier({}))
     world.ticks(3)
     world.claim(len(alive) == 3, "the service manager is not told that the loop lives")
     length = float(world.random.uniform(0.3, 5.0))
-    world.tap.told("stopped", world.now)
+    world.tap.take_report("stopped", world.now)
 
     def stand() -> None:
         until = rig.clock.time + length
@@ -207,7 +207,7 @@ def suspended(world: World) -> None:
     """The machine sleeps: monotonic time stands still, servos do not. Disarmed, whatever they say."""
     rig = world.moving()
     asleep = float(10 ** world.random.uniform(np.log10(0.15), 3.0))
-    world.tap.told("stopped", world.now)
+    world.tap.take_report("stopped", world.now)
     for bus in rig.virtual.values():
         servos = bus.servos
         servos.heard_at -= asleep  # their time went on without ours

@@ -32,7 +32,7 @@ class World(Robot):
         if not right:
             self.blame(what)
 
-    def told(self, codes: Iterable[str] | None = None, since: float | None = None) -> float | None:
+    def first_report(self, codes: Iterable[str] | None = None, since: float | None = None) -> float | None:
         """Time of the first of the codes since the injection, s."""
         wanted = set(codes if codes is not None else self.fault.codes)
         since = since or self.begun
@@ -50,11 +50,11 @@ class World(Robot):
         """Time passes until it is told: within the bound, counted from `since`. The delay is kept."""
         bound = self.fault.bound if bound is None else bound
         since = self.begun if since is None else since
-        if not self.until(lambda: self.told(codes) is not None, since + bound + 0.3 - self.now):
+        if not self.until(lambda: self.first_report(codes) is not None, since + bound + 0.3 - self.now):
             said = sorted({event.code for event in self.events if event.time >= self.begun})
             self.blame(f"not told within {bound * 1e3:.0f} ms; told was {said}")
             return False
-        told = self.told(codes)
+        told = self.first_report(codes)
         assert told is not None
         self.outcome.bound = bound
         self.outcome.delay = max(self.outcome.delay or 0.0, told - since)
@@ -156,14 +156,14 @@ class World(Robot):
         """Without torque in the end: never away from the rest pose, unless damped before and said so."""
         rows = self.rows(but)
         self.until(lambda: not self.rig.register("torque_enable")[rows].any(), within)
-        (self.settles if self.told(("DAMP",)) is None else self.sinks)(0.1, but)
+        (self.settles if self.first_report(("DAMP",)) is None else self.sinks)(0.1, but)
 
     def sinks(self, within: float = 10.0, but: Iterable[int] = ()) -> None:
         """Soft, said so, and then without torque: what stands by itself with a joint that carries nothing."""
         rows = self.rows(but)
         off = self.until(lambda: not self.rig.register("torque_enable")[rows].any(), within)
         self.claim(off, f"torque is still on {within} s later")
-        self.claim(self.told(("DAMP",)) is not None, "it was not damped before torque went off")
+        self.claim(self.first_report(("DAMP",)) is not None, "it was not damped before torque went off")
 
     def _angles(self, counts: NDArray) -> NDArray:
         """(m,) rad from the rest pose, bus after bus."""

@@ -40,8 +40,8 @@ def run(what: str, seed: int, first: int, count: int) -> int:
         for open_ in (files, frames):
             if open_:
                 open_.close()
-    told = f", {files.accepted} accepted" if files else f", {frames.told()}" if frames else ""
-    print(f"{what}: {done} inputs of seed {seed} in {time.monotonic() - begun:.0f} s{told}", flush=True)
+    summary = f", {files.accepted} accepted" if files else f", {frames.summary()}" if frames else ""
+    print(f"{what}: {done} inputs of seed {seed} in {time.monotonic() - begun:.0f} s{summary}", flush=True)
     return 0
 
 

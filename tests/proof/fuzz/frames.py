@@ -94,7 +94,7 @@ class Frames:
         self.loop.close()
         shutil.rmtree(self.folder)
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Summary of the run."""
         grown = (self._grown() or 0) >> 10
         return (
@@ -125,7 +125,7 @@ class Frames:
                 if ending == "half closed":
                     peer.shutdown(socket.SHUT_WR)
                 tail = b""
-                while heard := self._heard(peer):
+                while heard := self._replies(peer):
                     self.answered += heard.count(b"\0") + heard.count(b"\n")
                     tail = tail[-1000:] + heard
                     if ending == "last call" and (b'"interfaces"' in tail or b'"continues":true' in tail):
@@ -137,7 +137,7 @@ class Frames:
                 self.hung_up += 1
         self.slowest = max(self.slowest, time.monotonic() - begun)
 
-    def _heard(self, peer: socket.socket) -> bytes:
+    def _replies(self, peer: socket.socket) -> bytes:
         """Replies within `PATIENCE`. For a call that monitors events or verdicts, one is caused."""
         begun = time.monotonic()
         peer.settimeout(QUIET)

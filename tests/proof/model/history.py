@@ -87,7 +87,8 @@ class History:
         span.may_end = span.must_end = -inf
         for op in span.ops:
             if op.name == "ReleaseLease":
-                span.may_end, span.must_end = min(span.may_end, op.end), min(span.must_end, op.begin)
+                span.may_end = min(span.may_end, op.end)
+                span.must_end = min(span.must_end, op.begin)
                 break
             self._keep(span, op)
         for moment in (self.gone.get(span.client, inf), *self.deaths):

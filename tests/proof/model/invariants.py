@@ -24,7 +24,7 @@ class Invariants:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.ticks = self.armed_ticks = self.told = 0
+        self.ticks = self.armed_ticks = self.reported = 0
         self._torque: deque[tuple[float, Any]] = deque(maxlen=40)
         self._events: deque[link.Event] = deque(maxlen=400)
         self.born(None)
@@ -35,11 +35,12 @@ class Invariants:
         self._heard = 0
         self._epoch = 0
         self.sound = True  # nothing was wrong so far
-        self._time, self._state, self._mode = -np.inf, "disconnected", str(self.world.loop.mode.value)
+        self._time = -np.inf
+        self._state = "disconnected"
+        self._mode = str(self.world.loop.mode.value)
         self._rest = rest
         self._born = self.world.clock.now()
         self._latched = False
-        self._armings: list[tuple[float, bool]] = []
 
     def tick(self, news: list[Any]) -> None:
         """After a tick, with what it told."""
@@ -57,7 +58,7 @@ class Invariants:
         self._lease()
         self._reported(now)
         self._still(now)
-        self._told(now)
+        self._check_reports(now)
         self.world.watched.verdict()
         self.sound = True
 
@@ -150,18 +151,18 @@ class Invariants:
 
     # ----------------------------------------------------------------------- H1, H4
 
-    def _told(self, now: float) -> None:
-        """Every fault was told of in time."""
+    def _check_reports(self, now: float) -> None:
+        """Check that every fault was reported in time."""
         for fault in list(self.world.faults):
             if any(event.time >= fault.begin and event.code in fault.codes for event in self._events):
                 self.world.faults.remove(fault)
-                self.told += 1
+                self.reported += 1
             else:
                 late = now - fault.begin
                 assert late <= fault.bound, f"{fault.name}: none of {sorted(fault.codes)} within {late:.3f} s"
 
-    def heard_of(self, code: str, seconds: float) -> bool:
-        """It was told within the last so many seconds: not every time anew."""
+    def is_reported(self, code: str, seconds: float) -> bool:
+        """Check for a report within the last `seconds`: a repeated fault has none of its own."""
         since = self.world.clock.now() - seconds - 1.0
         return any(event.code == code and event.time >= since for event in self._events)
 

@@ -157,7 +157,8 @@ class Workload:
             op.result = "LEASE_MISSING" if "LEASE_MISSING" in codes else codes[0]
             op.end = time.monotonic()
         except ClientError:
-            op.result, op.end = op.result or "lost", min(op.end, time.monotonic())
+            op.result = op.result or "lost"
+            op.end = min(op.end, time.monotonic())
             op.fate = op.fate or "lost"
             raise
         finally:

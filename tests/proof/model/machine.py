@@ -64,7 +64,7 @@ class Daemon(RuleBasedStateMachine):
         self.counted["ticks armed"] += self.world.invariants.armed_ticks
         self.counted["lives of a daemon"] += self.world.lives
         self.counted["deaths of a daemon or a front"] += len(history.deaths)
-        self.counted["faults told in time"] += self.world.invariants.told
+        self.counted["faults reported in time"] += self.world.invariants.reported
 
     def client(self, who: int) -> int:
         """One of those that are connected; a new one where there are too few."""
@@ -209,7 +209,7 @@ class Daemon(RuleBasedStateMachine):
         """A wire that comes off: told after 100 ms and two ticks (row 10), where commands go to the robot."""
         quiet = QUIET if self.world.loop.armed else QUIET_WARNING
         live = self.world.loop.mode is Mode.LIVE
-        told = live and seconds > 0.2 and not self.world.invariants.heard_of("STATE_STALE", quiet)
+        told = live and seconds > 0.2 and not self.world.invariants.is_reported("STATE_STALE", quiet)
         codes = {"STATE_STALE"} if told else set()
         self.world.order("silence", codes, 0.15, id=id)
         self.world.pass_(seconds)
@@ -251,7 +251,7 @@ class Daemon(RuleBasedStateMachine):
         self.world.pass_(seconds)
 
     @invariant()
-    def nobody_waits_for_ever(self) -> None:
+    def every_call_ends(self) -> None:
         if hasattr(self, "world"):
             from tests.proof.model.invariants import PATIENCE
 

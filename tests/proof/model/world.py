@@ -129,7 +129,8 @@ class World(Rig):
         for ticket, op in list(self._calls.items()):
             if which(op):
                 del self._calls[ticket]
-                op.result, op.end = op.result or "lost", min(op.end, now)
+                op.result = op.result or "lost"
+                op.end = min(op.end, now)
         for op in self._motions.values():
             if which(op):
                 op.kept = min(op.kept, now)
@@ -189,7 +190,7 @@ class World(Rig):
     def kill_daemon(self, mode: Mode, pause: float) -> None:
         """SIGKILL; the servos live on, and after `pause` s another daemon begins."""
         now = self.clock.now()
-        self.watched.told("killed", now)
+        self.watched.take_report("killed", now)
         self.front.end(now)
         self.history.deaths.append(now)
         self._lose(lambda op: True)
@@ -198,12 +199,12 @@ class World(Rig):
         self.clients.clear()
         self.faults.clear()
         self.clock.sleep_until(now + pause)
-        self.watched.told("servos", self.clock.now(), **self._servos())
+        self.watched.take_report("servos", self.clock.now(), **self._servos())
         rest = self.counts
         self.front = self.new_front()
         self.news.clear()
         self.loop = self.born(mode)
-        self.watched.told("born", self.clock.now())
+        self.watched.take_report("born", self.clock.now())
         self.next_tick = self.clock.now()
         self.lives = self.lives + 1
         self.invariants.born(rest)

@@ -108,6 +108,7 @@ ROOMS = (
             "tests/safety/test_power_rules.py",
             "tests/safety/test_stall_rules.py",
             "tests/safety/test_tracking_rules.py",
+            "tests/safety/test_tracking_rules_transmission.py",
             "tests/safety/test_support_rules.py",
         ),
     ),

@@ -193,11 +193,11 @@ class Machine:
             self._command(*command), env=PATH, cwd="/", stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
 
-    def until(self, what: Callable[[], T | None], seconds: float, said: str) -> T:
+    def until(self, what: Callable[[], T | None], seconds: float, message: str) -> T:
         """Wait until `what` returns a true value, at most `seconds`, and return it. Raises AssertionError."""
         deadline = time.monotonic() + seconds
         while not (found := what()):
-            assert time.monotonic() < deadline, f"not within {seconds} s: {said}\n{self.told()}"
+            assert time.monotonic() < deadline, f"not within {seconds} s: {message}\n{self.told()}"
             time.sleep(0.05)  # asking costs as much as what is waited for
         return found
 

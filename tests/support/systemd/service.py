@@ -105,9 +105,9 @@ class Unit:
         text = self.machine.run("journalctl", "--no-pager", "-o", "json", since, "-u", self.unit, *options)
         return [json.loads(line) for line in text.splitlines()]
 
-    def says(self, seconds: float, said: str, of: Callable[[Json], bool]) -> Json:
+    def says(self, seconds: float, text: str, of: Callable[[Json], bool]) -> Json:
         """Wait for a line of its journal; that line."""
-        return self.machine.until(lambda: next(filter(of, self.journal()), None), seconds, said)
+        return self.machine.until(lambda: next(filter(of, self.journal()), None), seconds, text)
 
 
 class Service(Unit):

@@ -22,7 +22,7 @@ class Act(NamedTuple):
     why: str = ""
 
 
-class Heard(NamedTuple):
+class MotorReply(NamedTuple):
     """Content of one frame of a motor."""
 
     id: int

@@ -1,6 +1,6 @@
 """Damiao and CubeMars: the packed frame of position, velocity, stiffness, damping and torque."""
 
-from tests.proof.busmon.can.acts import Act, Heard, field, forbidden, sized
+from tests.proof.busmon.can.acts import Act, MotorReply, field, forbidden, sized
 from tests.proof.busmon.can.motors import Motor
 from tests.proof.busmon.can.text import Frame, Malformed
 
@@ -31,7 +31,7 @@ class Mit:
 
     # ------------------------------------------------------------------------- to them
 
-    def told(self, frame: Frame) -> Act | None:
+    def command(self, frame: Frame) -> Act | None:
         """None: not to one of these. Raises Malformed."""
         if frame.extended:
             return None
@@ -90,7 +90,7 @@ class Mit:
 
     # ------------------------------------------------------------------------- from them
 
-    def said(self, frame: Frame) -> Heard | None:
+    def reply(self, frame: Frame) -> MotorReply | None:
         """None: nothing that is known."""
         if frame.extended or frame.remote or len(frame.data) != 8:
             return None
@@ -102,13 +102,13 @@ class Mit:
             if data[0] & 15 != motor.id & 15:
                 return None
             state = data[0] >> 4
-            return Heard(motor.id, data[1] << 8 | data[2], state == TORQUE_ON, state > TORQUE_ON)
+            return MotorReply(motor.id, data[1] << 8 | data[2], state == TORQUE_ON, state > TORQUE_ON)
         motor = self._by_id.get(data[0])
         if motor is None or motor.family != "cubemars" or frame.id not in (0, motor.id):
             return None
-        return Heard(motor.id, data[1] << 8 | data[2], None, data[7] != 0)
+        return MotorReply(motor.id, data[1] << 8 | data[2], None, data[7] != 0)
 
-    def _answer(self, motor: Motor, data: bytes) -> Heard | None:
+    def _answer(self, motor: Motor, data: bytes) -> MotorReply | None:
         if data[2] == READ and data[3] == WATCHDOG:
-            return Heard(motor.id, seconds=int.from_bytes(data[4:], "little") * TICK)
+            return MotorReply(motor.id, seconds=int.from_bytes(data[4:], "little") * TICK)
         return None

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from tests.proof.busmon.can.acts import Act, Heard
+from tests.proof.busmon.can.acts import Act, MotorReply
 from tests.proof.busmon.can.mit import Mit
 from tests.proof.busmon.can.motors import CanLimits
 from tests.proof.busmon.can.odrive import ODrive
 from tests.proof.busmon.can.robstride import RobStride
 from tests.proof.busmon.can.text import Frame, Lines, Malformed, frame, set_up
-from tests.proof.busmon.monitor import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.shadow import Servos
 from tests.proof.busmon.stopping import Stopping
+from tests.proof.busmon.violation import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.words import Words
 
 LONGEST = 0.1  # s, the longest watchdog that counts as one
@@ -92,7 +92,7 @@ class CanMonitor:
 
     def _frame(self, one: Frame, now: float) -> None:
         for family in self.families:
-            act = family.told(one)
+            act = family.command(one)
             if act is not None:
                 self._act(act, now)
                 return
@@ -109,9 +109,9 @@ class CanMonitor:
             except Malformed:
                 continue
             for family in self.families:
-                heard = family.said(one)
-                if heard is not None:
-                    self._heard(heard, now)
+                reply = family.reply(one)
+                if reply is not None:
+                    self._take_reply(reply, now)
 
     def look(self, now: float) -> None:
         """Time has passed: rules about silence."""
@@ -133,14 +133,14 @@ class CanMonitor:
 
     # --------------------------------------------------------------------------- what is known from outside
 
-    def told(self, what: str, now: float, **facts: Any) -> None:
-        """See `Words.told`; what it means for frames is done here."""
+    def take_report(self, what: str, now: float, **facts: Any) -> None:
+        """See `Words.take_report`; what it means for frames is done here."""
         self.look(now)
-        self.words.told(what, now, **facts)
+        self.words.take_report(what, now, **facts)
         if what == "estop":
             self.stopping.begin(str(facts.get("level", "settle")), facts.get("at", now), now)
         elif what in ("hold", "damp", "aborted", "state", "killed"):
-            self.stopping.told(what, now, facts)
+            self.stopping.take_report(what, now, facts)
         elif what in ("born", "port"):
             self._out = Lines()
             self._in = Lines()
@@ -276,14 +276,14 @@ class CanMonitor:
 
     # --------------------------------------------------------------------------- frames from motors
 
-    def _heard(self, heard: Heard, now: float) -> None:
+    def _take_reply(self, reply: MotorReply, now: float) -> None:
         servos = self.servos
-        row = self.servos.row[heard.id]
-        if heard.alert is not None:
-            servos.alert[row] = heard.alert
-        if heard.word is not None:
-            servos.at(now, np.array([row]), np.array([heard.word]))
-        if heard.on is not None and not servos.on[row]:
-            servos.off[row] = not heard.on
-        if heard.seconds is not None:
-            servos.proved[row] = round(heard.seconds * 1e6) == servos.watchdog[row]
+        row = self.servos.row[reply.id]
+        if reply.alert is not None:
+            servos.alert[row] = reply.alert
+        if reply.word is not None:
+            servos.at(now, np.array([row]), np.array([reply.word]))
+        if reply.on is not None and not servos.on[row]:
+            servos.off[row] = not reply.on
+        if reply.seconds is not None:
+            servos.proved[row] = round(reply.seconds * 1e6) == servos.watchdog[row]

@@ -2,7 +2,7 @@
 
 import struct
 
-from tests.proof.busmon.can.acts import Act, Heard, forbidden, sized
+from tests.proof.busmon.can.acts import Act, MotorReply, forbidden, sized
 from tests.proof.busmon.can.motors import TURN, Motor
 from tests.proof.busmon.can.text import Frame, Malformed
 
@@ -33,7 +33,7 @@ class ODrive:
     def __init__(self, motors: list[Motor]) -> None:
         self._by_id = {motor.id: motor for motor in motors}
 
-    def told(self, frame: Frame) -> Act | None:
+    def command(self, frame: Frame) -> Act | None:
         """None: not to one of these. Raises Malformed."""
         motor = None if frame.extended else self._by_id.get(frame.id >> 5)
         if motor is None:
@@ -68,16 +68,16 @@ class ODrive:
             raise Malformed(f"a goal of {turns} turns to node {motor.id}")
         return Act("goal", motor.id, round(turns * TURN), rate * THOUSANDTH * TAU, push * THOUSANDTH)
 
-    def said(self, frame: Frame) -> Heard | None:
+    def reply(self, frame: Frame) -> MotorReply | None:
         """None: nothing that is known."""
         motor = None if frame.extended or frame.remote else self._by_id.get(frame.id >> 5)
         if motor is None or len(frame.data) != 8:
             return None
         if frame.id & 31 == ESTIMATES:
             turns, _ = struct.unpack("<ff", frame.data)
-            return Heard(motor.id, round(turns * TURN)) if abs(turns) < 1e4 else None
+            return MotorReply(motor.id, round(turns * TURN)) if abs(turns) < 1e4 else None
         if frame.id & 31 == HEARTBEAT:
             error = int.from_bytes(frame.data[:4], "little")
             state = frame.data[4]
-            return Heard(motor.id, None, state == CLOSED_LOOP, error != 0)
+            return MotorReply(motor.id, None, state == CLOSED_LOOP, error != 0)
         return None

@@ -2,7 +2,7 @@
 
 import struct
 
-from tests.proof.busmon.can.acts import Act, Heard, field, forbidden, sized
+from tests.proof.busmon.can.acts import Act, MotorReply, field, forbidden, sized
 from tests.proof.busmon.can.motors import Motor, word
 from tests.proof.busmon.can.text import Frame, Malformed
 
@@ -31,7 +31,7 @@ class RobStride:
     def __init__(self, motors: list[Motor]) -> None:
         self._by_id = {motor.id: motor for motor in motors}
 
-    def told(self, frame: Frame) -> Act | None:
+    def command(self, frame: Frame) -> Act | None:
         """None: not to one of these. Raises Malformed."""
         if not frame.extended or not self._by_id:
             return None
@@ -75,7 +75,7 @@ class RobStride:
             return Act("set", motor.id)
         return Act("wrong", motor.id, why=f"parameter {index:04x} := {data[4:].hex(' ')}")
 
-    def said(self, frame: Frame) -> Heard | None:
+    def reply(self, frame: Frame) -> MotorReply | None:
         """None: nothing that is known."""
         if not frame.extended or frame.remote or len(frame.data) != 8:
             return None
@@ -87,16 +87,16 @@ class RobStride:
         if kind == FEEDBACK:
             state = frame.id >> 22 & 3
             faults = frame.id >> 16 & 63
-            return Heard(motor.id, data[0] << 8 | data[1], state == RUNNING, faults != 0)
+            return MotorReply(motor.id, data[0] << 8 | data[1], state == RUNNING, faults != 0)
         if kind == READ and not frame.id >> 16 & 0xFF:  # else: it has no such parameter
             return self._answer(motor, data)
         return None
 
-    def _answer(self, motor: Motor, data: bytes) -> Heard | None:
+    def _answer(self, motor: Motor, data: bytes) -> MotorReply | None:
         index = data[0] | data[1] << 8
         if index == WATCHDOG:
-            return Heard(motor.id, seconds=int.from_bytes(data[4:], "little") * TICK)
+            return MotorReply(motor.id, seconds=int.from_bytes(data[4:], "little") * TICK)
         angle = struct.unpack("<f", data[4:])[0]
         if index == PLACE and abs(angle) <= motor.position:
-            return Heard(motor.id, round(word("robstride", motor.position, angle)))
+            return MotorReply(motor.id, round(word("robstride", motor.position, angle)))
         return None

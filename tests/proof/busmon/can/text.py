@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-BELL = 0x07
 END = 0x0D
 MOST = 8  # bytes of a frame
 LETTERS = {0x74: (3, False, False), 0x54: (8, True, False), 0x72: (3, False, True), 0x52: (8, True, True)}

@@ -157,20 +157,20 @@ class ClientGoalHandle:
     def get_result_async(self):
         future = Future()
 
-        def told(data):
+        def receive(data):
             result = self._client.kind.Result.of(data[1:])
             future.set_result(SimpleNamespace(status=data[0], result=result))
 
-        self._client.ask("get_result", self._identity, told)
+        self._client.ask("get_result", self._identity, receive)
         return future
 
     def cancel_goal_async(self):
         future = Future()
 
-        def told(data):
+        def receive(data):
             future.set_result(SimpleNamespace(goals_canceling=[self._identity] if data[0] else []))
 
-        self._client.ask("cancel_goal", self._identity, told)
+        self._client.ask("cancel_goal", self._identity, receive)
         return future
 
 
@@ -195,10 +195,10 @@ class ActionClient:
         identity = uuid.uuid4().bytes
         self._followed[identity] = feedback_callback
 
-        def told(data):
+        def receive(data):
             future.set_result(ClientGoalHandle(self, identity, bool(data[0])))
 
-        self.ask("send_goal", identity + goal.bytes(), told)
+        self.ask("send_goal", identity + goal.bytes(), receive)
         return future
 
     def _feedback(self, head, data):
