@@ -95,11 +95,11 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
     return least, most
 
 
-def mask_incomplete_groups(bus: JointBusMap, heard: Bools) -> Bools:
-    """Return the joints (m,) whose actuators are all `heard` (m,)."""
-    complete = heard.copy()
+def mask_incomplete_groups(bus: JointBusMap, fresh: Bools) -> Bools:
+    """Return the joints (m,) whose actuators are all `fresh` (m,)."""
+    complete = fresh.copy()
     for each in bus.linked:
-        complete[each.rows] = every(heard[each.rows])
+        complete[each.rows] = every(fresh[each.rows])
     return complete
 
 
