@@ -12,7 +12,7 @@ from math import ceil
 
 import numpy as np
 
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
 from twind.loop.bound_robot import BoundRobot
@@ -127,7 +127,7 @@ class InProcessDaemon:
             "acceleration": path.acceleration is not None,
             "more": True,
         }
-        fd = memfd.seal("path", link.pack_path(path))
+        fd = sealed_memfd.seal("path", link.pack_path(path))
         try:
             data = link.encode(self._command(link.Submit, parameters))
             socket.send_fds(self._front.outer, [data], [fd])

@@ -17,7 +17,7 @@ from bench.harness import (
     spread,
 )
 from twind.config.robot_file import load_robot
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.binding import bind
 from twind.twin.mirror import TwinMirror
 

@@ -13,8 +13,8 @@ Programming errors are built-in exceptions.
     │   ├── PortError         a port that cannot be opened or used; `kind` gives the cause
     │   ├── NoReply           no reply from a device that must answer
     │   ├── DeviceRefused     a device reported an error, or reads back another value than was written
-    │   └── WireClamp         an encoded packet failed its last check and was not sent
-    ├── ProcedureFailed       twind.loop.procedures: arming or homing ended early; `finding` gives the reason
+    │   └── WireRangeError    an encoded packet failed its last check and was not sent
+    ├── ProcedureFailed       twind.loop.procedure_runner: arming or homing ended early; see `finding`
     ├── ClientError           twind.client.errors: a call did not do what was requested
     │   ├── NoDaemon          no daemon can be reached
     │   ├── Disconnected      the daemon closed the connection

@@ -88,7 +88,7 @@ def unknown_register(device: str, name: str, near: Sequence[str] = ()) -> Invali
     return InvalidInput(f"{device} has no register {name!r}{nearest}", near=near)
 
 
-class WireClamp(BusError):
+class WireRangeError(BusError):
     """Encoded packet outside its permitted range (WIRE_CLAMP), not sent. It shows a defect of twind."""
 
     def __init__(
@@ -338,7 +338,7 @@ class BusWriter(Protocol):
         """Set the range of the goals (m,) (WIRE_CLAMP); drop pending goals. Raises ValueError."""
 
     def goals(self, ticks: Ints) -> None:
-        """Set goals (m,), raw, for the next `request`. Raises WireClamp; then nothing is pending."""
+        """Set goals (m,), raw, for the next `request`. Raises WireRangeError; then nothing is pending."""
 
     def cut(self) -> None:
         """Switch torque off on all devices, ahead of everything else in the next write of any kind.

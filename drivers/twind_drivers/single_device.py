@@ -27,7 +27,7 @@ class SingleDeviceControl(Protocol):
         """
 
     def goal(self, tick: int) -> None:
-        """Set the goal (raw count) of the next `request`. Raises WireClamp; then nothing is pending."""
+        """Set the goal (raw count) of the next `request`. Raises WireRangeError; then nothing is pending."""
 
     def look(self) -> Script[Any]:
         """Read the settings that `give_back` restores. Refused with torque on or a hardware error."""

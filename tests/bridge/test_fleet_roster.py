@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twind.bridge.fleet import fleet_roster as roll_module
 from twind.bridge.fleet.fleet_roster import UPLINK, FleetRoster
 from twind.bridge.fleet.fleet_table import OLD, rows, to_json
-from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.dashboard.dashboard_renderer import plain
 
 
 def answer(mode: str = "live", state: str = "armed", heard: int = 24, **more: Any) -> dict[str, Any]:

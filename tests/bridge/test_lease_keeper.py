@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from msgspec import convert
 
-from tests.support.scripted_line import ToldDaemon, ended, ended_in_words
+from tests.support.scripted_line import ScriptedDaemon, ended, ended_in_words
 from twind.bridge.motion_session import MotionSession
 from twind.bridge.uplink.lease_keeper import LeaseKeeper
 from twind.bridge.uplink.planned_durations import PlannedDurations
@@ -33,7 +33,7 @@ class Hand:
 
     def __init__(self) -> None:
         self.time = 1000.0
-        self.daemon = ToldDaemon()
+        self.daemon = ScriptedDaemon()
         self.said = list[str]()
         self.tenancy = RemoteLease()
         driving = MotionSession(self.daemon.client)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.scripted_line import ToldDaemon, ended, ended_in_words, moving
+from tests.support.scripted_line import ScriptedDaemon, ended, ended_in_words, moving
 from twind.bridge.motion_session import (
     BROKEN,
     LATE,
@@ -28,7 +28,7 @@ class Hand:
 
     def __init__(self) -> None:
         self.time = 100.0
-        self.daemon = ToldDaemon()
+        self.daemon = ScriptedDaemon()
         self.driving = MotionSession(self.daemon.client, lambda: self.time)
 
     def after(self, seconds: float) -> list[MotionEnd]:

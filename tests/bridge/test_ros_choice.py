@@ -2,8 +2,8 @@
 
 import pytest
 
-from twind.bridge.ros import choice
-from twind.bridge.ros.choice import usual, without_ros
+from twind.bridge.ros import backend_choice
+from twind.bridge.ros.backend_choice import usual, without_ros
 from twind.bridge.ros.rclpy_launcher import RosDistribution
 from twind.command_line.verb import UsageError
 
@@ -13,8 +13,8 @@ FOUND = RosDistribution("/opt/ros/jazzy/bin/python3", {})
 
 def install(monkeypatch: pytest.MonkeyPatch, found: RosDistribution | None, fault: str) -> None:
     """Put this rclpy with this fault on the machine."""
-    monkeypatch.setattr(choice, "installed", lambda environment, distro: found)
-    monkeypatch.setattr(choice, "fault", lambda found: fault)
+    monkeypatch.setattr(backend_choice, "installed", lambda environment, distro: found)
+    monkeypatch.setattr(backend_choice, "fault", lambda found: fault)
 
 
 @pytest.mark.parametrize(
@@ -47,12 +47,12 @@ def test_an_rclpy_that_cannot_be_named_is_reported_with_its_reason(monkeypatch: 
         raise UsageError("humble, jazzy: say which one")
 
     lines: list[str] = []
-    monkeypatch.setattr(choice, "installed", several)
+    monkeypatch.setattr(backend_choice, "installed", several)
     assert usual({}, None, lines.append) == "dds"
     assert lines == ["humble, jazzy: say which one; falling back to --backend dds"]
 
 
-@pytest.mark.parametrize("name", ["", *choice.MIDDLEWARES])
+@pytest.mark.parametrize("name", ["", *backend_choice.MIDDLEWARES])
 def test_a_middleware_on_dds_is_met_by_dds(name: str) -> None:
     assert without_ros({"RMW_IMPLEMENTATION": name}) == "dds"
 

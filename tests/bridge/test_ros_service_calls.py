@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.support.processes import until
-from tests.support.scripted_line import ToldDaemon
+from tests.support.scripted_line import ScriptedDaemon
 from twind.bridge.ros.ros_endpoints import (
     E_STOP,
     GET_STATUS,
@@ -34,7 +34,7 @@ class Desk:
     """Calls, and the daemon that they go to."""
 
     def __init__(self) -> None:
-        self.daemon = ToldDaemon()
+        self.daemon = ScriptedDaemon()
         self.stops = 0
         self.results: list[dict[str, Any]] = []
         self.lines: list[str] = []
@@ -172,7 +172,7 @@ def test_a_stop_whose_outcome_cannot_be_published_does_not_prevent_the_next(desk
 
 
 def test_an_e_stop_takes_the_other_way_where_the_one_fails(desk: Desk) -> None:
-    full = ToldDaemon()
+    full = ScriptedDaemon()
     full.refuse["EStop"] = ("Busy", {"what": "all places are taken"})
     calls = RosServiceCalls(
         desk.daemon.client, full.client, desk.stopping, str, desk.why, desk.results.append, desk.lines.append

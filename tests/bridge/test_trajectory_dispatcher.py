@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.support.ros_trajectory_messages import NOW, command, point
-from tests.support.scripted_line import ToldDaemon, ended, ended_in_words, moving
+from tests.support.scripted_line import ScriptedDaemon, ended, ended_in_words, moving
 from twind.bridge.ros import trajectory_dispatcher
 from twind.bridge.ros.ros_command_queue import PACE, ROOM
 from twind.bridge.ros.ros_trajectory import LONGEST
@@ -23,7 +23,7 @@ class Desk:
 
     def __init__(self) -> None:
         self.time = 100.0
-        self.daemon = ToldDaemon()
+        self.daemon = ScriptedDaemon()
         self.results: list[dict[str, Any]] = []
         self.orders = TrajectoryDispatcher(
             self.daemon.client, self.results.append, lambda: NOW, lambda: self.time
@@ -287,7 +287,7 @@ def test_an_internal_error_on_a_command_is_reported_to_its_sender(
     assert "IndexError" in desk.results[-1]["message"]
     assert desk.orders.driving == ("m1",)  # and what ran goes on
     monkeypatch.undo()
-    monkeypatch.setattr(ToldDaemon, "_submitted", lambda daemon: {"phase": "accepted"})
+    monkeypatch.setattr(ScriptedDaemon, "_submitted", lambda daemon: {"phase": "accepted"})
     desk.orders.put(GOOD)
     desk.after()
     assert "KeyError" in desk.results[-1]["message"] and desk.daemon.open == 0  # it might run: it is let go

@@ -29,9 +29,9 @@ from twind_calibration.calibrating import (
     limits_command,
 )
 from twind_calibration.calibrating.calibration_context import CalibrationContext
+from twind_calibration.calibrating.calibration_conversion import ImportResult
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft, DraftTravel
 from twind_calibration.calibrating.entry_writer import write_entries
-from twind_calibration.calibrating.foreign_values import ImportResult
 
 Captured = pytest.CaptureFixture[str]
 KNEE = "l_knee"

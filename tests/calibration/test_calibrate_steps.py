@@ -29,7 +29,7 @@ from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
 from twind_calibration.calibrating.joint_capture import JointCapture
-from twind_calibration.calibrating.raw_readings import RawReading
+from twind_calibration.calibrating.raw_exchanges import RawExchange
 from twind_calibration.calibrating.sweep_command import SweepSession
 from twind_calibration.calibrating.torque_free import limp
 from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot, travels_of
@@ -120,7 +120,7 @@ class Hands:
         step = 20 if ticks > self.at else -20
         for place in [*range(self.at, ticks, step), *[ticks] * 50]:
             self.time += 0.02
-            self.session.take(RawReading(self.time, {"l_knee": EncoderSample(self.time, place)}))
+            self.session.take(RawExchange(self.time, {"l_knee": EncoderSample(self.time, place)}))
         self.at = ticks
         return self
 

@@ -17,7 +17,7 @@ from tests.support.miscalibrated_robots import KNEE, OPEN, PLAIN, Planted, float
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import RobotState
-from twind.virtual.truth import JointTruth
+from twind.virtual.robot_ground_truth import JointGroundTruth
 
 __all__ = ["floating", "plant"]
 
@@ -28,13 +28,13 @@ __all__ = ["floating", "plant"]
 def test_an_offset_that_position_mode_ignores_is_refused_by_register_and_value(
     plant: Any, offset: int
 ) -> None:
-    said = plant(PLAIN, JointTruth(homing_offset=offset)).refused()
+    said = plant(PLAIN, JointGroundTruth(homing_offset=offset)).refused()
     assert names_it(said, "DEVICE_MISMATCH", KNEE, "homing_offset (20)", str(offset), "1024")
 
 
 def test_an_offset_that_fell_back_to_0_is_refused_with_what_it_was(plant: Any) -> None:
-    before = JointTruth(homing_offset=1000)
-    found = JointTruth(homing_offset=2900, forgets_offset=True)
+    before = JointGroundTruth(homing_offset=1000)
+    found = JointGroundTruth(homing_offset=2900, forgets_offset=True)
     rig = plant(before, found)
     assert names_it(rig.refused(), "CALIB_MISMATCH", KNEE, "homing_offset is 0, was 1000")
 
@@ -64,18 +64,20 @@ def test_eeprom_is_not_written_under_torque_from_another_source(plant: Any) -> N
 
 
 def test_a_swapped_servo_is_refused_by_its_tag(plant: Any) -> None:
-    rig = plant(JointTruth(tag=613), JointTruth(tag=10))
+    rig = plant(JointGroundTruth(tag=613), JointGroundTruth(tag=10))
     assert names_it(rig.refused(), "CALIB_MISMATCH", KNEE, "moving_threshold (24) is 10", "613")
 
 
 def test_a_swapped_servo_without_a_tag_is_refused_by_its_travel(plant: Any) -> None:
     """Same id, same model, same registers, another zero."""
-    rig = plant(JointTruth(zero_ticks=1700, registers=OPEN), JointTruth(zero_ticks=700, registers=OPEN))
+    rig = plant(
+        JointGroundTruth(zero_ticks=1700, registers=OPEN), JointGroundTruth(zero_ticks=700, registers=OPEN)
+    )
     assert names_it(rig.refused(), "CALIB_MISMATCH", KNEE, "travel")
 
 
 def test_exchanged_ids_are_refused_where_the_zeros_are_apart() -> None:
-    left, right = (JointTruth(zero_ticks=zero, registers=OPEN) for zero in (1700, 3600))
+    left, right = (JointGroundTruth(zero_ticks=zero, registers=OPEN) for zero in (1700, 3600))
     apart = {KNEE: left, "r_knee": right}
     rig = Planted(apart, apart | {KNEE: replace(left, swapped_with="r_knee")})
     said = rig.refused()
@@ -89,14 +91,14 @@ def test_exchanged_ids_are_refused_where_the_zeros_are_apart() -> None:
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        (JointTruth(drive_mode=1), "drive_mode is 1, was 0"),
-        (JointTruth(homing_offset=300), "homing_offset is 300, was 0"),
-        (JointTruth(drive_mode=1, homing_offset=300), "drive_mode is 1, was 0"),
-        (JointTruth(registers={"max_position_limit": 4000}), "max_position_limit is 4000"),
+        (JointGroundTruth(drive_mode=1), "drive_mode is 1, was 0"),
+        (JointGroundTruth(homing_offset=300), "homing_offset is 300, was 0"),
+        (JointGroundTruth(drive_mode=1, homing_offset=300), "drive_mode is 1, was 0"),
+        (JointGroundTruth(registers={"max_position_limit": 4000}), "max_position_limit is 4000"),
     ],
 )
 def test_settings_that_are_not_those_of_the_calibration_are_refused(
-    plant: Any, found: JointTruth, words: str
+    plant: Any, found: JointGroundTruth, words: str
 ) -> None:
     assert names_it(plant(PLAIN, found).refused(), "CALIB_MISMATCH", KNEE, words)
 
@@ -104,7 +106,7 @@ def test_settings_that_are_not_those_of_the_calibration_are_refused(
 def test_a_reversed_servo_that_was_calibrated_so_is_driven_as_it_was_calibrated(plant: Any) -> None:
     """Adopted, not assumed: its encoder counts against the file, and its reverse bit turns that."""
     sign = load_robot("h24").joints[load_robot("h24").names.index(KNEE)].sign
-    truth = JointTruth(drive_mode=1, homing_offset=300, sign=-sign, zero_ticks=-2000)
+    truth = JointGroundTruth(drive_mode=1, homing_offset=300, sign=-sign, zero_ticks=-2000)
     rig = plant(truth, truth)
     rig.arm()
     row = rig.names.index(KNEE)
@@ -146,7 +148,7 @@ def test_a_servo_that_restarts_under_torque_is_unverified_and_gets_no_goal(plant
 
 
 def test_another_firmware_is_warned_of_and_everything_read_anew(plant: Any) -> None:
-    rig = plant(PLAIN, JointTruth(firmware=48))
+    rig = plant(PLAIN, JointGroundTruth(firmware=48))
     rig.connect()
     words = "firmware is 48, was 47 when calibrated: prove it again"
     assert names_it(rig.said(), "CALIB_MISMATCH", KNEE, words)
@@ -159,12 +161,12 @@ def test_another_firmware_is_warned_of_and_everything_read_anew(plant: Any) -> N
 @pytest.mark.parametrize(("mode", "bit"), [(8, "bit 3"), (4, "bit 2")])
 def test_a_drive_mode_bit_that_is_not_supported_is_refused_by_name(plant: Any, mode: int, bit: str) -> None:
     """3: a goal switches torque on. 2: profiles are times, and a goal is where it should be much later."""
-    said = plant(PLAIN, JointTruth(drive_mode=mode)).refused()
+    said = plant(PLAIN, JointGroundTruth(drive_mode=mode)).refused()
     assert names_it(said, "DEVICE_MISMATCH", KNEE, f"drive_mode (10) is {mode}", bit)
 
 
 def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: Any) -> None:
-    rig = plant(PLAIN, JointTruth(startup_configuration=1))
+    rig = plant(PLAIN, JointGroundTruth(startup_configuration=1))
     rig.ticks(150)
     rig.call(link.AcquireLease)
     reply = rig.call(link.Arm)

@@ -27,7 +27,7 @@ from twind.config.calibration_file import Calibration
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.robot.modes import Mode
-from twind.virtual.truth import JointTruth, Truth, random_truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth, random_truth
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.encoder_unwrap import framed
 from twind_calibration.calibrating.sweep_tracker import SweepTracker
@@ -43,7 +43,10 @@ def nothing(rig: Rig) -> None: ...
 
 
 def calibrated(
-    robot: str, truth: Truth, then: Callable[[Rig], None] = nothing, pose: Mapping[str, float] | None = None
+    robot: str,
+    truth: RobotGroundTruth,
+    then: Callable[[Rig], None] = nothing,
+    pose: Mapping[str, float] | None = None,
 ) -> tuple[Rig, Calibration]:
     """A specimen and the file that was measured of it; `then`: what happens between sweep and zero."""
     rig = uncalibrated(robot, truth)
@@ -90,7 +93,7 @@ def test_travels_over_the_seam_are_found_whatever_turn_they_start_on(tmp_path: P
             name: replace(each, turns=(place + 3 * shift) % 5 - 2)
             for place, (name, each) in enumerate(truth.joints.items())
         }
-        rig, found = calibrated(robot, Truth(wound))
+        rig, found = calibrated(robot, RobotGroundTruth(wound))
         try:
             assert sum(joint.seam_margin_ticks == 0 for joint in found.joints) > 6
             assert max(map(abs, off(rig, found).values())) <= WELL
@@ -120,8 +123,11 @@ def test_turns_that_are_lost_between_sweep_and_zero_change_nothing(tmp_path: Pat
 
 
 def test_swapped_ids_are_named_while_one_joint_is_moved_and_a_flipped_sign_by_its_zero() -> None:
-    truth = Truth(
-        {"l_elbow": JointTruth(swapped_with="l_hip_roll"), "r_hip_pitch": JointTruth(sign=1, zero_ticks=2000)}
+    truth = RobotGroundTruth(
+        {
+            "l_elbow": JointGroundTruth(swapped_with="l_hip_roll"),
+            "r_hip_pitch": JointGroundTruth(sign=1, zero_ticks=2000),
+        }
     )
     rig = uncalibrated("h24", truth)
     try:

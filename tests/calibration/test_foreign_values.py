@@ -19,7 +19,7 @@ from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET
 from twind.config.yaml_tree import ConfigError
 from twind_calibration.calibrating.calibration_actuators import slots
-from twind_calibration.calibrating.foreign_values import (
+from twind_calibration.calibrating.calibration_conversion import (
     DYNAMIXEL,
     FEETECH,
     ImportResult,

@@ -7,7 +7,7 @@ from math import radians
 import pytest
 
 from tests.support.mujoco_servo_rig import H24, BodyRig
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_report import ProofVerdict
 from twind_calibration.proving.proof_sweep import mean_loads, sweeps
@@ -22,9 +22,9 @@ UPRIGHT = PosedModel(H24)
 
 
 @contextmanager
-def hung(truth: dict[str, JointTruth]) -> Iterator[BodyRig]:
+def hung(truth: dict[str, JointGroundTruth]) -> Iterator[BodyRig]:
     """Armed, hanging upright; its waist is propped."""
-    rig = BodyRig(truth=Truth(truth))
+    rig = BodyRig(truth=RobotGroundTruth(truth))
     try:
         rig.arm()
         rig.virtual["main"].faults.lock(id=12)
@@ -55,7 +55,7 @@ def proved(rig: BodyRig, body: PosedModel, name: str) -> ProofVerdict:
 
 
 def test_a_rough_joint_with_play_is_proved_on_its_back_and_upright_it_is_not() -> None:
-    with hung({"l_hip_pitch": JointTruth(friction_nm=0.15, backlash_ticks=4.0)}) as rig:
+    with hung({"l_hip_pitch": JointGroundTruth(friction_nm=0.15, backlash_ticks=4.0)}) as rig:
         upright = proved(rig, UPRIGHT, "l_hip_pitch")
         assert upright.proof is SignProof.UNOBSERVABLE
         assert upright.record("2026-11-22T09:00:00Z") is None
@@ -70,7 +70,7 @@ def test_a_rough_joint_with_play_is_proved_on_its_back_and_upright_it_is_not() -
 
 def test_a_wrong_sign_is_no_pass_upright_and_is_caught_on_its_back() -> None:
     """The shoulder hangs from what does not feel it, so that upright nothing at all tells."""
-    with hung({"l_shoulder_pitch": JointTruth(sign=-1)}) as rig:
+    with hung({"l_shoulder_pitch": JointGroundTruth(sign=-1)}) as rig:
         assert proved(rig, UPRIGHT, "l_shoulder_pitch").proof is SignProof.UNOBSERVABLE
         rig.virtual["main"].faults.lay("back")
         rig.seconds(0.5)
@@ -80,7 +80,7 @@ def test_a_wrong_sign_is_no_pass_upright_and_is_caught_on_its_back() -> None:
 
 
 def test_exchanged_twins_look_like_a_wrong_sign_and_the_twin_is_named() -> None:
-    with hung({"l_hip_pitch": JointTruth(swapped_with="r_hip_pitch")}) as rig:
+    with hung({"l_hip_pitch": JointGroundTruth(swapped_with="r_hip_pitch")}) as rig:
         rig.virtual["main"].faults.lay("back")
         rig.seconds(0.5)
         found = proved(rig, BACK, "l_hip_pitch")

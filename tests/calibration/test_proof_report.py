@@ -15,8 +15,8 @@ from twind.config.calibration_file import Calibration, dump_calibration, read_ca
 from twind.ctl.ctl_main import main
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating.file_ownership import save
-from twind_calibration.proving.observable_pose import wanted_pose
 from twind_calibration.proving.proof_plan import best
+from twind_calibration.proving.proof_pose_motion import wanted_pose
 from twind_calibration.proving.proof_records import with_proofs
 from twind_calibration.proving.proof_report import ProofVerdict
 from twind_calibration.proving.sign_proof import ProofContradiction, SignProof

@@ -6,7 +6,7 @@ import pytest
 from msgspec import Meta
 
 from twind.config.config_reader import ConfigStruct, Name
-from twind.config.keys_page import HEAD, field_notes, key_table, value_text
+from twind.config.write_keys_page import HEAD, field_notes, key_table, value_text
 
 
 class InnerKeys(ConfigStruct):

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from tests.support.picture_messages import NAMES, joints, view
-from twind.ctl.picture.joint_table import joints as table
-from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.styled_lines import Line
+from twind.ctl.dashboard.dashboard_renderer import plain
+from twind.ctl.dashboard.joint_table import joints as table
+from twind.ctl.dashboard.styled_lines import Line
 
 
 def row(width: int = 120, *, armed: bool = True, **different: Any) -> tuple[str, Line, bool]:

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from tests.support.picture_messages import bus, event, loop, receive, view, watched
-from twind.ctl.picture.picture_blocks import (
-    PictureBlock,
-    PictureRow,
+from twind.ctl.dashboard.dashboard_blocks import (
+    DashboardBlock,
+    DashboardRow,
     ago,
     header,
     last_refusals,
@@ -18,14 +18,14 @@ from twind.ctl.picture.picture_blocks import (
     summary,
     trouble,
 )
-from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.picture_state import PictureState
-from twind.ctl.picture.styled_lines import Line, line
+from twind.ctl.dashboard.dashboard_renderer import plain
+from twind.ctl.dashboard.dashboard_state import DashboardState
+from twind.ctl.dashboard.styled_lines import Line, line
 from twind.ctl.reasons import remedy
 from twind.robot.finding import ReasonCode
 
 
-def text(block: PictureBlock) -> str:
+def text(block: DashboardBlock) -> str:
     return plain(block.shown(block.full_height))
 
 
@@ -45,7 +45,7 @@ def test_the_header_shows_robot_mode_and_urgent_conditions() -> None:
     said = plain([header(dataclasses.replace(view(inherited=True, state="connected"), lost=4), 120)])
     assert "! torque was found on" in said
     assert "! 4 news lost" in said
-    assert "waiting" in plain([header(PictureState(now=0.0), 80)])
+    assert "waiting" in plain([header(DashboardState(now=0.0), 80)])
 
 
 def test_a_lost_daemon_is_shown_first_with_duration_and_cause() -> None:
@@ -162,8 +162,8 @@ def test_a_name_with_escapes_in_it_moves_no_cursor() -> None:
 
 
 def test_urgent_rows_come_first_where_not_all_have_room() -> None:
-    rows = [PictureRow(line(str(k)), urgent=k == 7) for k in range(9)]
-    block = PictureBlock("numbers", (line("head"),), rows, 3, scrolls=True)
+    rows = [DashboardRow(line(str(k)), urgent=k == 7) for k in range(9)]
+    block = DashboardBlock("numbers", (line("head"),), rows, 3, scrolls=True)
     assert plain(block.shown(5)).splitlines() == [
         "head",
         "7",
@@ -183,7 +183,7 @@ def test_a_duration_is_shown_in_readable_units() -> None:
     ]
 
 
-def leaning(**other: Any) -> PictureState:
+def leaning(**other: Any) -> DashboardState:
     """A robot that leans 20 degrees forward and a little to its right."""
     half = radians(10.0)
     turned = {"quaternion": [cos(half) * 0.998, 0.0634, sin(half) * 0.998, 0.0], "age_ms": 4.0}

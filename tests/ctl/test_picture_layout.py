@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from tests.support.picture_messages import NAMES, bus, joints, troubled, view
-from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
-from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.picture_state import PictureState
-from twind.ctl.picture.styled_lines import length
+from twind.ctl.dashboard.dashboard_layout import PAGES, PageSelection, picture
+from twind.ctl.dashboard.dashboard_renderer import plain
+from twind.ctl.dashboard.dashboard_state import DashboardState
+from twind.ctl.dashboard.styled_lines import length
 
 GOLDEN = Path(__file__).parents[1] / "data" / "monitor"
 SIZES = [(80, 24), (120, 40), (200, 60)]
@@ -30,7 +30,7 @@ def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -
 @pytest.mark.parametrize("width", [1, 2, 9, 20, 39, 40, 79, 81, 99, 100, 133, 184, 185, 250])
 @pytest.mark.parametrize("height", [1, 2, 3, 5, 11, 24, 70])
 def test_the_picture_never_exceeds_the_terminal(width: int, height: int) -> None:
-    for seen in (PictureState(now=0.0), view(), troubled()):
+    for seen in (DashboardState(now=0.0), view(), troubled()):
         for page in PAGES:
             lines = picture(seen, width, height, PageSelection(page, offset=7, frozen_since=1.0), seen.now)
             assert len(lines) <= height

@@ -9,9 +9,9 @@ from rich.color import ColorSystem
 from rich.console import Console
 
 from tests.support.picture_messages import troubled
-from twind.ctl.picture.picture_layout import picture
-from twind.ctl.picture.picture_renderer import STYLES, Palette, plain
-from twind.ctl.picture.styled_lines import line
+from twind.ctl.dashboard.dashboard_layout import picture
+from twind.ctl.dashboard.dashboard_renderer import STYLES, Palette, plain
+from twind.ctl.dashboard.styled_lines import line
 
 EVERY = line(*[(name or "plain", name) for name in STYLES])
 

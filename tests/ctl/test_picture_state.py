@@ -3,7 +3,7 @@
 import pytest
 
 from tests.support.picture_messages import REFUSAL, bus, event, joints, loop, receive, robot, status, watched
-from twind.ctl.picture.picture_state import KEPT, MonitorCollector
+from twind.ctl.dashboard.dashboard_state import KEPT, MonitorCollector
 
 
 def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.styled_lines import (
+from twind.ctl.dashboard.dashboard_renderer import plain
+from twind.ctl.dashboard.styled_lines import (
     align_left,
     beside,
     cut,

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from tests.support.picture_messages import bus, loop, receive, view, watched
-from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.picture_state import MonitorCollector
-from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
+from twind.ctl.dashboard.dashboard_renderer import plain
+from twind.ctl.dashboard.dashboard_state import MonitorCollector
+from twind.ctl.dashboard.timing_blocks import BARS, buses, hops, lateness, merged
 
 
 def bus_row(**different: Any) -> tuple[str, set[str], bool]:

@@ -8,8 +8,8 @@ import pytest
 from tests.support.doc_pages_text import ROOT, table
 from twind.config.actuator_types import CanType
 from twind.config.collision_config import Clearance
-from twind.config.keys_page import renew_page
 from twind.config.robot_file import read_robot
+from twind.config.write_keys_page import renew_page
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
 ROBOT = table(TEXT.partition("\n## Robot file\n")[2].partition("\n## ")[0], "key", "value", "default", "what")
@@ -49,7 +49,7 @@ def described(folder: Path) -> None:
 
 
 def test_the_tables_of_the_page_are_made_of_the_structs() -> None:
-    assert renew_page(TEXT) == TEXT, "run: python -m twind.config.keys_page docs/configuration.md"
+    assert renew_page(TEXT) == TEXT, "run: python -m twind.config.write_keys_page docs/configuration.md"
 
 
 def test_a_page_without_its_markers_is_refused() -> None:

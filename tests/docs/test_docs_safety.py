@@ -7,7 +7,7 @@ import pytest
 from tests.support.daemon_rig import Rig
 from tests.support.doc_pages_text import PROOF, REASON_CODES, ROOT, SAFETY, table
 from twind.config import daemon_settings
-from twind.ctl.reasons import REASONS, reason_page
+from twind.ctl.reasons import REASONS, write_reason_page
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
 from twind.front import front_server
@@ -30,13 +30,13 @@ from twind_drivers.dynamixel import damping as soft
 
 
 def test_the_page_of_reason_codes_has_the_tables_of_the_code() -> None:
-    command = "python -m twind.ctl.reasons.reason_page docs/reason-codes.md"
-    assert reason_page.page_with_tables(REASON_CODES) == REASON_CODES, command
+    command = "python -m twind.ctl.reasons.write_reason_page docs/reason-codes.md"
+    assert write_reason_page.page_with_tables(REASON_CODES) == REASON_CODES, command
 
 
 def test_a_page_without_a_place_for_the_tables_is_refused() -> None:
     with pytest.raises(ValueError, match="begin request codes"):
-        reason_page.page_with_tables("# nothing")
+        write_reason_page.page_with_tables("# nothing")
 
 
 def test_every_reason_code_has_one_row_with_effect_cause_and_remedy() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twind.doctor import report, runner, table_page
+from twind.doctor import report, runner, write_checks_page
 from twind.doctor.check import (
     Check,
     CheckNotApplicable,
@@ -86,12 +86,14 @@ def test_codes_are_unique() -> None:
 
 def test_troubleshooting_page_has_the_present_table() -> None:
     text = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text()
-    assert table_page.render_page(text) == text, "python -m twind.doctor.table_page docs/troubleshooting.md"
+    assert write_checks_page.render_page(text) == text, (
+        "python -m twind.doctor.write_checks_page docs/troubleshooting.md"
+    )
 
 
 def test_page_without_markers_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no <!-- from the doctor"):
-        table_page.render_page("# nothing")
+        write_checks_page.render_page("# nothing")
 
 
 def test_failing_check_becomes_a_finding_and_others_run() -> None:

@@ -21,9 +21,9 @@ from twind_drivers.dynamixel.bus_scan import (
     NOISE,
     TALK,
     BaudRateScan,
-    Kind,
+    ScanFault,
+    ScanFaultKind,
     ScannedDevice,
-    Trouble,
     estimate,
     scan,
     scan_rate,
@@ -81,7 +81,7 @@ def wired(change: Callable[[bytes], bytes], *ids: int) -> PortProber:
 
 
 def clashes(found: ScannedDevice) -> bool:
-    return found.trouble is not None and found.trouble.kind is Kind.CLASH
+    return found.trouble is not None and found.trouble.kind is ScanFaultKind.CLASH
 
 
 def test_servos_of_different_rates_and_models_on_one_wire_are_all_found() -> None:
@@ -305,7 +305,7 @@ def test_devices_of_protocol_1_are_named() -> None:
 
     wire.write = write  # type: ignore[method-assign]
     (trouble,) = scan_rate(PortProber(wire, FakeClock(), MILLION)).troubles
-    assert (trouble.kind, trouble.ids) == (Kind.OLD, (17,))
+    assert (trouble.kind, trouble.ids) == (ScanFaultKind.OLD, (17,))
     assert "protocol 1.0 (ids 17)" in str(trouble)
 
 
@@ -334,7 +334,7 @@ def test_a_rate_refused_by_the_adapter_is_reported_and_the_others_are_scanned() 
         return bench.at(baud)
 
     rates = {rate.baud: rate for rate in scan(at)}
-    assert rates[4_500_000].troubles == (Trouble(Kind.RATE, "baud rate 4500000 is not supported"),)
+    assert rates[4_500_000].troubles == (ScanFault(ScanFaultKind.RATE, "baud rate 4500000 is not supported"),)
     assert [each.id for each in rates[MILLION].found] == [4]
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.support.can_driver_rig import EDGE, CanRig
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, PortError, WireClamp, WriteRequest
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, PortError, WireRangeError, WriteRequest
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_units import COUNT
@@ -292,7 +292,7 @@ def test_the_wire_check_refuses_a_command_out_of_bounds_or_without_an_addressee(
     rig.heard()
     before = rig.sent()
     outside = whole_command(np.array([(EDGE + 3) * COUNT, 0, 10, 1, 0]))
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         rig.writer.begin(WriteRequest({1: outside}, COMMAND), rig.clock.now())
     with pytest.raises(DeviceRefused, match="99"):
         rig.writer.begin(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, noise, ranges
 from tests.support.examples import examples
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.can.actuator_family import ActuatorFamily, ValuelessCommand
 from twind_drivers.can.can_models import MODELS, model, number_of
 from twind_drivers.can.codec_factory import FAMILIES, apart, make, ranges_of
@@ -219,7 +219,7 @@ def test_ids_must_differ_and_fit_their_field(family: str, ids: tuple[int, int]) 
 @pytest.mark.parametrize("family", ["cubemars", "damiao", "robstride"])
 def test_a_torque_beyond_its_field_is_refused(family: str) -> None:
     zero = np.zeros(2)
-    with pytest.raises(WireClamp, match=r"can0: id 2: torque 10.01 outside -10.0..10.0"):
+    with pytest.raises(WireRangeError, match=r"can0: id 2: torque 10.01 outside -10.0..10.0"):
         of(family, 1, 2).command(zero, zero, zero, zero, column(0.0, 10.01))
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, frame, noise, ranges, wire
 from tests.support.examples import examples
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.damiao_codec import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
@@ -227,7 +227,7 @@ def test_ranges_that_were_read_replace_those_that_were_given() -> None:
     assert feedback.effort == pytest.approx([28.0, 10.0])
     assert list(motor.ranges.position) == [12.5, 3.0, 12.5]
     zero = np.zeros(3)
-    with pytest.raises(WireClamp) as clamp:
+    with pytest.raises(WireRangeError) as clamp:
         motor.command(column(0, 3.1, 0), zero, zero, zero, zero)
     assert (clamp.value.id, clamp.value.value) == (2, 3.1)
     assert (clamp.value.lower, clamp.value.upper) == (-3.0, 3.0)

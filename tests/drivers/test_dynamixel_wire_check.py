@@ -5,15 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.dynamixel import packet as p
+from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.control_tables import table
-from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
 from twind_drivers.dynamixel.operating_modes import MODES, fences
 
 XM430 = table(1020)
 IDS = (1, 2)
-CHECK = DynamixelWireCheck(
+CHECK = CommandPacketCheck(
     "bus", dict.fromkeys(IDS, XM430), {id: fences(XM430, MODES[3], 1000, 3000, None) for id in IDS}
 )
 GAIN = p.sync_write(84, {1: bytes(2), 2: bytes(2)})
@@ -45,14 +45,14 @@ def test_an_allowed_write_passes_the_wire_check() -> None:
     ],
 )
 def test_anything_else_is_not_sent(data: bytes) -> None:
-    with pytest.raises(WireClamp, match="packet not sent"):
+    with pytest.raises(WireRangeError, match="packet not sent"):
         CHECK.judge(data)
 
 
 @pytest.mark.parametrize("address", [*range(224, 252), *range(634, 662)])
 def test_nothing_is_written_by_way_of_an_indirect_address(address: int) -> None:
     """Indirect data 1..56 of an X430 is whatever register it is mapped to, a goal or torque too."""
-    with pytest.raises(WireClamp, match="read-only address"):
+    with pytest.raises(WireRangeError, match="read-only address"):
         CHECK.judge(p.write(1, address, b"\1"))
 
 
@@ -70,7 +70,7 @@ def test_no_write_reaches_a_goal_register_but_a_goal_inside_its_fence(address: i
     allowed = touched <= XM430.writable and (not touched & goals or low <= word <= high)
     try:
         CHECK.judge(p.write(1, address, data))
-    except WireClamp:
+    except WireRangeError:
         assert not allowed
     else:
         assert allowed

@@ -13,7 +13,7 @@ from twind_drivers.bus import (
     DeviceRefused,
     NoReply,
     RebootRequest,
-    WireClamp,
+    WireRangeError,
     WriteRequest,
 )
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
@@ -221,7 +221,7 @@ def test_an_order_outside_the_white_list_sends_no_byte(
     order: WriteRequest | BurstWriteRequest | RebootRequest,
 ) -> None:
     bench = Bench()
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bench.writer.begin(order, 0.0)
     assert bench.wire.writes == []
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.goal_packets import GoalPacket, Goals, goal_packets
@@ -51,13 +51,13 @@ def test_a_pattern_across_two_rows_is_stuffed() -> None:
 @pytest.mark.parametrize("tick", [999, 3001, -1, 2**31, 2**32 + 2000, -(2**40), 2**62])
 def test_a_goal_outside_is_not_encoded_and_named(tick: int) -> None:
     packet = goals(1000, 3000)
-    with pytest.raises(WireClamp, match=rf"id 252: goal {tick} outside 1000..3000"):
+    with pytest.raises(WireRangeError, match=rf"id 252: goal {tick} outside 1000..3000"):
         packet.encode(np.array([2000, tick, 2000]))
     packet.encode(np.array([1000, 3000, 2000]))  # the edges are inside
 
 
 def test_a_stuffed_goal_is_judged_too() -> None:
-    with pytest.raises(WireClamp, match="-131073"):
+    with pytest.raises(WireRangeError, match="-131073"):
         goals(0, 4095).encode(np.array([0, -131073, 0]))
 
 
@@ -71,7 +71,7 @@ def test_anything_but_one_whole_tick_per_device_is_refused(ticks: np.ndarray) ->
 def test_a_packet_whose_frame_was_damaged_in_memory_is_not_handed_out(at: int) -> None:
     packet = goals()
     packet.packet[at] ^= 1
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         packet.encode(np.array([1, 2, 3]))
 
 
@@ -128,7 +128,7 @@ def test_goals_in_two_registers_are_two_packets_each_with_its_own_devices() -> N
 def test_each_goal_is_held_to_the_bounds_of_its_own_device(place: int, id: int) -> None:
     ticks = np.array([10, 20, 30])
     ticks[place] += 1
-    with pytest.raises(WireClamp, match=f"id {id}: goal {ticks[place]} "):
+    with pytest.raises(WireRangeError, match=f"id {id}: goal {ticks[place]} "):
         mixed().encode(ticks)
 
 

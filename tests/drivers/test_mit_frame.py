@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, frame, ranges
 from tests.support.examples import examples
-from twind_drivers.bus import Floats, WireClamp
+from twind_drivers.bus import Floats, WireRangeError
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.can.frame import Octets
 from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, is_special_frame, unpack
@@ -116,7 +116,7 @@ def test_both_ends_are_held_and_what_is_beyond_is_refused(field: int) -> None:
     for value in (np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf), np.nan, np.inf, -np.inf):
         values = [0.0] * 5
         values[field] = value
-        with pytest.raises(WireClamp, match=rf"can0: id 7: {NAMES[field]} ") as refused:
+        with pytest.raises(WireRangeError, match=rf"can0: id 7: {NAMES[field]} ") as refused:
             by.fields(*(column(one) for one in values))
         assert (refused.value.lower, refused.value.upper) == (lower, upper)
 
@@ -133,7 +133,7 @@ def test_the_upper_end_of_every_model_is_the_highest_count(name: str) -> None:
 
 def test_a_command_that_would_be_an_order_is_refused() -> None:
     by = scale()
-    with pytest.raises(WireClamp, match="torque field"):
+    with pytest.raises(WireRangeError, match="torque field"):
         encoded((12.5, 30.0, 500.0, 5.0, 10.0 - 1.5 * 20 / 4095), by)  # would be FF x7 FE: zero here
     assert encoded((12.5, 30.0, 500.0, 5.0, 9.9), by)[0, 7] < 0xF0
     assert is_special_frame(frame(7, "FF FF FF FF FF FF FF FC")).all()
@@ -143,7 +143,7 @@ def test_a_command_that_would_be_an_order_is_refused() -> None:
 def test_the_one_outside_is_named_and_nothing_is_made() -> None:
     by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
     zero: Floats = np.zeros(2)
-    with pytest.raises(WireClamp, match=r"can0: id 9: velocity 30.1 outside -30.0..30.0"):
+    with pytest.raises(WireRangeError, match=r"can0: id 9: velocity 30.1 outside -30.0..30.0"):
         by.fields(zero, column(0.0, 30.1), zero, zero, zero)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, frame, ranges, wire
 from tests.support.examples import examples
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
@@ -78,7 +78,7 @@ def test_the_gains_make_a_damped_spring() -> None:
 
 @pytest.mark.parametrize("kd", [0.0, -1.0, math.nan, 6.0])
 def test_a_spring_without_damping_cannot_be_set(kd: float) -> None:
-    with pytest.raises(WireClamp, match="id 63: kd"):
+    with pytest.raises(WireRangeError, match="id 63: kd"):
         axes().gains(column(1, 1), column(1, kd))
 
 
@@ -89,16 +89,16 @@ def test_a_value_beyond_its_field_is_refused() -> None:
         (0.0, most * 1.001, "torque"),
         (0.0, -most * 1.001, "torque"),
     ):
-        with pytest.raises(WireClamp, match=f"id 3: {what}"):
+        with pytest.raises(WireRangeError, match=f"id 3: {what}"):
             command(0.0, velocity, torque)
     for position in (600.1, -600.1, math.nan, math.inf):
-        with pytest.raises(WireClamp, match="id 3: position"):
+        with pytest.raises(WireRangeError, match="id 3: position"):
             command(position)
     assert wire(command(600.0, most * TURN, -most))[0][1].endswith("FF 7F 01 80")
     zero = np.zeros(2)
-    with pytest.raises(WireClamp, match=r"torque 5.1 outside -5.0..5.0"):  # narrower than the field
+    with pytest.raises(WireRangeError, match=r"torque 5.1 outside -5.0..5.0"):  # narrower than the field
         axes(torque=5.0).command(zero, zero, zero, zero, column(5.1, 0))
-    with pytest.raises(WireClamp, match="kp"):  # looked at, though not sent
+    with pytest.raises(WireRangeError, match="kp"):  # looked at, though not sent
         axes().command(zero, zero, column(math.nan, 0), zero, zero)
     with pytest.raises(ValueError):
         axes().command(np.zeros(1), zero, zero, zero, zero)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import FAST, SYNC, Bench
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireRangeError, WriteRequest
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.operating_modes import MODES, block, fences, mode_of
@@ -127,12 +127,12 @@ def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
     beyond = st.sampled_from([low - 1, high + 1, low - 65_536, high + 65_536, 2**32, -(2**40)])
     bus.writer.goals(np.array(goals))
     goals[place] = data.draw(beyond)
-    with pytest.raises(WireClamp, match=rf"id {ids[place]}: goal {goals[place]} outside {low}..{high}"):
+    with pytest.raises(WireRangeError, match=rf"id {ids[place]}: goal {goals[place]} outside {low}..{high}"):
         bus.writer.goals(np.array(goals))
     bus.cycle()
     assert bus.addresses() == [(FAST, 126)]
     before = len(bus.wire.writes)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bus.run(bus.writer.write_goals(np.array(goals)))
     assert len(bus.wire.writes) == before
 
@@ -142,7 +142,7 @@ def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
 
 def test_speeds_and_currents_are_only_zero_until_their_limits_have_been_read() -> None:
     bus = bench([1, 0])
-    with pytest.raises(WireClamp) as clamp:
+    with pytest.raises(WireRangeError) as clamp:
         bus.writer.goals(np.array([1, 0]))
     assert (clamp.value.id, clamp.value.value, clamp.value.lower, clamp.value.upper) == (1, 1, 0, 0)
     bus.writer.goals(np.array([0, 0]))
@@ -158,9 +158,9 @@ def test_a_limit_register_narrows_what_may_be_sent() -> None:
     bus.run(bus.writer.prepare(np.array([0, 0])))
     bus.writer.goals(np.array([200, -300]))
     for goals in ([201, 0], [0, -301]):
-        with pytest.raises(WireClamp):
+        with pytest.raises(WireRangeError):
             bus.writer.goals(np.array(goals))
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bus.writer.begin(WriteRequest({1: (201).to_bytes(4, "little")}, 104), 0.0)
 
 
@@ -322,7 +322,7 @@ def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> N
     families.servos.frozen = {4: set(range(564, 568))}
     with pytest.raises(DeviceRefused, match=r"id 4: goal position \(564\)"):
         families.run(families.writer.write_goals(HERE))
-    with pytest.raises(WireClamp, match="read-only address"):
+    with pytest.raises(WireRangeError, match="read-only address"):
         families.writer.begin(WriteRequest({1: b"\1", 2: b"\1"}, 512), 0.0)
 
 
@@ -353,7 +353,7 @@ def test_a_goal_register_of_another_mode_takes_no_byte(
     bus = bench([mode])
     bus.run(bus.writer.prepare(np.array([0])))
     before = len(bus.wire.writes)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bus.writer.begin(order, 0.0)
     assert len(bus.wire.writes) == before
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import LIMITS, Bench
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireRangeError, WriteRequest
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 
 HERE = 2
@@ -71,7 +71,7 @@ def test_no_goal_outside_its_window_ever_leaves(tick: int) -> None:
         assert bus.servos.get(HERE, 116, 4) == tick
         assert len(bus.wire.writes) == before + 1, "goal and question leave in one call"
     else:
-        with pytest.raises(WireClamp):
+        with pytest.raises(WireRangeError):
             alone.goal(tick)
         bus.cycle()
         assert bus.servos.get(HERE, 116, 4) == 2000
@@ -91,9 +91,9 @@ def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
     bus = bench()
     driven(bus)
     for each in (order, BurstWriteRequest((order,))):
-        with pytest.raises(WireClamp):
+        with pytest.raises(WireRangeError):
             bus.writer.begin(each, 0.0)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bus.writer.goals(np.full(3, 2000))
     bus.writer.end_single_device()
     bus.writer.goals(np.full(3, 2000))
@@ -102,9 +102,9 @@ def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
 def test_before_its_window_is_known_no_goal_leaves() -> None:
     bus = bench()
     alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         alone.goal(2000)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         bus.run(alone.prepare(bus.run(alone.look()), 2000))
 
 

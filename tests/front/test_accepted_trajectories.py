@@ -12,8 +12,8 @@ from tests.support.daemon_rig import Rig
 from twind import link
 from twind.front.accepted_trajectories import WAITING, AcceptedTrajectory, PendingVerdict, strip_points
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.interface_methods import METHODS
 from twind.front.joint_naming import JointNames
-from twind.front.methods import METHODS
 from twind.protocol import CONTROL
 from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.splines import interpolate

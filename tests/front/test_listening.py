@@ -11,7 +11,7 @@ import pytest
 
 from twind import link, listening_sockets
 from twind.exceptions import OperationFailed
-from twind.front.listening import Listening
+from twind.front.socket_acceptor import SocketAcceptor
 from twind.listening_sockets import Listener, listen
 
 
@@ -41,7 +41,7 @@ class Desk:
         self.wire = Wire()
         self.loop = asyncio.new_event_loop()
         self.accepted: list[str] = []
-        self.listening = Listening(self.loop, self.wire, self._accept)  # type: ignore[arg-type]
+        self.listening = SocketAcceptor(self.loop, self.wire, self._accept)  # type: ignore[arg-type]
 
     def add(self, *, own: bool = True, checked: bool = True) -> None:
         for name in ("control", "observe"):
@@ -171,7 +171,7 @@ def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instanc
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The units of the plain service would lower another robot."""
-    monkeypatch.setattr("twind.front.listening.SYSTEM", str(tmp_path), raising=False)
+    monkeypatch.setattr("twind.front.socket_acceptor.SYSTEM", str(tmp_path), raising=False)
     desk = Desk(tmp_path / "arm")
     try:
         desk.open(own=False)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.exceptions import InvalidInput
 from twind.front.joint_naming import JointNames
 from twind.front.trajectory_submission import (
@@ -43,7 +43,7 @@ def test_a_submitted_trajectory_reaches_the_loop_in_joint_order() -> None:
     assert submit.tolerances == [(0, 0.1, None)]
     assert (submit.start_in, submit.goal_time, submit.append_stop) == (0.5, 1.0, True)
     with SealedTrajectory(path) as fd:
-        there = link.unpack_path(memfd.unseal(fd), submit, 3)
+        there = link.unpack_path(sealed_memfd.unseal(fd), submit, 3)
     assert there.position[0, [0, 2]].tolist() == [0.2, 0.1]
     assert np.isnan(there.position[0, 1])
     assert there.velocity is not None

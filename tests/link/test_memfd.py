@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind import memfd
+from twind import sealed_memfd
 
 
 @pytest.fixture
 def sealed() -> Iterator[int]:
-    fd = memfd.seal("test", b"the robot")
+    fd = sealed_memfd.seal("test", b"the robot")
     yield fd
     os.close(fd)
 
@@ -23,10 +23,10 @@ def sealed() -> Iterator[int]:
 @examples(20)
 @given(st.binary(max_size=100_000))
 def test_sealed_data_is_read_back_unchanged(data: bytes) -> None:
-    fd = memfd.seal("test", data)
+    fd = sealed_memfd.seal("test", data)
     try:
-        assert memfd.unseal(fd) == data
-        assert memfd.unseal(fd) == data  # reading takes nothing away
+        assert sealed_memfd.unseal(fd) == data
+        assert sealed_memfd.unseal(fd) == data  # reading takes nothing away
     finally:
         os.close(fd)
 
@@ -46,7 +46,7 @@ def test_a_sealed_memfd_cannot_be_changed_in_any_way(sealed: int) -> None:
     with pytest.raises(PermissionError):
         os.write(again, b"X")
     os.close(again)
-    assert memfd.unseal(sealed) == b"the robot"
+    assert sealed_memfd.unseal(sealed) == b"the robot"
 
 
 def test_a_sealed_memfd_is_not_inherited(sealed: int) -> None:
@@ -54,25 +54,26 @@ def test_a_sealed_memfd_is_not_inherited(sealed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "missing", [fcntl.F_SEAL_SHRINK, fcntl.F_SEAL_GROW, fcntl.F_SEAL_WRITE, fcntl.F_SEAL_SEAL, memfd.SEALS]
+    "missing",
+    [fcntl.F_SEAL_SHRINK, fcntl.F_SEAL_GROW, fcntl.F_SEAL_WRITE, fcntl.F_SEAL_SEAL, sealed_memfd.SEALS],
 )
 def test_a_memfd_that_could_still_change_is_not_read(missing: int) -> None:
     fd = os.memfd_create("test", os.MFD_ALLOW_SEALING)
     try:
         os.write(fd, b"the robot")
-        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, memfd.SEALS & ~missing)
+        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, sealed_memfd.SEALS & ~missing)
         with pytest.raises(ValueError, match="not sealed"):
-            memfd.unseal(fd)
+            sealed_memfd.unseal(fd)
     finally:
         os.close(fd)
 
 
 def test_a_file_that_is_no_memfd_is_refused() -> None:
     with open(__file__, "rb") as file, pytest.raises(OSError):
-        memfd.unseal(file.fileno())
+        sealed_memfd.unseal(file.fileno())
 
 
 def test_more_than_is_taken_is_not_read(sealed: int) -> None:
-    assert memfd.unseal(sealed, most=9) == b"the robot"
+    assert sealed_memfd.unseal(sealed, most=9) == b"the robot"
     with pytest.raises(ValueError, match="holds 9 bytes, at most 8 are taken"):
-        memfd.unseal(sealed, most=8)
+        sealed_memfd.unseal(sealed, most=8)

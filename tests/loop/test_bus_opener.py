@@ -12,7 +12,7 @@ from tests.support.dynamixel_responder import Servos, Wire
 from twind.config.robot_file import load_robot
 from twind.loop.bus_opener import BusOpener
 from twind.twin.binding import bind
-from twind_drivers.bus import PortError, WireClamp
+from twind_drivers.bus import PortError, WireRangeError
 from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -96,7 +96,7 @@ def test_the_clamp_of_the_writer_is_the_hard_range_of_the_joints(ports: list[str
             for beyond in (bus.lower[place] - 1, bus.upper[place] + 1):
                 goals = bus.lower.copy()
                 goals[place] = beyond
-                with pytest.raises(WireClamp, match=f"id {bus.ids[place]}: goal {beyond} outside"):
+                with pytest.raises(WireRangeError, match=f"id {bus.ids[place]}: goal {beyond} outside"):
                     writer.goals(goals)
         reader.transport.close()
 

@@ -17,7 +17,7 @@ from twind_drivers.bus import (
     RebootRequest,
     RequestReply,
     Script,
-    WireClamp,
+    WireRangeError,
     WriteRequest,
 )
 
@@ -295,7 +295,7 @@ def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes
     before = world.goals()
     task = port.run(script())
     state = world.tick(count=2)
-    assert isinstance(task.error, WireClamp)
+    assert isinstance(task.error, WireRangeError)
     assert state.heard.all()
     assert world.goals() == before
 

@@ -8,8 +8,8 @@ import pytest
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
-from twind.loop import requests
-from twind.loop.procedures import Priority, Procedure
+from twind.loop import command_handlers
+from twind.loop.procedure_runner import Priority, Procedure
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 
@@ -265,13 +265,13 @@ def test_time_that_goes_on_within_a_tick_does_not_end_it(
 ) -> None:
     """A lease that is renewed later than the tick's own time would look like one of the future."""
     calibrate(connected)
-    begin = requests.begin
+    begin = command_handlers.begin
 
     def later(*arguments: Any) -> None:
         connected.clock.time += 1e-4  # as on a real machine
         begin(*arguments)
 
-    monkeypatch.setattr(requests, "begin", later)
+    monkeypatch.setattr(command_handlers, "begin", later)
     for value in range(1, 6):
         assert write(connected, "homing_offset", value).error is None
         assert connected.loop.state is RobotState.CALIBRATING

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.listening_sockets import Listener, listen
 from twind.loop.front_link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
 
@@ -189,7 +189,7 @@ def test_a_heartbeat_is_a_sign_of_life_and_no_command(front: Front, end: FrontLi
 def test_the_bytes_of_a_memfd_come_with_their_command_and_the_descriptor_is_let_go(
     front: Front, end: FrontLink
 ) -> None:
-    fd = memfd.seal("path", b"numbers")
+    fd = sealed_memfd.seal("path", b"numbers")
     before = open_descriptors()
     front.send(cancel(1), fd)
     front.send(cancel(2), fd, fd, fd)
@@ -218,7 +218,11 @@ def loose_memfd() -> int:
 
 @pytest.mark.parametrize(
     "make",
-    [loose_memfd, lambda: os.open(os.devnull, os.O_RDONLY), lambda: memfd.seal("path", bytes(LARGEST + 1))],
+    [
+        loose_memfd,
+        lambda: os.open(os.devnull, os.O_RDONLY),
+        lambda: sealed_memfd.seal("path", bytes(LARGEST + 1)),
+    ],
     ids=["not sealed", "no memfd", "larger than any trajectory"],
 )
 def test_a_descriptor_that_is_not_acceptable_costs_the_front_its_life(

@@ -13,7 +13,7 @@ from tests.support.planar_arm import arm_in
 from twind import link
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 
 ZEROS = {"single": 1500, "extended": 4000, "capped": 60}  # the last two have a seam in their travel
 SINGLE, EXTENDED, CAPPED = range(3)
@@ -28,10 +28,10 @@ def path() -> Iterator[str]:
 def made(make_rig: MakeRig, path: str, turns: tuple[int, int, int] = (0, 0, 0), **more: object) -> Rig:
     """The arm, each servo so many turns off."""
     truth = {
-        name: JointTruth(zero_ticks=zero, turns=off)
+        name: JointGroundTruth(zero_ticks=zero, turns=off)
         for (name, zero), off in zip(ZEROS.items(), turns, strict=True)
     }
-    return make_rig(path, truth=Truth(truth), **more)  # type: ignore[arg-type]
+    return make_rig(path, truth=RobotGroundTruth(truth), **more)  # type: ignore[arg-type]
 
 
 @pytest.fixture

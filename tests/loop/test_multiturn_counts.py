@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.support.examples import examples
 from tests.support.two_bus_rig import JOINTS, LOWER, PERIOD, UPPER, TwoBuses
 from twind.loop.joint_readings import JointReadings
-from twind_drivers.bus import BusSample, WireClamp
+from twind_drivers.bus import BusSample, WireRangeError
 
 WHOLE = 4096
 LEFT = JOINTS.buses[0]
@@ -69,7 +69,7 @@ def test_goals_leave_as_the_counts_of_the_wire_and_never_others(off: np.ndarray,
     writer = world.hardware.writers[0]
     writer.goals(goal - off)
     for beyond in (LOWER - 1, UPPER + 1):
-        with pytest.raises(WireClamp):
+        with pytest.raises(WireRangeError):
             writer.goals(np.full(3, beyond) - off)
     world.tick(position, count=2)
     assert world.hardware.clamped is None and world.hardware.left
@@ -84,7 +84,7 @@ def test_a_write_half_that_is_made_later_has_the_clamp_of_the_wire_too() -> None
     world.hardware.access(read=True, write=True)
     world.hardware.hold(True)
     world.hardware.writers[0].goals(LEFT.zero - WHOLE)
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         world.hardware.writers[0].goals(LEFT.zero)
     world.hardware.writers[1].goals(JOINTS.buses[1].zero)
 
@@ -96,7 +96,7 @@ def test_ranges_that_change_keep_the_turns() -> None:
     narrower = tuple(replace(bus, lower=bus.lower + 500) for bus in JOINTS.buses)
     world.hardware.rejoin(replace(JOINTS, buses=narrower))
     world.hardware.writers[0].goals(np.full(3, LOWER + 500 - WHOLE))
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         world.hardware.writers[0].goals(np.full(3, LOWER + 499 - WHOLE))
 
 

@@ -13,7 +13,7 @@ from tests.support.miscalibrated_robots import KNEE, OPEN, PLAIN, TURN, floating
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import RobotState
-from twind.virtual.truth import JointTruth
+from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind.virtual.virtual_robot_spec import specimen
 
 __all__ = ["floating", "plant"]
@@ -25,7 +25,7 @@ def test_a_count_that_would_fall_a_turn_at_torque_on_gets_none_and_after_a_resta
     plant: Any,
 ) -> None:
     """The forum's case: a goal of what is read without torque would be a full turn."""
-    truth = JointTruth(zero_ticks=700, homing_offset=-512, registers=OPEN)
+    truth = JointGroundTruth(zero_ticks=700, homing_offset=-512, registers=OPEN)
     rig = plant(truth, replace(truth, turns=1))
     rig.connect()
     row = rig.names.index(KNEE)
@@ -43,7 +43,7 @@ def test_a_count_that_would_fall_a_turn_at_torque_on_gets_none_and_after_a_resta
 
 def test_beyond_the_count_at_which_it_would_fall_a_joint_gets_no_torque(plant: Any) -> None:
     """Offset -512: from 3584 on, torque-on would take a turn off, and no goal goes there."""
-    truth = JointTruth(zero_ticks=TURN - 60, homing_offset=-512, registers=OPEN)
+    truth = JointGroundTruth(zero_ticks=TURN - 60, homing_offset=-512, registers=OPEN)
     rig = plant(truth, truth)
     rig.connect()
     rig.hand(l_knee=0.3)
@@ -85,7 +85,7 @@ def test_a_joint_has_the_same_angle_on_whatever_turn_it_starts(
     plant: Any, floating: str, turns: int, zero: int
 ) -> None:
     """Extended mode; also where the travel crosses the encoder's seam."""
-    rig = plant(JointTruth(zero_ticks=zero), JointTruth(zero_ticks=zero, turns=turns), floating)
+    rig = plant(JointGroundTruth(zero_ticks=zero), JointGroundTruth(zero_ticks=zero, turns=turns), floating)
     rig.connect()
     assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
     rig.arm()
@@ -94,7 +94,7 @@ def test_a_joint_has_the_same_angle_on_whatever_turn_it_starts(
 
 
 def test_a_joint_that_is_on_no_turn_of_its_travel_is_refused(plant: Any, floating: str) -> None:
-    rig = plant(PLAIN, JointTruth(zero_ticks=specimen(load_robot("h24")).zeros[KNEE] + 2000), floating)
+    rig = plant(PLAIN, JointGroundTruth(zero_ticks=specimen(load_robot("h24")).zeros[KNEE] + 2000), floating)
     assert names_it(
         rig.refused(), "CALIB_MISMATCH", KNEE, "neither that nor a turn beside it is in its travel"
     )
@@ -102,7 +102,7 @@ def test_a_joint_that_is_on_no_turn_of_its_travel_is_refused(plant: Any, floatin
 
 def test_a_limp_joint_that_restarts_is_where_it_was_and_is_verified_anew(plant: Any, floating: str) -> None:
     """Its count begins at one turn again."""
-    rig = plant(JointTruth(zero_ticks=2048), JointTruth(zero_ticks=2048, turns=1), floating)
+    rig = plant(JointGroundTruth(zero_ticks=2048), JointGroundTruth(zero_ticks=2048, turns=1), floating)
     rig.connect()
     row = rig.names.index(KNEE)
     rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
@@ -120,7 +120,7 @@ def test_a_limp_joint_that_restarts_is_where_it_was_and_is_verified_anew(plant: 
 def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str) -> None:
     """Near tick 0 the count comes back a turn away, or not, by the noise of each boot."""
     assert load_robot("h24").poses["rest"][KNEE] == 0.0
-    truth = JointTruth(zero_ticks=0, seam_seed=0)
+    truth = JointGroundTruth(zero_ticks=0, seam_seed=0)
     rig = plant(truth, truth, floating)
     rig.connect()
     row = rig.names.index(KNEE)
@@ -142,7 +142,7 @@ def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str
 
 @pytest.mark.parametrize("turns", [0, 1])
 def test_a_joint_moves_across_the_seam_of_its_encoder(plant: Any, floating: str, turns: int) -> None:
-    truth = JointTruth(zero_ticks=4000, turns=turns)
+    truth = JointGroundTruth(zero_ticks=4000, turns=turns)
     rig = plant(truth, truth, floating)
     entry = rig.calibration.by_name[KNEE]
     assert entry.seam_margin_ticks == 0

@@ -15,7 +15,7 @@ from twind import link
 from twind.loop.joint_readings import JointReadings
 from twind.loop.reload_coordinator import at_rest
 from twind.robot.finding import Finding, ReasonCode
-from twind_drivers.bus import BusSample, WireClamp
+from twind_drivers.bus import BusSample, WireRangeError
 
 
 def until(made: Homed, done: Callable[[], bool], ticks: int = 400) -> None:
@@ -111,7 +111,7 @@ def test_without_readings_nothing_gets_torque(moves: float, monkeypatch: pytest.
 
 def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None:
     def wild(*_: Any) -> None:
-        raise WireClamp("main", 1, 9999, 0, 4095)
+        raise WireRangeError("main", 1, 9999, 0, 4095)
 
     with homed() as made:
         made.ready()

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from twind.loop.bus_port import ScriptRun
-from twind.loop.procedures import Priority, Procedure, ProcedureRunner, all_of, ticks
+from twind.loop.procedure_runner import Priority, Procedure, ProcedureRunner, all_of, ticks
 from twind_drivers.bus import BusError, PingRequest, Script
 
 

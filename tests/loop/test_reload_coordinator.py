@@ -18,7 +18,7 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard_types import GuardThresholds
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_gate_stream_guard_and_executor_judge_by_the_new_limits(quiet: Rig) -> N
     step[place] = 0.3
     quiet.loop.hardware.ports[0].writer.goals(quiet_ticks(quiet, step))
     step[place] = 0.4
-    with pytest.raises(WireClamp):
+    with pytest.raises(WireRangeError):
         quiet.loop.hardware.ports[0].writer.goals(quiet_ticks(quiet, step))
 
 

@@ -14,7 +14,7 @@ from tests.support.examples import examples
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.exceptions import InvalidInput
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 
 SIGNS = {"single": 1, "extended": -1, "capped": 1}
 NAMES = tuple(SIGNS)
@@ -45,20 +45,20 @@ class Watched(Rig):
 
 
 @st.composite
-def truths(draw: st.DrawFn) -> Truth:
+def truths(draw: st.DrawFn) -> RobotGroundTruth:
     """Seams anywhere, turns either way, offsets that position mode takes."""
     found = {}
     for name in NAMES:
         most = 1024 if name == "single" else 6000
         reverse = draw(st.booleans())
-        found[name] = JointTruth(
+        found[name] = JointGroundTruth(
             zero_ticks=draw(st.one_of(st.integers(0, 4095), st.integers(-300, 300))),
             turns=draw(st.sampled_from([0, 0, 0, 0, 1, -2]) if name == "single" else st.integers(-3, 3)),
             homing_offset=draw(st.one_of(st.just(0), st.integers(-most, most))),
             drive_mode=int(reverse),
             sign=-SIGNS[name] if reverse else SIGNS[name],  # of the bare encoder
         )
-    return Truth(found)
+    return RobotGroundTruth(found)
 
 
 STARTS = st.fixed_dictionaries({name: st.floats(-0.7, 0.7) for name in NAMES})
@@ -68,7 +68,7 @@ STARTS = st.fixed_dictionaries({name: st.floats(-0.7, 0.7) for name in NAMES})
 @examples(40, phases=[Phase.generate])
 @given(truths(), STARTS, st.floats(-0.6, 0.6))
 def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
-    arm: str, truth: Truth, start: dict[str, float], goal: float
+    arm: str, truth: RobotGroundTruth, start: dict[str, float], goal: float
 ) -> None:
     try:
         rig = Watched(arm, truth=truth, start=start)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import CLIENT, Rig
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.loop.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
@@ -43,7 +43,7 @@ def raw(rig: Rig, data: bytes, **fields: Any) -> int:
     rig.last_ticket += 1
     given = {"id": f"t{rig.last_ticket}", "points": 2, "commanded": [0]} | fields
     command = link.Submit(ticket=rig.last_ticket, client=CLIENT, **given)
-    fd = memfd.seal("path", data)
+    fd = sealed_memfd.seal("path", data)
     socket.send_fds(rig.front.outer, [link.encode(command)], [fd])
     os.close(fd)
     return rig.last_ticket

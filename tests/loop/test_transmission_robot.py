@@ -15,7 +15,7 @@ from twind.config.file_changes import fingerprint
 from twind.config.hot_changes import ConfigDifference, robot_difference
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Trajectory
-from twind.virtual.truth import random_truth
+from twind.virtual.robot_ground_truth import random_truth
 from twind.virtual.virtual_robot_spec import buses
 
 WAIST = ("waist_roll", "waist_yaw")

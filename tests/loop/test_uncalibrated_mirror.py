@@ -6,13 +6,13 @@ from tests.support.daemon_rig import MakeRig
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 
 WOUND = ("head_yaw", "l_shoulder_yaw", "r_hip_yaw", "l_ankle_roll", "r_knee")
 
 
 def test_the_simulation_begins_inside_the_limits_and_stays_sound(make_rig: MakeRig) -> None:
-    rig = make_rig(mode=Mode.MIRROR, truth=Truth(dict.fromkeys(WOUND, JointTruth(turns=3))))
+    rig = make_rig(mode=Mode.MIRROR, truth=RobotGroundTruth(dict.fromkeys(WOUND, JointGroundTruth(turns=3))))
     rig.loop.close()
     rig.one = BoundRobot(rig.robot, None, bind(rig.robot, None))
     rig.loop = rig.born(Mode.MIRROR)

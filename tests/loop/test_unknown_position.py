@@ -15,7 +15,7 @@ from twind.loop.joint_readings import JointReadings
 from twind.loop.torque_release import SettleProfile, release
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind_drivers.bus import BusError
 from twind_drivers.dynamixel.control_tables import table
 
@@ -32,7 +32,7 @@ def path() -> Iterator[str]:
 
 def inherited(make_rig: MakeRig, path: str, turns: int, spoil: Callable[[Rig], None]) -> Rig:
     """Armed, then its daemon dies and another one begins; meanwhile `spoil`."""
-    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=turns)}), start=OUT)
+    rig = make_rig(path, truth=RobotGroundTruth({"extended": JointGroundTruth(turns=turns)}), start=OUT)
     rig.arm()
     rig.seconds(0.3)
     rig.front.end(0.0)
@@ -147,7 +147,7 @@ def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(
 def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(
     make_rig: MakeRig, path: str
 ) -> None:
-    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+    rig = make_rig(path, truth=RobotGroundTruth({"extended": JointGroundTruth(turns=1)}), start=OUT)
     rig.connect()
     rig.virtual["main"].faults.brown_out(EXTENDED + 1)
     places = []
@@ -163,7 +163,7 @@ def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(
 def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     make_rig: MakeRig, path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+    rig = make_rig(path, truth=RobotGroundTruth({"extended": JointGroundTruth(turns=1)}), start=OUT)
     take = JointReadings.take
     until = 0.3
 

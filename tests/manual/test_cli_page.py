@@ -3,14 +3,14 @@
 from pathlib import Path
 
 from twind.ctl.verb_catalog import verb_names
-from twind.manual.cli_page import cli_page, main
+from twind.manual.write_cli_page import cli_page, main
 
 PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
 MOST = 900  # words
 
 
 def test_the_committed_page_is_the_generated_one() -> None:
-    assert PAGE.read_text() == cli_page(), "python -m twind.manual.cli_page docs/cli.md"
+    assert PAGE.read_text() == cli_page(), "python -m twind.manual.write_cli_page docs/cli.md"
 
 
 def test_the_command_writes_the_page(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from tests.support.gate_rig import ask, at_rest, codes, limits
 from twind.motion.stop_profiles import StopRamp
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
 from twind.robot.finding import ReasonCode
+from twind.robot.joint_state import JointState
 from twind.robot.modes import Motion
-from twind.robot.state import JointState
 from twind.robot.trajectory import Reference, Trajectory
 
 FILE = json.loads((Path(__file__).parents[1] / "data" / "jtc_cases.json").read_text())

@@ -15,11 +15,11 @@ from mcap.writer import CompressionType, Writer
 
 from tests.support.sample_recordings import SESSION, write
 from twind.exceptions import InvalidInput
-from twind.observe.recording.mcap_records import LARGEST, McapScanner
+from twind.observe.recording.mcap_record_scanner import LARGEST, McapRecordScanner
 
 
-def messages(path: Path) -> tuple[McapScanner, list[Message]]:
-    file = McapScanner(path)
+def messages(path: Path) -> tuple[McapRecordScanner, list[Message]]:
+    file = McapRecordScanner(path)
     return file, [each for each in file.contents() if isinstance(each, Message)]
 
 
@@ -35,7 +35,7 @@ def test_a_whole_file_is_what_the_library_reads(tmp_path: Path) -> None:
     assert not file.cut and not file.damaged and file.kept == file.size and file.profile == "ros2"
     rows = [(file.channels[each.channel_id].topic, each.log_time, each.sequence, each.data) for each in found]
     assert rows == of_the_library(path) and len(rows) == 400 + 4
-    others = [each for each in McapScanner(path).contents() if not isinstance(each, Message)]
+    others = [each for each in McapRecordScanner(path).contents() if not isinstance(each, Message)]
     assert [each.name for each in others] == ["twind", "robot.json", "model.mjcf"]
     assert isinstance(others[0], Metadata) and others[0].metadata == SESSION.about
     assert isinstance(others[1], Attachment) and others[1].data == b'{"name": "two"}'

@@ -26,7 +26,7 @@ from tests.support.sample_recordings import (
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
-from twind.observe.recording.mcap_records import McapScanner
+from twind.observe.recording.mcap_record_scanner import McapRecordScanner
 from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked, open_recording
 from twind.observe.recording.recording_topics import WIRE
 from twind.observe.writing.record_schemas import json_schemas
@@ -227,7 +227,7 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     assert path["joint_names"] == ["l_knee"] and path["id"] == before.verdicts[0].what["id"]
     assert [each.what for each in after.verdicts] == [each.what for each in before.verdicts]
     assert after.robot == before.robot and after.mjcf == before.mjcf
-    file = McapScanner(out)
+    file = McapRecordScanner(out)
     said = [
         json.loads(each.data)
         for each in file.contents()

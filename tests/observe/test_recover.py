@@ -14,14 +14,14 @@ from rosbags.highlevel import AnyReader
 from tests.support.sample_recordings import FullDisk, SteppedWriter, write
 from twind.command_line.verb import Rejected
 from twind.observe import recover as verb
-from twind.observe.recording.mcap_records import McapScanner
+from twind.observe.recording.mcap_record_scanner import McapRecordScanner
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing.record_file import RecordFile
 
 
 def count(path: Path) -> int:
-    return sum(isinstance(each, Message) for each in McapScanner(path).contents())
+    return sum(isinstance(each, Message) for each in McapRecordScanner(path).contents())
 
 
 def options(path: Path, out: Path | None = None) -> argparse.Namespace:
@@ -107,7 +107,7 @@ def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_pat
 
 
 def test_a_malformed_mcap_file_is_refused(tmp_path: Path) -> None:
-    whole = McapScanner(write(tmp_path / "f.mcap", 0.5))
+    whole = McapRecordScanner(write(tmp_path / "f.mcap", 0.5))
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, use_chunking=False)

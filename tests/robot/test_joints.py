@@ -3,7 +3,7 @@
 import pytest
 
 from tests.support.two_bus_rig import JOINTS
-from twind.robot.joints import JointMap
+from twind.robot.joint_map import JointMap
 
 NAMES = ("l_hip_yaw", "l_hip_roll", "l_knee", "r_hip_yaw", "r_knee", "head_pan")
 ROBOT = JointMap(NAMES, (), (True,) * 6)

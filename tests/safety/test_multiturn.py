@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
-from twind.robot.measured_travel import TurnRange
+from twind.robot.measured_travel import MeasuredTravel
 from twind.safety.multiturn import chosen, expected, inside, outside_travel, unfit
 
 WHOLE = 4096
@@ -21,7 +21,7 @@ MANY = 1_048_575
 
 def turns(
     first: int = FIRST, last: int = LAST, *, whole: int = WHOLE, falls: bool = False, begin: int = 0
-) -> TurnRange:
+) -> MeasuredTravel:
     """Choose the turns of one joint, in a multi-turn mode unless it `falls`."""
     numbers = {
         "whole": whole,
@@ -36,10 +36,10 @@ def turns(
         "begin": begin,
     }
     arrays = {name: np.array([number]) for name, number in numbers.items()}
-    return TurnRange(known=np.array([True]), falls=np.array([falls]), **arrays)
+    return MeasuredTravel(known=np.array([True]), falls=np.array([falls]), **arrays)
 
 
-def refusal_message(raw: int, of: TurnRange, *, on: bool = False) -> str:
+def refusal_message(raw: int, of: MeasuredTravel, *, on: bool = False) -> str:
     """Return the message about that reading; empty: none."""
     shift = chosen(np.array([raw]), of)
     found = unfit(np.array([raw]), shift, of, np.array([on]))

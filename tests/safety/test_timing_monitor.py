@@ -5,7 +5,7 @@ from math import inf, isfinite, isnan, nan
 import numpy as np
 import pytest
 
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.safety.latency_alarm import LatencyAlert
 from twind.telemetry.timing_monitor import COMMAND, READING, TimingMonitor
 

@@ -11,7 +11,7 @@ from twind.config.robot_file import load_robot
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
-from twind.virtual.truth import Truth
+from twind.virtual.robot_ground_truth import RobotGroundTruth
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
@@ -34,7 +34,7 @@ def many_turns(folder: Path) -> str:
     return str(made)
 
 
-def uncalibrated(robot: str, truth: Truth) -> Rig:
+def uncalibrated(robot: str, truth: RobotGroundTruth) -> Rig:
     """In mirror, without a calibration."""
     rig = Rig(robot, Mode.MIRROR, truth=truth)
     restarted(rig, None, Mode.MIRROR)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import joint_angles, slot_angles, ticks_of
@@ -32,7 +32,7 @@ from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
 from twind.virtual.bench_servos import BusTiming, can_bus
 from twind.virtual.can_node_setup import unloaded
-from twind.virtual.truth import Truth
+from twind.virtual.robot_ground_truth import RobotGroundTruth
 from twind.virtual.virtual_imu import sensor_of
 from twind.virtual.virtual_robot_spec import calibration, fence, specimen
 from twind_drivers.bus import BusReader, PortError
@@ -107,7 +107,7 @@ class Rig:
         muscles: type[FirstOrderPhysics] = FirstOrderPhysics,
         rate_hz: float | None = None,
         support: str | None = None,
-        truth: Truth | None = None,
+        truth: RobotGroundTruth | None = None,
         calibrated: Calibration | None = None,
         ring: FlightRing | None = None,
     ) -> None:
@@ -253,7 +253,7 @@ class Rig:
             acceleration=path.acceleration is not None,
             **parameters,
         )
-        fd = memfd.seal("path", link.pack_path(path))
+        fd = sealed_memfd.seal("path", link.pack_path(path))
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
         return self.last_ticket
@@ -265,7 +265,7 @@ class Rig:
         self.last_ticket += 1
         given = {"generation": self.loop.reloads.generation + 1} | parameters
         command = link.ApplyChanges(ticket=self.last_ticket, client=0, changes=dict(changes), **given)
-        fd = memfd.seal("briefing", b"for the next front")
+        fd = sealed_memfd.seal("briefing", b"for the next front")
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
         self.ticks(2)

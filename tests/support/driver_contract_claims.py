@@ -17,7 +17,7 @@ from twind_drivers.bus import (
     NoReply,
     PortError,
     ReadRequest,
-    WireClamp,
+    WireRangeError,
     WriteRequest,
 )
 from twind_drivers.clock import FakeClock
@@ -234,7 +234,7 @@ class DriverContract:
                 goal = (rig.lower + rig.upper) // 2
                 rig.writer.goals(goal)
                 goal[place] = beyond
-                with pytest.raises(WireClamp) as told:
+                with pytest.raises(WireRangeError) as told:
                     rig.writer.goals(goal)
                 assert told.value.id == rig.reader.ids[place]
 
@@ -242,7 +242,7 @@ class DriverContract:
         here = rig.arm()
         rig.ticks(20, here)
         rig.writer.goals(here + STEP)
-        with pytest.raises(WireClamp):
+        with pytest.raises(WireRangeError):
             rig.writer.goals(rig.upper + 1)
         before = rig.places()
         rig.ticks(5)
@@ -357,7 +357,7 @@ class DriverContract:
     def test_aim_refuses_what_may_not_be_sent(self, rig: DriverRig) -> None:
         rig.heard()
         for script in (rig.writer.write_goals, rig.writer.prepare):
-            with pytest.raises(WireClamp):
+            with pytest.raises(WireRangeError):
                 rig.beside(script(rig.upper + 1))
 
     def test_aimed_is_what_was_sent_last(self, rig: DriverRig) -> None:

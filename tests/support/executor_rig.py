@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.support.gate_rig import limits, path
 from twind.motion.trajectory_executor import TrajectoryExecutor
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Reference, Trajectory
 
 PERIOD = 0.01

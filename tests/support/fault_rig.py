@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tests.support.daemon_rig import Rig
 from twind.robot.arrays import Bools, Floats
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Trajectory
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.virtual.servo_physics import RPM, FirstOrderPhysics
@@ -60,7 +60,7 @@ class Moved(FirstOrderPhysics):
         self.current[:] = free * (40.0 + np.rint(self.position) % 50)
 
 
-class Witness:
+class RegisterRecorder:
     """Registers of one bus over time: each refresh of the readings, the rest at each look."""
 
     READINGS = (("present_position", 4), ("present_velocity", 4), ("present_current", 2))
@@ -119,7 +119,7 @@ class Judge:
         self.rig = rig
         self.wrong = list[str]()
         self.fresh = self.stale = 0  # readings of joints judged so far
-        self.witnesses = {name: Witness(bus) for name, bus in rig.virtual.items()}
+        self.witnesses = {name: RegisterRecorder(bus) for name, bus in rig.virtual.items()}
         specs = {joint.name: joint for joint in rig.robot.joints}
         joints = [specs[name] for name in rig.names]
         self._zero = np.array([rig.zeros[joint.name] for joint in joints], np.float64)

@@ -24,7 +24,7 @@ from twind.briefing import Briefing
 from twind.client.errors import as_error
 from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load, save
 from twind.link import Overview, Tick, decode_news
-from twind.observe.recording.flight_messages import news
+from twind.observe.recording.flight_monitor_messages import news
 from twind.observe.replaying.replay_calls import INTERFACE, ReplayConnection, wait
 from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome
 from twind.observe.replaying.replay_script import score

@@ -8,8 +8,8 @@ import numpy as np
 from tests.support.gate_rig import at_rest, limits
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
+from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.state import JointState
 from twind.safety.guard import Guard, GuardDecision, GuardInput
 
 N = 3

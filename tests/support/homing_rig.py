@@ -8,7 +8,7 @@ from typing import Any
 from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.counts import ticks_of
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind_drivers.dynamixel.control_tables import table
 
 JOINT = "head_yaw"
@@ -43,7 +43,7 @@ class Homed(Rig):
 
     def __init__(self, joint: str = JOINT, *, truth: Mapping[str, Any] | None = None, **how: Any) -> None:
         how.setdefault("start", {JOINT: -1.3})
-        super().__init__(truth=Truth({joint: JointTruth(**(truth or {}))}), **how)
+        super().__init__(truth=RobotGroundTruth({joint: JointGroundTruth(**(truth or {}))}), **how)
         self.place = self.names.index(joint)
         self.spec = self.robot.joints[self.place]
         self.bus = self.virtual[self.spec.bus]

@@ -6,8 +6,8 @@ from typing import Any
 from tests.support.daemon_rig import Rig
 from twind.config.robot_spec import ImuSpec
 from twind.link import Tick
+from twind.robot.joint_state import Imu
 from twind.robot.modes import Mode
-from twind.robot.state import Imu
 
 
 class Standing(Rig):

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import load_robot
 from twind.listening_sockets import BACKLOG
@@ -133,7 +133,7 @@ class StandIn:
         self.inner.setblocking(False)
         told = briefing() if told is None else told
         told = told if binding is None else msgspec.structs.replace(told, binding=binding)
-        fd = memfd.seal("briefing", msgspec.msgpack.encode(told))
+        fd = sealed_memfd.seal("briefing", msgspec.msgpack.encode(told))
         listeners = {name: self._listen(name) for name in ("control", "observe")}
         handed = {"link": outer.fileno(), "briefing": fd}
         handed |= {name: listener.fileno() for name, listener in listeners.items()}
@@ -208,7 +208,7 @@ class StandIn:
             for _, _, payload in extra:
                 fds.frombytes(payload)
             for fd in fds:
-                self.paths.append(memfd.unseal(fd))
+                self.paths.append(sealed_memfd.unseal(fd))
                 os.close(fd)
             command = link.decode_command(data)
             if isinstance(command, link.Heartbeat):

@@ -23,7 +23,7 @@ from tests.support.picture_drawing import svg
 from tests.support.processes import Daemon, arm, daemon, go, robot, until
 from twind.client import Client, ClientError, Refused
 from twind.command_line.trajectory_files import load_motion
-from twind.ctl.picture.live_picture import MonitorFeed
+from twind.ctl.dashboard.live_dashboard import MonitorFeed
 
 FOLDER = Path(__file__).parents[2] / "docs" / "pictures"
 MOST = 300_000  # bytes of one picture

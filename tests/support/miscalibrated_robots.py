@@ -10,12 +10,12 @@ import pytest
 from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind.virtual.virtual_robot_spec import calibration, specimen
 
 KNEE = "l_knee"
 TURN = 4096
-PLAIN = JointTruth()
+PLAIN = JointGroundTruth()
 OPEN = {"min_position_limit": 0, "max_position_limit": 4095}  # as delivered: no fingerprint
 
 
@@ -24,16 +24,16 @@ class Planted(Rig):
 
     def __init__(
         self,
-        before: Mapping[str, JointTruth],
-        found: Mapping[str, JointTruth],
+        before: Mapping[str, JointGroundTruth],
+        found: Mapping[str, JointGroundTruth],
         robot: str = "h24",
         **how: Any,
     ) -> None:
         self.energised: set[str] = set()  # joints that had torque at any tick
         self.moved = 0.0  # ticks, the furthest that any shaft was from where it began
         self._began: np.ndarray | None = None
-        then = calibration(specimen(load_robot(robot), truth=Truth(before)))
-        super().__init__(robot, truth=Truth(found), calibrated=then, **how)
+        then = calibration(specimen(load_robot(robot), truth=RobotGroundTruth(before)))
+        super().__init__(robot, truth=RobotGroundTruth(found), calibrated=then, **how)
 
     def ticks(self, count: int) -> None:
         """Let `count` ticks pass, looking after each."""
@@ -108,7 +108,7 @@ def plant() -> Iterator[Any]:
     """Makes planted robots, and puts them away."""
     made: list[Planted] = []
 
-    def one(before: JointTruth, found: JointTruth, robot: str = "h24", **how: Any) -> Planted:
+    def one(before: JointGroundTruth, found: JointGroundTruth, robot: str = "h24", **how: Any) -> Planted:
         made.append(Planted({KNEE: before}, {KNEE: found}, robot, **how))
         return made[-1]
 

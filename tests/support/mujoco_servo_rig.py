@@ -12,7 +12,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.trajectory import Trajectory
 from twind.twin.mujoco_physics import BusPhysics, MujocoPhysics
-from twind.virtual.truth import Truth
+from twind.virtual.robot_ground_truth import RobotGroundTruth
 from twind.virtual.virtual_robot_spec import buses
 from twind_calibration.wiggling.joint_move import path
 from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
@@ -31,7 +31,7 @@ def built(name: str, **changes: Any) -> RobotFile:
 class BodyRig(Rig):
     """A daemon whose robot is `true`, whatever its robot file says, moved by MuJoCo."""
 
-    def __init__(self, true: RobotFile = H24, *, truth: Truth | None = None) -> None:
+    def __init__(self, true: RobotFile = H24, *, truth: RobotGroundTruth | None = None) -> None:
         self._true = true
         self._made_buses = {}
         super().__init__("h24", truth=truth)

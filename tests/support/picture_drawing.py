@@ -5,12 +5,12 @@ from io import StringIO
 from rich.console import Console
 from rich.text import Text
 
-from twind.ctl.picture.picture_layout import picture
-from twind.ctl.picture.picture_renderer import STYLES
-from twind.ctl.picture.picture_state import PictureState
+from twind.ctl.dashboard.dashboard_layout import picture
+from twind.ctl.dashboard.dashboard_renderer import STYLES
+from twind.ctl.dashboard.dashboard_state import DashboardState
 
 
-def svg(view: PictureState, *, title: str, width: int, height: int) -> str:
+def svg(view: DashboardState, *, title: str, width: int, height: int) -> str:
     """The picture as a drawing of a terminal, the same for the same view."""
     console = Console(
         record=True, width=width, file=StringIO(), force_terminal=True, color_system="truecolor", _environ={}

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twind.ctl.picture.picture_state import MonitorCollector, PictureState
+from twind.ctl.dashboard.dashboard_state import DashboardState, MonitorCollector
 
 SIDED = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
 NAMES = (
@@ -157,7 +157,7 @@ def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
     return one
 
 
-def view(now: float = 100.0, **other: Any) -> PictureState:
+def view(now: float = 100.0, **other: Any) -> DashboardState:
     """The state of `watched` at `now`."""
     return watched(now, **other).view(now)
 
@@ -169,7 +169,7 @@ TROUBLED = {
 }
 
 
-def troubled(now: float = 100.0) -> PictureState:
+def troubled(now: float = 100.0) -> DashboardState:
     """A fault, a warning of a port, three joints that need a look."""
     message = "l_knee: distance from the goal 0.25 rad, bound 0.2 rad; held where it is"
     slow = "the adapter's latency timer is 16 ms; `sudo setserial /dev/twind/lower low_latency`"

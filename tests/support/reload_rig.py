@@ -11,7 +11,7 @@ from twind.config import hot_changes, reload_plan
 from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack
 from twind.loop import assembly
 from twind.loop.bound_robot import BoundRobot
-from twind.memfd import unseal
+from twind.sealed_memfd import unseal
 from twind.twin.binding import bind
 
 

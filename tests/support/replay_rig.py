@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from tests.support.daemon_rig import HandFront, Rig
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.briefing import Briefing
 from twind.config.calibration_file import save_calibration
 from twind.config.config_files import ConfigSources, describe
@@ -55,7 +55,7 @@ def flight(rig: Rig, folder: Path) -> FlightFile:
     calibrated = save_calibration(rig.calibration, folder, rig.robot.name)
     files = fingerprints([rig.robot.path, rig.robot.mjcf_path, calibrated])
     fd = assembly.make_briefing(rig.one, rig.robot.rate_hz, {}, "info", files)
-    briefing = msgspec.msgpack.decode(memfd.unseal(fd), type=Briefing)
+    briefing = msgspec.msgpack.decode(sealed_memfd.unseal(fd), type=Briefing)
     os.close(fd)
     assert rig.recorder is not None
     return FlightFile(
@@ -233,7 +233,7 @@ class Replay:
         if not data:
             self.front.outer.send(link.encode(command))
             return
-        fd = memfd.seal("path", data)
+        fd = sealed_memfd.seal("path", data)
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
 

@@ -12,7 +12,7 @@ from twind.client import Client, NoDaemon
 Answer = dict[str, Any]
 
 
-class ToldDaemon:
+class ScriptedDaemon:
     """Answers calls; `calls` is what came. `refuse`: an error by method, `absent`: nobody listens."""
 
     def __init__(self) -> None:
@@ -20,12 +20,12 @@ class ToldDaemon:
         self.refuse: dict[str, tuple[str, Answer]] = {}
         self.absent = self.dead = False
         self.meanwhile: Callable[[str], None] = lambda method: None  # done while a call is answered
-        self.lines: list[ToldLine] = []
+        self.lines: list[ScriptedLine] = []
         self._motions = 0
 
     def client(self) -> Client:
         """A connection."""
-        return Client(line=ToldLine(self))
+        return Client(line=ScriptedLine(self))
 
     @property
     def open(self) -> int:
@@ -58,12 +58,12 @@ class ToldDaemon:
         return {"id": f"m{self._motions}", "phase": "accepted", "progress": 0.0, "verdict": None}
 
 
-class ToldLine:
+class ScriptedLine:
     """A `Line` to it."""
 
     where = "told"
 
-    def __init__(self, daemon: ToldDaemon) -> None:
+    def __init__(self, daemon: ScriptedDaemon) -> None:
         self._daemon = daemon
         self.is_open = False
         self._answers = list[bytes]()

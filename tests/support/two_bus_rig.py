@@ -8,8 +8,8 @@ import numpy as np
 from twind.loop.bus_port import BusPort, PortState
 from twind.loop.hardware import Hardware
 from twind.robot.arrays import Floats
-from twind.robot.joints import JointBusMap, JointMap
-from twind.robot.state import JointState
+from twind.robot.joint_map import JointBusMap, JointMap
+from twind.robot.joint_state import JointState
 from twind_drivers.bus import BusReader, BusWriter, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter

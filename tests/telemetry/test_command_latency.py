@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.latency_alarm import LatencyAlert
 from twind.telemetry.command_latency import STREAM, CommandLatencyTracer

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from tests.support.examples import examples
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Bools, Floats
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.binding import bind
 from twind.twin.mirror import TwinMirror
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from twind.config.robot_file import load_robot
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.binding import bind
 from twind.twin.twin import Twin
 

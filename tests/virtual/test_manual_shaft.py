@@ -11,7 +11,7 @@ from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, specimen
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
@@ -112,9 +112,9 @@ def test_a_wrong_order_is_refused_and_nothing_moves(order: dict[str, object], wo
 
 
 def robot(
-    physics: bool, name: str = "h24", **joints: JointTruth
+    physics: bool, name: str = "h24", **joints: JointGroundTruth
 ) -> tuple[VirtualRobotSpec, dict[str, ServableBus]]:
-    made = specimen(load_robot(name), truth=Truth(joints))
+    made = specimen(load_robot(name), truth=RobotGroundTruth(joints))
     return made, buses(made, physics=physics)
 
 
@@ -141,7 +141,7 @@ def test_a_hand_holds_a_limb_against_gravity_within_three_ticks(physics: bool, j
 
 @pytest.mark.parametrize("physics", [True, False])
 def test_a_hand_ends_at_the_stops_in_both_directions(physics: bool) -> None:
-    knee = {"l_knee": JointTruth(stops_rad=(-0.1, 1.3), sign=-1, zero_ticks=4090)}
+    knee = {"l_knee": JointGroundTruth(stops_rad=(-0.1, 1.3), sign=-1, zero_ticks=4090)}
     made, virtual = robot(physics, **knee)
     faults = virtual["main"].faults
     for end, wish in ((1.3, 3.0), (-0.1, -1.0)):
@@ -166,7 +166,7 @@ def test_a_limb_falls_when_the_hand_is_removed() -> None:
 
 @pytest.mark.parametrize("physics", [True, False])
 def test_a_can_actuator_is_moved_by_a_hand_too(physics: bool) -> None:
-    stops = {"l_knee": JointTruth(stops_rad=(-0.1, 1.3))}
+    stops = {"l_knee": JointGroundTruth(stops_rad=(-0.1, 1.3))}
     made, virtual = robot(physics, "h24-mixed", **stops)
     leg = virtual["l_leg"]
     id = made.robot.joints[made.robot.names.index("l_knee")].id
@@ -185,7 +185,7 @@ def test_dry_friction_is_in_the_current() -> None:
     """Driven slowly either way a joint needs friction more than without: half of the gap is the friction."""
     gaps = []
     for friction in (0.02, 0.30):
-        _, virtual = robot(True, head_yaw=JointTruth(friction_nm=friction))
+        _, virtual = robot(True, head_yaw=JointGroundTruth(friction_nm=friction))
         servos = virtual["main"].servos
         row = H24.names.index("head_yaw")
         here = int(servos["goal_position"][row])
@@ -208,7 +208,7 @@ def test_dry_friction_is_in_the_current() -> None:
 
 
 def test_backlash_lets_the_encoder_stay_behind_by_half_of_it_on_either_side() -> None:
-    made, virtual = robot(False, l_knee=JointTruth(backlash_ticks=10.0))
+    made, virtual = robot(False, l_knee=JointGroundTruth(backlash_ticks=10.0))
     bus = virtual["main"]
     seen = []
     for step, rad in enumerate((0.5, 0.7, 0.5), 1):
@@ -254,7 +254,7 @@ def test_a_hand_pose_is_split_among_the_buses_and_off_releases_all() -> None:
 
 
 def test_an_encoder_that_stands_still_within_the_play_shows_no_speed() -> None:
-    made, virtual = robot(False, l_knee=JointTruth(backlash_ticks=40.0))
+    made, virtual = robot(False, l_knee=JointGroundTruth(backlash_ticks=40.0))
     servos = virtual["main"].servos
     row = made.robot.names.index("l_knee")
     virtual["main"].faults.hand(pose={"l_knee": 0.5}, speed=1.0)

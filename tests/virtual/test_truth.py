@@ -15,7 +15,13 @@ from twind.config.counts import angle_of
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
-from twind.virtual.truth import PLAIN, JointTruth, Truth, load_truth, random_truth
+from twind.virtual.robot_ground_truth import (
+    PLAIN,
+    JointGroundTruth,
+    RobotGroundTruth,
+    load_truth,
+    random_truth,
+)
 from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, save, specimen
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
@@ -24,7 +30,7 @@ KNEE = H24.joints[H24.names.index("l_knee")]
 
 
 def made_with(**knee: object) -> VirtualRobotSpec:
-    return specimen(H24, truth=Truth({"l_knee": JointTruth(**knee)}))  # type: ignore[arg-type]
+    return specimen(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(**knee)}))  # type: ignore[arg-type]
 
 
 def servo(made: VirtualRobotSpec, joint: str, physics: bool = False) -> tuple[VirtualServos, int]:
@@ -42,7 +48,7 @@ def shows(made: VirtualRobotSpec, joint: str, physics: bool = False) -> int:
 # ---------------------------------------------------------------------------------------- the file
 
 
-def load(tmp_path: Path, text: str) -> Truth:
+def load(tmp_path: Path, text: str) -> RobotGroundTruth:
     (tmp_path / "truth.yaml").write_text(text)
     return load_truth(tmp_path / "truth.yaml", H24)
 
@@ -65,7 +71,7 @@ def test_a_ground_truth_file_gives_the_fields_of_the_dataclass(tmp_path: Path) -
         "seam_seed": 3,
     }
     found = load(tmp_path, json.dumps({"joints": {"l_knee": said, "r_knee": {"swapped_with": "head_yaw"}}}))
-    assert found.joint_truth("l_knee") == JointTruth(**said | {"stops_rad": (-0.1, 2.2)})
+    assert found.joint_truth("l_knee") == JointGroundTruth(**said | {"stops_rad": (-0.1, 2.2)})
     assert set(found.joint_truth("l_knee").non_default_keys()) == set(said)
     assert (found.holder("r_knee"), found.holder("head_yaw")) == ("head_yaw", "r_knee")
     assert found.joint_truth("head_pitch") == PLAIN and found.holder("head_pitch") == "head_pitch"
@@ -95,30 +101,39 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: st
     ("joints", "words"),
     [
         ({"l_kne": PLAIN}, "h24 has no joint 'l_kne'"),
-        ({"l_knee": JointTruth(swapped_with="l_knee")}, "is no other joint of its bus"),
-        ({"l_knee": JointTruth(swapped_with="tail")}, "is no other joint of its bus"),
+        ({"l_knee": JointGroundTruth(swapped_with="l_knee")}, "is no other joint of its bus"),
+        ({"l_knee": JointGroundTruth(swapped_with="tail")}, "is no other joint of its bus"),
         (
-            {"l_knee": JointTruth(swapped_with="r_knee"), "r_knee": JointTruth(swapped_with="head_yaw")},
+            {
+                "l_knee": JointGroundTruth(swapped_with="r_knee"),
+                "r_knee": JointGroundTruth(swapped_with="head_yaw"),
+            },
             "swapped with another one",
         ),
-        ({"l_knee": JointTruth(registers={"present_position": 1})}, "no EEPROM register 'present_position'"),
-        ({"l_knee": JointTruth(registers={"homing": 1})}, "no EEPROM register 'homing'"),
-        ({"l_knee": JointTruth(tag=5000)}, "moving_threshold 5000 is outside 0..1023"),
+        (
+            {"l_knee": JointGroundTruth(registers={"present_position": 1})},
+            "no EEPROM register 'present_position'",
+        ),
+        ({"l_knee": JointGroundTruth(registers={"homing": 1})}, "no EEPROM register 'homing'"),
+        ({"l_knee": JointGroundTruth(tag=5000)}, "moving_threshold 5000 is outside 0..1023"),
     ],
 )
-def test_an_impossible_ground_truth_is_refused(joints: dict[str, JointTruth], words: str) -> None:
+def test_an_impossible_ground_truth_is_refused(joints: dict[str, JointGroundTruth], words: str) -> None:
     with pytest.raises(InvalidInput) as refused:
-        specimen(H24, truth=Truth(joints))
+        specimen(H24, truth=RobotGroundTruth(joints))
     assert words in str(refused.value)
 
 
 def test_a_servo_only_ground_truth_is_refused_for_a_can_actuator() -> None:
     mixed = load_robot("h24-mixed")
-    specimen(mixed, truth=Truth({"l_knee": JointTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}))
+    specimen(
+        mixed,
+        truth=RobotGroundTruth({"l_knee": JointGroundTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}),
+    )
     with pytest.raises(
         InvalidInput, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
     ):
-        specimen(mixed, truth=Truth({"l_knee": JointTruth(turns=1)}))
+        specimen(mixed, truth=RobotGroundTruth({"l_knee": JointGroundTruth(turns=1)}))
 
 
 # ---------------------------------------------------------------------------------------- what follows
@@ -126,7 +141,7 @@ def test_a_servo_only_ground_truth_is_refused_for_a_can_actuator() -> None:
 
 def test_an_empty_ground_truth_changes_only_the_stops() -> None:
     plain = specimen(H24)
-    told = specimen(H24, truth=Truth())
+    told = specimen(H24, truth=RobotGroundTruth())
     assert plain.zeros == told.zeros == plain.shown == told.shown
     assert plain.hinge("l_knee").stops == (-math.inf, math.inf)
     assert all(map(math.isfinite, told.hinge("l_knee").stops)), "the model's range"
@@ -160,7 +175,7 @@ def test_a_turn_offset_changes_the_count_and_not_the_calibration() -> None:
 
 
 def test_servos_with_exchanged_ids_sit_where_they_were() -> None:
-    made = specimen(H24, truth=Truth({"l_knee": JointTruth(swapped_with="r_knee")}))
+    made = specimen(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(swapped_with="r_knee")}))
     servos, left = servo(made, "l_knee")
     right = H24.names.index("r_knee")
     ids = servos.registers.ids()

@@ -215,7 +215,7 @@ def _has_time_for(name: str, until: float) -> bool:
 
 def _stay(folder: str, client: Client) -> None:
     """Motions in turn behind the live picture of `twindctl monitor`, until q or Ctrl-C."""
-    from twind.ctl.picture.live_picture import show  # rich: only who stays to look needs it
+    from twind.ctl.dashboard.live_dashboard import show  # rich: only who stays to look needs it
 
     ended = threading.Event()
     player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)

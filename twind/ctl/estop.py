@@ -33,13 +33,13 @@ def _run(options: argparse.Namespace) -> int:
 
 def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:
     """Have each daemon that still serves the folder lower its robot and end. Raises NoDaemon, Rejected."""
-    from twind.ctl import serving  # a status or an ordinary e-stop does not pay for it
+    from twind.ctl import socketless_daemon  # a status or an ordinary e-stop does not pay for it
 
     signalled: dict[int, int] = {}
-    denied: serving.Serving | None = None
-    for daemon in serving.find(serving.folders(options.socket)):
+    denied: socketless_daemon.SocketlessDaemon | None = None
+    for daemon in socketless_daemon.find(socketless_daemon.folders(options.socket)):
         try:
-            signalled[daemon.pid] = serving.terminate(daemon)
+            signalled[daemon.pid] = socketless_daemon.terminate(daemon)
         except ProcessLookupError:  # it ended by itself
             continue
         except PermissionError:  # another one may be ours to end
@@ -49,7 +49,7 @@ def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:
             show(options, None, _signalled(daemon.folder, daemon.pid, cut=options.cut))
     if not signalled and denied is None:
         raise absent
-    remaining = [pid for pid, pidfd in signalled.items() if not serving.ended(pidfd, LOWERING)]
+    remaining = [pid for pid, pidfd in signalled.items() if not socketless_daemon.ended(pidfd, LOWERING)]
     if remaining:
         listed = ", ".join(map(str, remaining))
         raise Rejected(

@@ -48,7 +48,7 @@ def _run(options: argparse.Namespace) -> int:
         raise UsageError(f"--count {options.count} must be positive")
     if options.json:
         return _lines(options)
-    from twind.ctl.picture.live_picture import show  # rich: a tenth of a second that no other verb pays
+    from twind.ctl.dashboard.live_dashboard import show  # rich: a tenth of a second that no other verb pays
 
     before = [signal.signal(number, _on_signal) for number in (signal.SIGTERM, signal.SIGHUP)]
     try:

@@ -27,7 +27,7 @@ from twind.doctor.serial_survey import (
     serial_surveys,
 )
 from twind.robot.attitude import G
-from twind_drivers.dynamixel.bus_scan import Kind
+from twind_drivers.dynamixel.bus_scan import ScanFaultKind
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.device_layout import layout_of
 from twind_drivers.dynamixel.dynamixel_identification import supports_fast
@@ -174,14 +174,14 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
             text = "no answer at any baud rate" if context.daemon is None else "no answer"
             yield DoctorFinding("BUS_SILENT", thing, text, advice=POWER + _scan(context, survey))
         kinds = {trouble.kind for trouble in survey.troubles}
-        if Kind.TALK in kinds:
+        if ScanFaultKind.TALK in kinds:
             yield DoctorFinding("BUS_TALK", thing, "bytes without a request", "silence")
-        if Kind.ECHO in kinds:
+        if ScanFaultKind.ECHO in kinds:
             text = "every packet comes back before its reply"
             advice = "the daemon removes the echo; for others switch it off, or exchange the adapter"
             yield DoctorFinding("BUS_NOISE", thing, text, "the reply alone", advice=advice)
         for trouble in survey.troubles:
-            if trouble.kind is Kind.OLD:
+            if trouble.kind is ScanFaultKind.OLD:
                 text = f"protocol 1.0 answers of ids {', '.join(map(str, trouble.ids))}"
                 advice = "set protocol 2.0 by the vendor's tool (register 13), if the model has it"
                 yield DoctorFinding("BAUD_WRONG", thing, text, "protocol 2.0", advice=advice)
@@ -190,7 +190,7 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
 
 def _noise(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     bad = survey.garbled + survey.lost
-    noisy = any(trouble.kind in (Kind.NOISE, Kind.FOREIGN) for trouble in survey.troubles)
+    noisy = any(trouble.kind in (ScanFaultKind.NOISE, ScanFaultKind.FOREIGN) for trouble in survey.troubles)
     if noisy or (bad >= LEAST and bad > LOST * survey.asked):
         text = f"{survey.garbled} garbled and {survey.lost} lost of {survey.asked} replies"
         if not bad:

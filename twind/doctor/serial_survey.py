@@ -17,7 +17,7 @@ from twind.doctor.check_context import CheckContext
 from twind.doctor.inspectors import Answer, BusProbe, DaemonInspector, SerialBusInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScannedDevice, Trouble, scan, scan_rate
+from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
 from twind_drivers.dynamixel.prober import PortProber
@@ -50,7 +50,7 @@ class SurveyedServo:
     model_name: str | None  # None: in no table
     firmware: int | None
     values: Mapping[str, int] = field(default_factory=dict)  # register -> counts, signed where it is
-    trouble: Trouble | None = None  # sign of two devices with this id
+    trouble: ScanFault | None = None  # sign of two devices with this id
     delay: float | None = None  # s of its quickest reply beside wire time; None: not measured
 
     @property
@@ -82,7 +82,7 @@ class SerialBusSurvey:
     servos: tuple[SurveyedServo, ...]  # in order of ids
     missing: tuple[JointSpec, ...]  # in the order of the robot file
     other_rates: tuple[ScannedDevice, ...] = ()  # replies at other rates; scanned where a device is missing
-    troubles: tuple[Trouble, ...] = ()  # of the whole line
+    troubles: tuple[ScanFault, ...] = ()  # of the whole line
     asked: int = 0  # pings
     garbled: int = 0  # of those: replies that were corrupt, or had bytes too many
     lost: int = 0  # of those: no reply

@@ -21,7 +21,7 @@ from twind.front.flight_dumper import RecorderHandover
 from twind.front.front_server import FrontServer
 from twind.front.systemd_journal import SOCKET
 from twind.listening_sockets import Listener
-from twind.memfd import unseal
+from twind.sealed_memfd import unseal
 from twind.standard_streams import at_journal
 
 

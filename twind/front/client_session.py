@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from twind.exceptions import InvalidInput
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.interface_methods import METHODS, OBSERVER, service
 from twind.front.message_stream import MessageStream
-from twind.front.methods import METHODS, OBSERVER, service
 from twind.protocol import CONTROL, SERVICE
 from twind.protocol.strict_json import loads
 from twind.robot.event_codes import EventCode

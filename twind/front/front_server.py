@@ -18,14 +18,14 @@ from twind.front.client_session import ClientSession
 from twind.front.daemon_log import DaemonLog
 from twind.front.event_logger import EventLogger
 from twind.front.flight_dumper import FlightDumper, RecorderHandover
-from twind.front.listening import Listening
 from twind.front.loop_connection import LoopConnection
 from twind.front.message_stream import MessageStream
 from twind.front.monitor_subscribers import SubscriberRegistry
 from twind.front.reload_queue import ReloadQueue
 from twind.front.reserved_descriptors import PLACES, RESERVED, ReservedDescriptors
+from twind.front.socket_acceptor import SocketAcceptor
 from twind.front.state_cache import StateCache
-from twind.front.streamer_reports import StreamerReports
+from twind.front.streamer_report_cache import StreamerReportCache
 from twind.front.ticket_table import TicketTable
 from twind.front.trajectory_check_queue import TrajectoryCheckQueue
 from twind.link import ConnectionClosed, Event, Outward, Overview, ReloadWanted, Reply, Tick, VerdictReport
@@ -68,9 +68,9 @@ class FrontServer:
         self.foreseen = TrajectoryCheckQueue(self)
         self.reloads = ReloadQueue(self)
         self.flights = FlightDumper(self, recorded)
-        self.streams = StreamerReports(self.world, self.telemetry)
+        self.streams = StreamerReportCache(self.world, self.telemetry)
         self.submitted = PendingVerdict()
-        self.listening = Listening(loop, self.link, self._accept)
+        self.listening = SocketAcceptor(loop, self.link, self._accept)
         self._spares = ReservedDescriptors(RESERVED)
         self._starved = False
         self._paced: dict[tuple[int, int, str], list[float]] = {}

@@ -21,9 +21,9 @@ from twind.config.hot_keys import BLOCK, LEVEL, WARN, of_robot
 from twind.front.client_calls import ClientCall
 from twind.front.state_cache import encode
 from twind.front.trajectory_check_queue import NOBODY
-from twind.memfd import seal
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
+from twind.sealed_memfd import seal
 
 if TYPE_CHECKING:
     from twind.front.front_server import FrontServer

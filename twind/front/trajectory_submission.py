@@ -14,10 +14,10 @@ import numpy as np
 from twind.exceptions import InvalidInput
 from twind.front.joint_naming import JointNames
 from twind.link import pack_path
-from twind.memfd import seal
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.trajectory_validation import PointRow, form
+from twind.sealed_memfd import seal
 
 POLICIES = ("reject", "retime")  # strict first
 LONGEST_WAIT = 60.0  # s: the largest start_in

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twind import link
-from twind.loop.procedures import Procedure, ProcedureFailed, all_of, ticks
-from twind.loop.torque import error_text, say_unconfirmed, switch_torque_off, take
+from twind.loop.procedure_runner import Procedure, ProcedureFailed, all_of, ticks
+from twind.loop.torque_switching import error_text, say_unconfirmed, switch_torque_off, take
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.multiturn import expected

@@ -25,7 +25,6 @@ from twind.loop.imu_poller import ImuPoller
 from twind.loop.realtime import Granted
 from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop, LoopParts
-from twind.memfd import seal
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
@@ -33,6 +32,7 @@ from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
 from twind.safety.lease import Lease
+from twind.sealed_memfd import seal
 from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
 from twind.twin.binding_transfer import packed

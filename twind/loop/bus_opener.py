@@ -13,7 +13,7 @@ from twind.config.actuator_types import CAN, CanType, ServoType
 from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
 from twind.loop.bus_tap import RecordingBusTap, TappedChannel, TappedTransport
-from twind.robot.joints import JointBusMap, JointMap
+from twind.robot.joint_map import JointBusMap, JointMap
 from twind_drivers.bus import BusReader, BusWriter
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter

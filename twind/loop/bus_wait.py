@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from math import inf
 
 from twind.loop.bus_port import BusPort
-from twind.robot.joints import JointBusMap
+from twind.robot.joint_map import JointBusMap
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import Clock
 

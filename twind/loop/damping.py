@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.loop.bus_port import ScriptRun
-from twind.loop.procedures import Procedure
+from twind.loop.procedure_runner import Procedure
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding
 

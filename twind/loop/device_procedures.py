@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from twind import link
 from twind.exceptions import InvalidInput
-from twind.loop.procedures import Procedure, all_of
+from twind.loop.procedure_runner import Procedure, all_of
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from twind import link
-from twind.loop.procedures import Priority
+from twind.loop.procedure_runner import Priority
 from twind.robot.modes import Mode
 
 if TYPE_CHECKING:

@@ -26,9 +26,9 @@ from twind import link
 from twind.flight import EntryKind
 from twind.loop.bus_port import PortState as Stage
 from twind.loop.front_link import ReceivedCommand, Record
-from twind.loop.procedures import Priority, Procedure
-from twind.loop.torque import beyond_hard_limit, joint_names
+from twind.loop.procedure_runner import Priority, Procedure
 from twind.loop.torque_release import LETTING_GO, SettleProfile, release
+from twind.loop.torque_switching import beyond_hard_limit, joint_names
 from twind.robot.arrays import Bools, every, some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode

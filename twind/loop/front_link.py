@@ -35,7 +35,7 @@ from twind.link import (
 )
 from twind.listening_sockets import NAMES, Listener
 from twind.loop.front_process import FrontProcess
-from twind.memfd import sealed, unseal
+from twind.sealed_memfd import sealed, unseal
 from twind.standard_streams import write_line
 
 # s that a front may leave more than QUEUE unread; a front that is merely descheduled is not killed

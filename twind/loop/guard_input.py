@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.robot.arrays import some
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.guard_types import GuardInput
 

@@ -14,12 +14,12 @@ from twind.loop.bus_port import BusPort, PortLost, PortState, ScriptRun
 from twind.loop.bus_wait import Pair, collect
 from twind.loop.imu_poller import ImuPoller
 from twind.loop.joint_readings import JointReadings, radians, reach, resolution, ticks
-from twind.loop.procedures import all_of
+from twind.loop.procedure_runner import all_of
 from twind.robot.arrays import Bools, Floats, Ints, every, some
-from twind.robot.joints import JointBusMap, JointMap
-from twind.robot.state import JointState
+from twind.robot.joint_map import JointBusMap, JointMap
+from twind.robot.joint_state import JointState
 from twind.safety.guard_types import BusTraffic
-from twind_drivers.bus import BusSample, BusWriter, PortError, PortErrorCause, Script, WireClamp
+from twind_drivers.bus import BusSample, BusWriter, PortError, PortErrorCause, Script, WireRangeError
 from twind_drivers.clock import Clock
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -50,7 +50,7 @@ class Hardware:
         self.readings = JointReadings(joints, period)
         self.slow = self.readings.slow
         self.lost: list[PortLost] = []  # ports lost since the last check
-        self.clamped: WireClamp | None = None  # why the last goals were not sent
+        self.clamped: WireRangeError | None = None  # why the last goals were not sent
         self.left = False  # the last goals were sent to every bus that holds
         self.sent = -inf  # s, when all requests of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
@@ -242,7 +242,9 @@ class Hardware:
                 if port.writer is not None and port.holding:
                     port.writer.goals(ticks(bus, goal))
                     self.left = True
-        except WireClamp as error:  # all or nothing: no bus moves on a goal while another refuses its goal
+        except (
+            WireRangeError
+        ) as error:  # all or nothing: no bus moves on a goal while another refuses its goal
             self.clamped = error
             self.left = False
             for writer in self.writers:

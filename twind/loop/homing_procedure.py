@@ -23,8 +23,8 @@ from twind.loop.pending_restore import (
     release,
     report_pending_restore,
 )
-from twind.loop.procedures import Priority, Procedure, ProcedureFailed
-from twind.loop.torque import switch_torque_off
+from twind.loop.procedure_runner import Priority, Procedure, ProcedureFailed
+from twind.loop.torque_switching import switch_torque_off
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
 from twind.robot.arrays import some
 from twind.robot.event_codes import EventCode
@@ -32,7 +32,7 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.device_rules import TRIPPED
 from twind.safety.state_machine import LATCHED
-from twind_drivers.bus import BusError, Script, WireClamp
+from twind_drivers.bus import BusError, Script, WireRangeError
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -127,7 +127,7 @@ class HomingProcedure:
             return (self._attach_joint(pending, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so small a current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
-        except WireClamp as error:
+        except WireRangeError as error:
             return (clamped(loop, pending, error),)
         except BusError as error:
             return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)

@@ -15,7 +15,7 @@ from twind import link
 from twind.config.actuator_types import SERIAL
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, HomingParameters
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.joints import JointBusMap
+from twind.robot.joint_map import JointBusMap
 from twind.safety import admission
 
 if TYPE_CHECKING:

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import torque, torque_release
+from twind.loop import torque_release, torque_switching
 from twind.loop.bus_port import IDENTIFY_AGAIN, BusPort, PortState
 from twind.loop.joint_verification import JointVerificationState
-from twind.loop.procedures import Priority
+from twind.loop.procedure_runner import Priority
 from twind.robot.arrays import Bools, some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.robot.joints import JointBusMap
+from twind.robot.joint_map import JointBusMap
 from twind.robot.modes import Mode, RobotState
 from twind.safety.state_machine import RobotEvent
 from twind_drivers.bus import IdentifiedDevice
@@ -105,7 +105,7 @@ class IdentificationState:
                 loop, loop.stop_level, now
             )  # it came back with torque on under a latched stop
         elif loop.unconfirmed and idle and loop.inherited:
-            loop.procedures.own(Priority.DISARM, lambda: torque.retry_torque_off(loop))
+            loop.procedures.own(Priority.DISARM, lambda: torque_switching.retry_torque_off(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Process servos that restarted (SERVO_REBOOTED).

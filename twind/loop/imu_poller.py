@@ -13,7 +13,7 @@ from twind.config.robot_spec import ImuSpec
 from twind.loop.bus_port import PATIENCE, BusPort
 from twind.robot.arrays import Floats, every
 from twind.robot.attitude import Attitude, G, Quaternion, conjugate, matrix, product, unit
-from twind.robot.state import Imu
+from twind.robot.joint_state import Imu
 from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel.register_sensor import Sensor, SensorField
 

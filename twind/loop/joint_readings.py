@@ -11,8 +11,8 @@ import numpy as np
 
 from twind.loop.raw_counts import RawCounts
 from twind.robot.arrays import Bools, Floats, Ints, every, some
-from twind.robot.joints import JointBusMap, JointMap
-from twind.robot.state import Imu, JointState
+from twind.robot.joint_map import JointBusMap, JointMap
+from twind.robot.joint_state import Imu, JointState
 from twind.robot.transmission import forth
 from twind.safety.device_rules import ALERT
 from twind.safety.plausibility_filter import PlausibilityFilter

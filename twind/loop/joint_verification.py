@@ -17,14 +17,14 @@ import numpy as np
 from twind.loop.bus_port import BusPort, PortState
 from twind.robot.arrays import Bools, Floats, Ints, every, frozen, some
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.joints import JointBusMap
+from twind.robot.joint_map import JointBusMap
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
 from twind.safety.multiturn import chosen, inside, outside_travel, unfit
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
-    from twind.robot.measured_travel import TurnRange
+    from twind.robot.measured_travel import MeasuredTravel
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
@@ -174,7 +174,7 @@ class JointVerificationState:
             if port.link is PortState.CONNECTED and some(healed[bus.joints]):
                 port.identify()
 
-    def _recheck_turns(self, turns: TurnRange, now: float) -> None:
+    def _recheck_turns(self, turns: MeasuredTravel, now: float) -> None:
         """Choose anew the turn of joints that jumped by half a turn or more, or stay out of their travel.
 
         The latter only where another turn fits. Either a reading was wrong, or the servo has lost its turns.
@@ -192,7 +192,7 @@ class JointVerificationState:
         else:
             self._astray[:] = inf
 
-    def _count(self, turns: TurnRange) -> None:
+    def _count(self, turns: MeasuredTravel) -> None:
         """Count the readings in a row that give the same turn."""
         turn = chosen(self._loop.hardware.readings.raw.ticks, turns)
         fresh = self._loop.measured.heard
@@ -200,7 +200,7 @@ class JointVerificationState:
         self._agreeing = np.where(fresh, again, self._agreeing)
         self._turn = np.where(fresh, turn, self._turn)
 
-    def _choose(self, number: int, port: BusPort, rows: Ints, turns: TurnRange) -> None:
+    def _choose(self, number: int, port: BusPort, rows: Ints, turns: MeasuredTravel) -> None:
         loop = self._loop
         hardware = self._loop.hardware
         raw = hardware.readings.raw.ticks

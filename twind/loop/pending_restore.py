@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from twind import link
 from twind.loop.homing_request import HomingRequest
-from twind.loop.procedures import Priority, Procedure, ticks
+from twind.loop.procedure_runner import Priority, Procedure, ticks
 from twind.motion.endstop_search import HomingPhase
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
-from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireClamp
+from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -73,7 +73,7 @@ def _returned(
             return (unrestored(pending, strange),)
         if _free(loop, pending):
             error = yield from _restored(pending)
-            if isinstance(error, WireClamp):
+            if isinstance(error, WireRangeError):
                 return (clamped(loop, pending, error), unrestored(pending, str(error)))
             if error is None:
                 return ()
@@ -187,7 +187,7 @@ def unrestored(pending: PendingRestore, why: str) -> Finding:
     return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
 
 
-def clamped(loop: Loop, pending: PendingRestore, error: WireClamp) -> Finding:
+def clamped(loop: Loop, pending: PendingRestore, error: WireRangeError) -> Finding:
     """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
     finding = Finding(
         ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)

@@ -10,7 +10,7 @@ import numpy as np
 
 from twind.loop import damping, torque_release
 from twind.loop.blocking_contacts import with_contact
-from twind.loop.procedures import Priority
+from twind.loop.procedure_runner import Priority
 from twind.robot.arrays import Floats, spread_over_groups
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode

@@ -12,8 +12,8 @@ from twind import link
 from twind.loop.bus_port import PortState
 from twind.loop.loop_figures import buckets
 from twind.robot.finding import Finding
+from twind.robot.joint_state import Imu
 from twind.robot.modes import Mode
-from twind.robot.state import Imu
 from twind.telemetry.rolling_stats import RollingStats
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from twind import link
 from twind.loop.blocking_contacts import with_contact
-from twind.loop.procedures import Procedure
+from twind.loop.procedure_runner import Procedure
 from twind.motion.goal_options import led_in
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
 from twind.robot.arrays import Bools, Ints

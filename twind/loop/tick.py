@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.loop import arming, requests
+from twind.loop import arming, command_handlers
 from twind.loop.calibrating_state import CalibratingState
 from twind.loop.estop_replies import EStopReplies
 from twind.loop.guard_input import facts
 from twind.loop.homing_procedure import HomingProcedure
 from twind.loop.identification import IdentificationState, Judge
 from twind.loop.loop_figures import LoopFigures
-from twind.loop.procedures import Priority, ProcedureRunner
+from twind.loop.procedure_runner import Priority, ProcedureRunner
 from twind.loop.reactions import react
 from twind.loop.realtime import Granted
 from twind.loop.reload_coordinator import ReloadCoordinator
@@ -29,8 +29,8 @@ from twind.loop.state_publisher import StatePublisher
 from twind.robot.arrays import Floats
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety import admission, gate
 from twind.safety.guard import Guard
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from twind.motion.trajectory_executor import TrajectoryExecutor
     from twind.robot.actuator_ratings import ActuatorRatings
     from twind.robot.joint_limits import JointLimits
-    from twind.robot.joints import JointMap
+    from twind.robot.joint_map import JointMap
     from twind.safety.lease import Lease
     from twind.telemetry.timing_monitor import TimingMonitor
     from twind.twin.twin import Twin
@@ -111,7 +111,7 @@ class Loop:
         self.say = Responder(parts.link, parts.clock)
         self.procedures = ProcedureRunner()
         self.stops = EStopReplies(self)
-        self.submissions = requests.SubmissionTracker(self)
+        self.submissions = command_handlers.SubmissionTracker(self)
         self.reloads = ReloadCoordinator(self)
         self.calibrating, self.homing = CalibratingState(self), HomingProcedure(self)
         self.figures = LoopFigures(parts.period, parts.realtime)
@@ -162,7 +162,7 @@ class Loop:
 
     def tick(self, now: float) -> None:
         """Run one period: commands, procedures, gate, exchange, twin, reports."""
-        requests.serve(self, now)
+        command_handlers.serve(self, now)
         self.procedures.step(now)
         live = self.mode is Mode.LIVE
         target = self.measured if live else self.simulated  # the state that follows commands and is judged

@@ -15,8 +15,8 @@ import numpy as np
 
 from twind import link
 from twind.loop import damping
-from twind.loop.procedures import Priority, Procedure, all_of, ticks
-from twind.loop.torque import (
+from twind.loop.procedure_runner import Priority, Procedure, all_of, ticks
+from twind.loop.torque_switching import (
     beyond_hard_limit,
     error_text,
     joint_names,

@@ -16,7 +16,7 @@ from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
 from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightFile, load
 from twind.link import Tick
-from twind.observe.recording.flight_messages import answers, news, wire
+from twind.observe.recording.flight_monitor_messages import answers, news, wire
 from twind.observe.recording.flight_reader import wall_offset
 from twind.observe.recording.recording_topics import WIRE
 from twind.observe.recover import recover

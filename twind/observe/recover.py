@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
-from twind.observe.recording.mcap_records import McapContent, McapScanner
+from twind.observe.recording.mcap_record_scanner import McapContent, McapRecordScanner
 from twind.observe.recording.recording_topics import RECOVERED
 from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
@@ -105,7 +105,7 @@ def recover(
 
 def _look(path: Path) -> RecoveryResult:
     """As it is; `out` is the path itself where it is not whole."""
-    file = McapScanner(path)
+    file = McapRecordScanner(path)
     span = _MessageSpan()
     for each in file.contents():
         span.take(each)
@@ -129,7 +129,7 @@ def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) ->
 def _rewrite(
     path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[float], None]
 ) -> RecoveryResult:
-    file = McapScanner(path)
+    file = McapRecordScanner(path)
     span = _MessageSpan()
     writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
     schemas: dict[int, int] = {0: 0}
@@ -162,7 +162,7 @@ def _rewrite(
     return found
 
 
-def _channel(writer: Writer, file: McapScanner, number: int, schemas: dict[int, int], ros: bool) -> int:
+def _channel(writer: Writer, file: McapRecordScanner, number: int, schemas: dict[int, int], ros: bool) -> int:
     """The new number of a channel. `schemas`: new numbers by old ones, TEXT that of std_msgs/String."""
     channel = file.channels[number]
     wrap = ros and channel.message_encoding == "json"
@@ -191,14 +191,14 @@ class _MessageSpan:
             self.messages += 1
 
 
-def _found(file: McapScanner, span: _MessageSpan, out: Path | None) -> RecoveryResult:
+def _found(file: McapRecordScanner, span: _MessageSpan, out: Path | None) -> RecoveryResult:
     seconds = (span.last - span.first) / 1e9
     return RecoveryResult(
         out, span.messages, seconds, file.size - file.kept, file.damaged, _explain_damage(file)
     )
 
 
-def _explain_damage(file: McapScanner) -> str:
+def _explain_damage(file: McapRecordScanner) -> str:
     """It is not whole; empty: it is."""
     if file.cut:
         return file.cut

@@ -6,7 +6,7 @@ from twind.robot.arrays import Bools, Ints
 
 
 @dataclass(frozen=True)
-class TurnRange:
+class MeasuredTravel:
     """Arrays (n,) in `JointMap` order, in calibrated counts; they are valid where `known` is True.
 
     A count read is off by whole turns; the one that lies in its band is the calibrated count.

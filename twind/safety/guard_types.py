@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.state_machine import LATCHED
 

@@ -11,20 +11,20 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.measured_travel import TurnRange
+from twind.robot.measured_travel import MeasuredTravel
 
 _BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
 _REBOOT = "switch its power off and on"
 
 
-def chosen(raw: Ints, turns: TurnRange) -> Ints:
+def chosen(raw: Ints, turns: MeasuredTravel) -> Ints:
     """Return the whole turns (n,), in ticks, that bring counts as read into their bands; 0: no band."""
     whole = np.where(turns.known, turns.whole, 1)
     shift: Ints = np.where(turns.known, -((raw - turns.band) // whole) * whole, 0)
     return shift
 
 
-def inside(count: Ints, turns: TurnRange) -> Bools:
+def inside(count: Ints, turns: MeasuredTravel) -> Bools:
     """Mark joints (n,) whose calibrated count is in their travel, or beyond it by at most `turns.slack`.
 
     The slack is how far a limp joint may hang beyond the travel. Joints without a travel are marked too.
@@ -33,7 +33,7 @@ def inside(count: Ints, turns: TurnRange) -> Bools:
     return within | ~turns.known
 
 
-def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequence[Finding]:
+def unfit(raw: Ints, shift: Ints, turns: MeasuredTravel, energised: Bools) -> Sequence[Finding]:
     """Return a finding for each joint whose turn is ambiguous, or not commandable, on the turn chosen.
 
     `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on.
@@ -60,13 +60,13 @@ def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequenc
     return found
 
 
-def outside_travel(raw: Ints, shift: Ints, turns: TurnRange, located: Bools) -> Sequence[Finding]:
+def outside_travel(raw: Ints, shift: Ints, turns: MeasuredTravel, located: Bools) -> Sequence[Finding]:
     """Return a finding for each `located` (n,) joint that has left its travel since its turn was chosen."""
     outside = np.flatnonzero(located & ~inside(raw + shift, turns)).tolist()
     return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).outside() for joint in outside]
 
 
-def expected(raw: Ints, turns: TurnRange) -> Ints:
+def expected(raw: Ints, turns: MeasuredTravel) -> Ints:
     """Return what readings (n,) become at torque-on: a device that knows only one turn reads that one."""
     whole = np.where(turns.falls, turns.whole, 1)
     anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
@@ -76,7 +76,7 @@ def expected(raw: Ints, turns: TurnRange) -> Ints:
 class _TurnRow:
     """Turn data of one joint, from which its findings are made. Values and bounds are ticks."""
 
-    def __init__(self, joint: int, raw: int, shift: int, turns: TurnRange) -> None:
+    def __init__(self, joint: int, raw: int, shift: int, turns: MeasuredTravel) -> None:
         self.joint = joint
         self.raw = raw
         self.shift = shift

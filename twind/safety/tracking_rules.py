@@ -13,7 +13,7 @@ import numpy as np
 from twind.robot.arrays import Bools, Floats, every
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.transmission import MappedTransmission
 from twind.safety.device_rules import ALERT, TRIPPED
 from twind.safety.goal_rules import ROUNDING

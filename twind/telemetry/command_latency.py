@@ -13,7 +13,7 @@ from math import nan
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, some
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Reference
 from twind.telemetry.timing_monitor import TimingMonitor
 

@@ -5,7 +5,7 @@ from math import inf, isfinite, isnan, nan
 from typing import Protocol
 
 from twind.robot.arrays import some
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
 from twind.telemetry.rolling_stats import RecentValues, RollingStats
 

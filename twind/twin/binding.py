@@ -20,8 +20,8 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.attitude import Quaternion
 from twind.robot.joint_limits import JointLimits
-from twind.robot.joints import JointBusMap, JointMap
-from twind.robot.measured_travel import TurnRange
+from twind.robot.joint_map import JointBusMap, JointMap
+from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
@@ -217,7 +217,9 @@ def _calibrated(robot: RobotFile, known: Mapping[str, JointCalibration]) -> tupl
     return tuple(whole.get(joint.name, joint.actuator in known) for joint in robot.joints)
 
 
-def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[JointRange]) -> TurnRange:
+def _turns(
+    robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[JointRange]
+) -> MeasuredTravel:
     """Return the turn on which each actuator was calibrated."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     sweeps = [(0, 0) if entry is None else entry.sweep_ticks for entry in entries]
@@ -227,7 +229,7 @@ def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[
         )
         for joint, entry in zip(robot.joints, entries, strict=True)
     ]
-    return TurnRange(
+    return MeasuredTravel(
         known=np.array([entry is not None for entry in entries], np.bool_),
         whole=np.array([joint.type.ticks_per_turn for joint in robot.joints], np.int64),
         band=np.array([0 if entry is None else entry.turn_band_ticks[0] for entry in entries], np.int64),

@@ -13,7 +13,7 @@ from twind.config.yaml_tree import place
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.attitude import UPRIGHT, G, Quaternion, conjugate, matrix, product, tilted, unit
-from twind.robot.state import Imu
+from twind.robot.joint_state import Imu
 
 GYRO = "twind gyro"
 ACCELERATION = "twind acceleration"

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, Ints, every, some
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.binding import Binding
 
 # Values beyond these are no reading, and MuJoCo would use them all the same.

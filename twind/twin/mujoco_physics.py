@@ -15,7 +15,7 @@ import numpy as np
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import OperationFailed
 from twind.robot.arrays import Bools, Floats
-from twind.robot.state import Imu
+from twind.robot.joint_state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
 from twind.twin.base_support import BY_TORQUE, BaseHold, BaseSupport, hang
 from twind.twin.imu_model import ImuModel, feel, require_site

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, Ints, every
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
 from twind.twin.collision_model import strangers

@@ -1,7 +1,7 @@
 """The twin: mirror of the measured robot and simulation of the commanded one, in the loop's thread."""
 
 from twind.robot.arrays import Floats
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.binding import Binding
 from twind.twin.contacts import Contact
 from twind.twin.mirror import TwinMirror

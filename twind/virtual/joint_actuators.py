@@ -12,7 +12,7 @@ from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
 from twind.exceptions import InvalidInput
-from twind.virtual.truth import JointTruth
+from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.virtual.hinge import Hinge
@@ -41,7 +41,7 @@ def margined(joint: JointSpec) -> tuple[float, float]:
     return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
 
 
-def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
+def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     """Return the encoder position at joint angle 0: from the truth, else fixed by the names.
 
     That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises InvalidInput.
@@ -69,7 +69,7 @@ def hinge_of(joint: JointSpec, zero: int, ends: Mapping[str, tuple[float, float]
 
 
 def servo_of(
-    joint: JointSpec, hinge: Hinge, truth: JointTruth, id: int, base: Mapping[str, int], firmware: int
+    joint: JointSpec, hinge: Hinge, truth: JointGroundTruth, id: int, base: Mapping[str, int], firmware: int
 ) -> ServoSpec:
     """The servo at a joint, without limits of its own; `base`: registers of all of its bus."""
     assert isinstance(joint.type, ServoType)

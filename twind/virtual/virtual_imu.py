@@ -5,7 +5,7 @@ import numpy as np
 from twind.config.robot_spec import ImuSpec, RobotFile
 from twind.robot.arrays import Floats
 from twind.robot.attitude import Quaternion, matrix, product
-from twind.robot.state import Imu
+from twind.robot.joint_state import Imu
 from twind.twin.imu_model import mount_of, still
 from twind.twin.mujoco_physics import MujocoPhysics
 from twind_drivers.dynamixel.register_sensor import SensorField

@@ -25,7 +25,7 @@ from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
 from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo, settings
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
-from twind.virtual.truth import Truth, load_truth, random_truth
+from twind.virtual.robot_ground_truth import RobotGroundTruth, load_truth, random_truth
 from twind.virtual.virtual_robot_spec import body_for, buses, save, specimen
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
@@ -167,7 +167,7 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
     return _served(virtual, options), None if body is None else body.crane
 
 
-def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
+def _truth(robot: RobotFile, options: argparse.Namespace) -> RobotGroundTruth | None:
     """Drawn, read, or none: then all is as described. Raises ConfigError."""
     if options.truth_seed is not None:
         return random_truth(robot, options.truth_seed)

@@ -41,7 +41,7 @@ from twind.virtual.joint_actuators import (
     servo_of,
     zero_of,
 )
-from twind.virtual.truth import Truth, mechanical_stops, refuse_impossible
+from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
 from twind.virtual.virtual_imu import sensor_of
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import number_of, table
@@ -62,7 +62,7 @@ class VirtualRobotSpec:
     servos: Mapping[str, tuple[ServoSpec, ...]]  # by serial bus, in joint order
     nodes: Mapping[str, tuple[NodeSpec, ...]] = field(default_factory=dict)  # by CAN bus, likewise
     frames: Mapping[str, EncoderFrame] = field(default_factory=dict)  # by joint
-    truth: Truth = field(default_factory=Truth)
+    truth: RobotGroundTruth = field(default_factory=RobotGroundTruth)
 
     @cached_property
     def wired(self) -> RobotFile:
@@ -92,13 +92,13 @@ def specimen(
     baud: int | None = None,
     return_delay_us: int | None = None,
     firmware: int = FIRMWARE,
-    truth: Truth | None = None,
+    truth: RobotGroundTruth | None = None,
 ) -> VirtualRobotSpec:
     """Servos that a robot file describes. Raises InvalidInput: rate, delay, travel or truth that cannot be.
 
     `truth`: what is not as described; with it every shaft has mechanical stops. None: as described.
     """
-    known = truth or Truth()
+    known = truth or RobotGroundTruth()
     refuse_impossible(robot, known)
     ends = {} if truth is None else mechanical_stops(robot, known)
     wired = tuple(replace(joint, sign=_sign(joint, known)) for joint in robot.joints)
@@ -135,7 +135,7 @@ def specimen(
     return VirtualRobotSpec(robot, zeros, servos, nodes, frames, known)
 
 
-def _sign(joint: JointSpec, truth: Truth) -> int:
+def _sign(joint: JointSpec, truth: RobotGroundTruth) -> int:
     return truth.joint_truth(joint.name).sign or joint.sign
 
 

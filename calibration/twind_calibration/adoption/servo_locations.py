@@ -12,7 +12,7 @@ from twind.command_line.verb import Rejected
 from twind.config.actuator_types import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind_calibration.rejection_hints import unknown_joint
-from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
+from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, ScanFaultKind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.prober import PortProber
 
@@ -160,7 +160,7 @@ def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
 def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
     for line in lines:
         for trouble in line.troubles:
-            if trouble.kind is Kind.TALK:
+            if trouble.kind is ScanFaultKind.TALK:
                 raise Rejected(f"bus {bus}, {line.baud} baud: {trouble}; end it first")
 
 

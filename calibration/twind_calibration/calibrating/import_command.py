@@ -18,19 +18,19 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
-from twind_calibration.calibrating.entry_writer import (
-    agreed,
-    next_steps,
-    require_terminal,
-    write_entries,
-)
-from twind_calibration.calibrating.foreign_values import (
+from twind_calibration.calibrating.calibration_conversion import (
     Convention,
     ForeignCalibration,
     ImportResult,
     convert_entry,
     of_motor,
     of_registers,
+)
+from twind_calibration.calibrating.entry_writer import (
+    agreed,
+    next_steps,
+    require_terminal,
+    write_entries,
 )
 from twind_calibration.calibrating.motor_matching import matched, read_map
 from twind_calibration.calibrating.recorded_devices import differences, of_file, records

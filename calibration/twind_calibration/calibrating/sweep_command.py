@@ -20,7 +20,7 @@ from twind_calibration.calibrating.calibration_actuators import CalibrationActua
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.calibration_draft import DraftTravel
 from twind_calibration.calibrating.file_option import format_option
-from twind_calibration.calibrating.raw_readings import RawReading, readings
+from twind_calibration.calibrating.raw_exchanges import RawExchange, readings
 from twind_calibration.calibrating.recorded_devices import of_file, records
 from twind_calibration.calibrating.sweep_display import SweepDisplay, line
 from twind_calibration.calibrating.sweep_tracker import (
@@ -124,7 +124,7 @@ class SweepSession:
         ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
         self._print_line(f"move {count} {HEAD}{ends}")
 
-    def take(self, reading: RawReading) -> bool:
+    def take(self, reading: RawExchange) -> bool:
         """Process one reading; return whether the sweep is over."""
         for news in self._travels.take(reading.samples):
             self._news(news)

@@ -25,15 +25,14 @@ from twind_calibration.calibrating.file_ownership import lock_folder, save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
-from twind_calibration.proving.observable_pose import posed, wanted_pose
 from twind_calibration.proving.proof_plan import print_plan
+from twind_calibration.proving.proof_pose_motion import posed, wanted_pose
 from twind_calibration.proving.proof_records import in_force, measurement_records, unlike, with_proofs
 from twind_calibration.proving.proof_report import BLIND, ProofVerdict
 from twind_calibration.proving.proof_sweep import ProofSweep, mean_loads, sweeps
 from twind_calibration.rejection_hints import with_hints
 from twind_calibration.wiggling.joint_move import MoveResult, allowed, go, goal_of
-from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, answer
-from twind_calibration.wiggling.move_preconditions import (
+from twind_calibration.wiggling.move_checks import (
     AROUND,
     pose,
     print_note,
@@ -41,6 +40,7 @@ from twind_calibration.wiggling.move_preconditions import (
     require_armed,
     seen,
 )
+from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, answer
 from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.state_trace import HoldMean
 from twind_calibration.wiggling.state_trace import record_states as watched

@@ -7,7 +7,7 @@ import numpy as np
 
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
-from twind.robot.state import JointState
+from twind.robot.joint_state import JointState
 from twind.twin.base_pose import UPRIGHT, gravity
 from twind.twin.binding import bind
 from twind.twin.mirror import TwinMirror

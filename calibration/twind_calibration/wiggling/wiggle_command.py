@@ -19,6 +19,14 @@ from twind.exceptions import InvalidInput
 from twind_calibration.rejection_hints import unknown_joint, with_hints
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
+from twind_calibration.wiggling.move_checks import (
+    AROUND,
+    pose,
+    print_note,
+    require_amounts,
+    require_armed,
+    seen,
+)
 from twind_calibration.wiggling.move_evidence import (
     EncoderObservation,
     EncoderResponse,
@@ -26,14 +34,6 @@ from twind_calibration.wiggling.move_evidence import (
     alike,
     answer,
     weigh,
-)
-from twind_calibration.wiggling.move_preconditions import (
-    AROUND,
-    pose,
-    print_note,
-    require_amounts,
-    require_armed,
-    seen,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.state_trace import HoldMeans, record_states

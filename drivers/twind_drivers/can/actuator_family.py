@@ -1,8 +1,8 @@
 """Interface of an actuator family to the bus: its frames, both ways. Pure: no I/O, no clock.
 
 A family object represents the k actuators of one bus that are of this family, in the order of `ids`. Arrays
-are (k,) and SI: rad, rad/s, N·m at the output, N·m/rad, N·m·s/rad, °C, V. An encoder **raises** `WireClamp`
-for a value outside its field; it never clamps. A decoder takes untrusted frames: it ignores frames of other
+are (k,) and SI: rad, rad/s, N·m at the output, N·m/rad, N·m·s/rad, °C, V. Encoders **raise** `WireRangeError`
+for a value outside its field; they never clamp. A decoder takes untrusted frames: it ignores frames of other
 devices, and nothing raises.
 """
 
@@ -105,14 +105,14 @@ class ActuatorFamily(Protocol):
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
         """Encode one command each.
 
-        Raises WireClamp naming id, field, value and range; then nothing is made.
+        Raises WireRangeError naming id, field, value and range; then nothing is made.
         """
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
         """Return the frames needed before torque where `command` carries no stiffness and damping (k,).
 
         They set these, and the mode that the commands need. Empty, the default, where `command` carries all.
-        Raises WireClamp.
+        Raises WireRangeError.
         """
         return NOTHING
 

@@ -151,7 +151,7 @@ class ActuatorGroup:
     def command(self, values: Floats, rows: Bools | None = None) -> Frames:
         """Encode commands of `values` (5, m): position, velocity, kp, kd, torque; `rows` (m,): these alone.
 
-        Raises WireClamp for a value outside its field.
+        Raises WireRangeError for a value outside its field.
         """
         if self._alone is not None:
             made = self._alone.command(*values)
@@ -160,7 +160,7 @@ class ActuatorGroup:
         return made if rows is None else self._only(made, rows)
 
     def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
-        """Return the frames needed beside the commands (m,): see `ActuatorFamily.gains`. Raises WireClamp."""
+        """Frames needed beside the commands (m,): see `ActuatorFamily.gains`. Raises WireRangeError."""
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 

@@ -47,7 +47,7 @@ def prepare(
     """
     there = np.ones(len(ticks), np.bool_) if among is None else among.copy()
     own.cyclic.barred = own.cyclic.barred | ~there
-    own.order(ticks, there)  # raises WireClamp before any frame leaves
+    own.order(ticks, there)  # raises WireRangeError before any frame leaves
     own.aim = ticks.copy()
     soft = own.soft.copy()
     barred = own.cyclic.barred.copy()

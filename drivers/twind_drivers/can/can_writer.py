@@ -91,7 +91,7 @@ class CanWriter:
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Set goals (m,) of the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        """Goals (m,) of the next `request`. Raises WireRangeError, ValueError; then nothing is pending."""
         self._own.goals(ticks)
 
     def cut(self) -> None:
@@ -110,7 +110,7 @@ class CanWriter:
     def begin(self, order: Order, now: float) -> None:
         """Begin one order; the reader's `answer` ends it.
 
-        Raises PortError, WireClamp, TypeError; DeviceRefused for an order that a family lacks.
+        Raises PortError, WireRangeError, TypeError; DeviceRefused for an order that a family lacks.
         """
         if not isinstance(order, WriteRequest | BurstWriteRequest | RebootRequest):
             raise TypeError(f"{self._name}: a writer does not read: {order}")
@@ -131,13 +131,13 @@ class CanWriter:
         commands do not carry them (ODrive, which does not report them). Then a hold at `ticks` is repeated
         until goals come, at most half a second: without commands the armed watchdogs would run out.
 
-        Raises WireClamp; DeviceRefused, also for a loop too slow for the watchdogs; NoReply after all other
+        Raises WireRangeError; DeviceRefused, also for a loop too slow for watchdogs; NoReply after all other
         actuators are prepared.
         """
         return can_bringup.prepare(self._own, ticks, self._required, self._limits, among)
 
     def write_goals(self, ticks: Ints) -> Script[None]:
-        """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireClamp."""
+        """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireRangeError."""
         own = self._own
         own.hold(ticks)
         own.aim = ticks.copy()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twind_drivers.bus import Ints, WireClamp
+from twind_drivers.bus import Ints, WireRangeError
 from twind_drivers.can.actuator_group import ActuatorGroup
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import Frames
@@ -10,7 +10,7 @@ from twind_drivers.can.frame import Frames
 STEPS = 0xFFFF  # steps of a 16-bit field, the narrowest with a position, which is truncated to a step
 
 
-class CanWireCheck:
+class CommandFrameCheck:
     """Permitted positions of one bus: `lower`, `upper` (m,) in counts, inclusive.
 
     The bytes are decoded again, so one count beyond is permitted, or one step of a field that is coarser.
@@ -23,7 +23,7 @@ class CanWireCheck:
         self._widen()
 
     def judge(self, frames: Frames) -> None:
-        """Raise WireClamp for the first frame that may not leave."""
+        """Raise WireRangeError for the first frame that may not leave."""
         fleet = self._fleet
         to = fleet.commanded_rows(frames)
         place = fleet.decode_commanded_position(frames)
@@ -31,7 +31,7 @@ class CanWireCheck:
             self._widen()
         if (to < 0).any():
             id = int(frames["id"][np.argmax(to < 0)])
-            raise WireClamp(fleet.name, id, id, min(fleet.ids), max(fleet.ids), "order to a frame id")
+            raise WireRangeError(fleet.name, id, id, min(fleet.ids), max(fleet.ids), "order to a frame id")
         outside = (place < self._least.take(to)) | (
             place > self._most.take(to)
         )  # an order without a position is NaN
@@ -39,7 +39,7 @@ class CanWireCheck:
             first = int(np.argmax(outside))
             row = int(to[first])
             bounds = float(self._lower[row]), float(self._upper[row])
-            raise WireClamp(fleet.name, fleet.ids[row], float(place[first]) / COUNT, *bounds, "goal")
+            raise WireRangeError(fleet.name, fleet.ids[row], float(place[first]) / COUNT, *bounds, "goal")
 
     def _widen(self) -> None:
         """Set the permitted positions, rad, after an actuator has reported its ranges."""

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Floats, Ints, WireClamp, WriteRequest
+from twind_drivers.bus import Bools, Floats, Ints, WireRangeError, WriteRequest
 from twind_drivers.can.actuator_family import ValuelessCommand
 from twind_drivers.can.actuator_group import joined
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_transaction import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
-from twind_drivers.can.command_frame_check import CanWireCheck
+from twind_drivers.can.command_frame_check import CommandFrameCheck
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
 
@@ -67,7 +67,7 @@ class CanCommandEncoder:
         self.line.goals = self.aim = self._given = self._before = None
         self._knock()
 
-    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, CanWireCheck]:
+    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, CommandFrameCheck]:
         least, most = (np.array(each, np.int64) for each in (lower, upper))
         for each in (least, most):
             if each.shape != (len(self.fleet),):
@@ -76,7 +76,7 @@ class CanCommandEncoder:
             row = int(np.argmin(least <= most))
             where = f"{self.reader.name}: id {self.reader.ids[row]}"
             raise ValueError(f"{where}: bounds {least[row]}..{most[row]}")
-        return least, most, CanWireCheck(self.fleet, least, most)
+        return least, most, CommandFrameCheck(self.fleet, least, most)
 
     def _require_gains(self) -> None:
         ranges = self.fleet.ranges
@@ -107,7 +107,7 @@ class CanCommandEncoder:
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Set goals (m,) in counts for the next request. Raises WireClamp, ValueError.
+        """Set goals (m,) in counts for the next request. Raises WireRangeError, ValueError.
 
         After an error nothing is pending. The speed beside them is the step from the goal of the cycle
         before. A step beyond the field's range is a jump, and has no speed. A barred actuator
@@ -134,10 +134,10 @@ class CanCommandEncoder:
         if outside.any():
             row = int(np.argmax(outside))
             bounds = float(self.lower[row]), float(self.upper[row])
-            raise WireClamp(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
+            raise WireRangeError(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
 
     def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
-        """Encode frames to `rows` (m,), None: all, and check them. Raises WireClamp."""
+        """Encode frames to `rows` (m,), None: all, and check them. Raises WireRangeError."""
         frames = self.fleet.command(self._values(ticks, speed, soft=soft), rows)
         self.check.judge(frames)
         return frames
@@ -168,7 +168,7 @@ class CanCommandEncoder:
     # --------------------------------------------------------------------------- scripts' parts
 
     def hold(self, ticks: Ints, *, soft: bool = False) -> None:
-        """Command `ticks` (m,) with each request until goals come, for half a second. Raises WireClamp."""
+        """Command `ticks` (m,) in each request until goals come, half a second. Raises WireRangeError."""
         self._require(ticks)
         rows = ~self.cyclic.barred
         until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
@@ -177,7 +177,7 @@ class CanCommandEncoder:
         self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
 
     def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> WriteRequest:
-        """Make the same command as an order to `rows` (m,). Raises WireClamp."""
+        """Make the same command as an order to `rows` (m,). Raises WireRangeError."""
         self._require(ticks)
         values = self._values(ticks, soft=soft)
         return WriteRequest(

@@ -33,7 +33,7 @@ class MitCodec(ActuatorFamily):
         self.ranges = ranges
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
-        """One MIT frame each. Raises WireClamp naming id, field, value and range."""
+        """One MIT frame each. Raises WireRangeError naming id, field, value and range."""
         made = self._blank.copy()
         fields = self.scale.fields(position, velocity, kp, kd, torque)
         made["data"] = commands(self.scale, fields)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Bools, Floats, Ints, WireClamp
+from twind_drivers.bus import Bools, Floats, Ints, WireRangeError
 from twind_drivers.can.actuator_family import FieldRanges
 from twind_drivers.can.frame import BYTES, Frames, Octets
 
@@ -53,14 +53,16 @@ def unpack(data: Octets) -> Floats:
 
 
 def commands(scale: "FieldScale", fields: Words) -> Octets:
-    """Return payloads (k, 8) of fields (5, k). Raises WireClamp for one with the form of a special frame.
+    """Payloads (k, 8) of fields (5, k). Raises WireRangeError for one with the form of a special frame.
 
     That is one with everything at its upper end and a torque just below it.
     """
     words = pack(fields)
     if words.max(initial=0) >= _SPECIAL:
         row = int(words.argmax())
-        raise WireClamp(scale.port, scale.ids[row], float(fields[4, row]), 0.0, float(0xFEF), "torque field")
+        raise WireRangeError(
+            scale.port, scale.ids[row], float(fields[4, row]), 0.0, float(0xFEF), "torque field"
+        )
     octets: Octets = words.astype(">u8").view(np.uint8).reshape(-1, 8)
     return octets
 
@@ -73,13 +75,13 @@ def is_special_frame(frames: Frames) -> Bools:
 
 
 def checked(port: str, ids: Sequence[int], values: Floats, lower: Floats, upper: Floats) -> None:
-    """Raise WireClamp for the first of `values` (5, k) that is NaN or outside `lower`..`upper`, inclusive."""
+    """WireRangeError for the first of `values` (5, k) that is NaN or outside `lower`..`upper`, inclusive."""
     inside = (values >= lower) & (values <= upper)
     if inside.all():
         return
     field, row = (int(place) for place in np.argwhere(~inside)[0])
     bounds = float(lower[field, row]), float(upper[field, row])
-    raise WireClamp(port, ids[row], float(values[field, row]), *bounds, what=NAMES[field])
+    raise WireRangeError(port, ids[row], float(values[field, row]), *bounds, what=NAMES[field])
 
 
 def bounds(ranges: FieldRanges) -> tuple[Floats, Floats]:
@@ -123,7 +125,7 @@ class FieldScale:
         self._place = self._span[0] / self._most[0]
 
     def fields(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Words:
-        """Whole fields (5, k) of values (k,) each. Raises WireClamp for what a field cannot hold."""
+        """Whole fields (5, k) of values (k,) each. Raises WireRangeError for what a field cannot hold."""
         values = np.array((position, velocity, kp, kd, torque), np.float64)
         if values.shape != self._lower.shape:
             raise ValueError(f"{self.port}: {values.shape} values for {self._lower.shape} fields")

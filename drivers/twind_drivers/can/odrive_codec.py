@@ -153,7 +153,7 @@ class ODriveCodec(ActuatorFamily):
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
         """One position each (0C), velocity and torque beside it to the nearest thousandth of rev/s and N·m.
 
-        `kp` and `kd` are not sent. Raises WireClamp naming id, field, value and range.
+        `kp` and `kd` are not sent. Raises WireRangeError naming id, field, value and range.
         """
         values = np.array((position, velocity, kp, kd, torque), np.float64)
         if values.shape != self._lower.shape:
@@ -174,7 +174,7 @@ class ODriveCodec(ActuatorFamily):
         """Position control by direct input (0B) and gains (1A, 1B): a spring of `kp` N·m/rad, damped by `kd`
         N·m·s/rad (k,), without integrator.
 
-        The position gain works through the velocity gain, so kd must be above 0 (else WireClamp).
+        The position gain works through the velocity gain, so kd must be above 0 (else WireRangeError).
         """
         values = np.zeros(self._lower.shape)
         values[2] = kp

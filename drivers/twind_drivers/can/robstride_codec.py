@@ -141,7 +141,7 @@ class RobStrideCodec(ActuatorFamily):
         return self._question
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
-        """One motion frame each, torque in the id. Raises WireClamp naming id, field, value and range."""
+        """One motion frame each, torque in the id. Raises WireRangeError with id, field, value, range."""
         fields = self._scale.fields(position, velocity, kp, kd, torque)
         made = self._blank.copy()
         made["id"] = self._motion | fields[4].astype(np.uint32) << np.uint32(8)

@@ -32,7 +32,7 @@ DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "pres
 REMEDY = "disconnect one, give the other a free id, then connect the first again"
 
 
-class Kind(Enum):
+class ScanFaultKind(Enum):
     """Kind of fault of an id, or of a line as a whole."""
 
     CLASH = "clash"  # two devices with one id
@@ -45,10 +45,10 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class ScanFault:
     """One fault, as data for programs (`kind`, `ids`) and as text for display."""
 
-    kind: Kind
+    kind: ScanFaultKind
     what: str
     remedy: str = ""  # or its likely causes; "": none is known
     ids: tuple[int, ...] = ()  # of kind OLD: the devices that answered
@@ -57,39 +57,43 @@ class Trouble:
         return f"{self.what}: {self.remedy}" if self.remedy else self.what
 
 
-UNSOUND = Trouble(Kind.CLASH, "bytes come, but no sound answer", f"two devices with this id? {REMEDY}")
-TWO = Trouble(Kind.CLASH, "two devices answer as this id", REMEDY)
-UNEQUAL = Trouble(
-    Kind.CLASH,
+UNSOUND = ScanFault(
+    ScanFaultKind.CLASH, "bytes come, but no sound answer", f"two devices with this id? {REMEDY}"
+)
+TWO = ScanFault(ScanFaultKind.CLASH, "two devices answer as this id", REMEDY)
+UNEQUAL = ScanFault(
+    ScanFaultKind.CLASH,
     "pings are sound, readings are not",
     f"two devices of one model with this id? {REMEDY}",
 )
-ECHO = Trouble(
-    Kind.ECHO,
+ECHO = ScanFault(
+    ScanFaultKind.ECHO,
     "the adapter returns what is sent (echo)",
     "switch its echo off, or use another adapter",
 )
-TALK = Trouble(
-    Kind.TALK,
+TALK = ScanFault(
+    ScanFaultKind.TALK,
     "bytes come without a request",
     "another program or device sends on this line, or noise",
 )
-FOREIGN = Trouble(
-    Kind.FOREIGN,
+FOREIGN = ScanFault(
+    ScanFaultKind.FOREIGN,
     "bytes come, but no sound packet",
     "devices at another baud rate, noise, or colliding ids",
 )
-NOISE = Trouble(
-    Kind.NOISE,
+NOISE = ScanFault(
+    ScanFaultKind.NOISE,
     "answers are garbled now and then",
     "noise, a bad connector, or a long cable without its ground",
 )
 
 
-def old_protocol(ids: Sequence[int]) -> Trouble:
+def old_protocol(ids: Sequence[int]) -> ScanFault:
     """Return the fault that the devices `ids` answer an older protocol."""
     what = f"devices answer protocol 1.0 (ids {', '.join(map(str, ids))})"
-    return Trouble(Kind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids))
+    return ScanFault(
+        ScanFaultKind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,7 @@ class ScannedDevice:
     firmware: int | None
     torque: bool | None
     hardware_error: int | None  # bits of register 70
-    trouble: Trouble | None = None  # None: nothing wrong was found
+    trouble: ScanFault | None = None  # None: nothing wrong was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +116,7 @@ class BaudRateScan:
 
     baud: int
     found: tuple[ScannedDevice, ...]
-    troubles: tuple[Trouble, ...]  # of the line as a whole
+    troubles: tuple[ScanFault, ...]  # of the line as a whole
 
 
 Tell = Callable[[int, str], None]  # baud, what is being done
@@ -143,7 +147,7 @@ def scan(
         except PortError as error:
             if error.lost:
                 raise
-            yield BaudRateScan(baud, (), (Trouble(Kind.RATE, error.reason),))
+            yield BaudRateScan(baud, (), (ScanFault(ScanFaultKind.RATE, error.reason),))
             continue
         yield scan_rate(prober, ids, thorough=thorough, tell=tell)
 
@@ -200,7 +204,7 @@ def _singly(
     return False
 
 
-def _line(prober: PortProber) -> Iterator[Trouble]:
+def _line(prober: PortProber) -> Iterator[ScanFault]:
     """Yield the faults of the line as a whole: traffic, echo, older protocol."""
     if prober.listen(LISTEN):
         yield TALK
@@ -258,7 +262,7 @@ def _look(prober: PortProber, id: int, answer: bytes | None, garbled: bool) -> t
     return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
+def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[ScanFault | None, int]:
     """Return the evidence for more than one device, None without any; and the number of garbled answers."""
     if known is None:
         return None, 0

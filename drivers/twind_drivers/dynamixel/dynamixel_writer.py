@@ -20,12 +20,12 @@ from twind_drivers.bus import (
     RegisterAddress,
     RestartResult,
     Script,
-    WireClamp,
+    WireRangeError,
     WriteRequest,
 )
 from twind_drivers.dynamixel import damping, packet
+from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
 from twind_drivers.dynamixel.goal_packets import Goals, bounds_of, goal_packets
 from twind_drivers.dynamixel.half_duplex_transactor import SerialTransaction
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, check_bounds, fences
@@ -135,15 +135,17 @@ class DynamixelWriter:
             upper = np.where(alone, -1, upper)
         own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
         each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
-        self._check = DynamixelWireCheck(self._name, self._reader.tables, each)
+        self._check = CommandPacketCheck(self._name, self._reader.tables, each)
 
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Set goals (m,) of the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        """Goals (m,) of the next `request`. Raises WireRangeError, ValueError; then nothing is pending."""
         self._line.goals = b""
         if self._alone is not None:  # the other devices must not move while one is driven alone
-            raise WireClamp(self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal")
+            raise WireRangeError(
+                self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal"
+            )
         self._line.goals = self._goals.encode(self._of_led(ticks))
 
     def cut(self) -> None:
@@ -158,7 +160,7 @@ class DynamixelWriter:
     # --------------------------------------------------------------------------- the rare path
 
     def begin(self, order: Order, now: float) -> None:
-        """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp; TypeError."""
+        """Begin one order; the reader's `answer` ends it. Raises PortError, WireRangeError; TypeError."""
         exchange = self._exchange(order)
         (self._check if self._alone is None else self._alone).judge(exchange.packet)
         self._line.send(exchange, now)
@@ -185,7 +187,7 @@ class DynamixelWriter:
         call. Then caps, gains, and profile 0 for positions: the executor shapes the motion. The cap of the
         output is restored last: a damped servo regains its strength only at rest on its goal.
 
-        Raises DeviceRefused, WireClamp; NoReply after all other devices are prepared: a robot can be lowered
+        Raises DeviceRefused, WireRangeError; NoReply after all other devices are prepared: a robot is lowered
         without the silent ones.
         """
         self._lead(among)
@@ -278,7 +280,7 @@ class DynamixelWriter:
         )  # a lower goal PWM would cap the force of mode 5 as well, without any report
 
     def write_goals(self, ticks: Ints) -> Script[None]:
-        """Write goals (m,) and read them back. Raises WireClamp, DeviceRefused for the first difference."""
+        """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
         goal = self._goal_rows(ticks)
         yield BurstWriteRequest(writes(goal))
         yield from self._readback.verify_goals(goal)
@@ -377,7 +379,7 @@ class DynamixelWriter:
         return each if self._places is None else each[self._places]
 
     def _goal_rows(self, ticks: Ints) -> Rows:
-        """Check the goals here too, so that WireClamp is raised in the script that sends them."""
+        """Check the goals here too, so that WireRangeError is raised in the script that sends them."""
         own = self._of_led(ticks)
         self._goals.encode(own)
         return [

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Ints, WireClamp
+from twind_drivers.bus import Ints, WireRangeError
 from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
@@ -31,7 +31,7 @@ class GoalPacket:
         self._span = (self.upper - self.lower).view(np.uint64)
 
     def encode(self, ticks: Ints) -> bytes:
-        """Return the packet of goals (m,), stuffed if necessary. Raises WireClamp, ValueError (shape)."""
+        """Packet of goals (m,), stuffed if necessary. Raises WireRangeError, ValueError (shape)."""
         if ticks.shape != self._shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
         self._goals[:] = ticks
@@ -52,7 +52,7 @@ class GoalPacket:
         return packet + crc16(packet).to_bytes(2, "little")
 
     def _judge(self, plain: bytes, words: NDArray[np.signedinteger], ticks: Ints) -> None:
-        """Check the encoded bytes: ids, address and each goal word. Raises WireClamp.
+        """Check the encoded bytes: ids, address and each goal word. Raises WireRangeError.
 
         The bytes are decoded again, so that an error of the encoder cannot reach a servo.
         """
@@ -68,7 +68,7 @@ class GoalPacket:
         place = int(np.argmax(outside | (words != ticks)))
         lower = int(self.lower[place])
         upper = int(self.upper[place])
-        raise WireClamp(self._name, self._ids[place], int(ticks[place]), lower, upper)
+        raise WireRangeError(self._name, self._ids[place], int(ticks[place]), lower, upper)
 
 
 class MixedGoals:
@@ -89,7 +89,7 @@ class MixedGoals:
             self._parts.append((places, packet))
 
     def encode(self, ticks: Ints) -> bytes:
-        """Return the packets of goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
+        """The packets of goals (m,), one behind the other. Raises WireRangeError, ValueError (shape)."""
         if ticks.shape != (self._count,) or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {self._count} whole ticks needed, got {ticks!r}")
         return b"".join([packet.encode(ticks[places]) for places, packet in self._parts])

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twind_drivers.bus import DeviceRefused, Order, RestartResult, Script, WireClamp, WriteRequest
+from twind_drivers.bus import DeviceRefused, Order, RestartResult, Script, WireRangeError, WriteRequest
 from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
 from twind_drivers.dynamixel.goal_packets import GoalPacket
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, block, check_cap, fences, mode_of
 from twind_drivers.dynamixel.ram_restore import give_back, let_go, settings, values
@@ -95,15 +95,15 @@ class SingleServoControl:
         self._check = self._fenced(lower, upper)
 
     def judge(self, data: bytes) -> None:
-        """Check the bytes of an order while this servo is driven alone. Raises WireClamp."""
+        """Check the bytes of an order while this servo is driven alone. Raises WireRangeError."""
         self._check.judge(data)
 
     def goal(self, tick: int) -> None:
-        """Set the goal of the next `request`, to this servo alone. Raises WireClamp; then none is pending."""
+        """Goal of the next `request`, to this servo alone. Raises WireRangeError; then none is pending."""
         line = self._reader.line
         line.goals = b""
         if self._goal is None:
-            raise WireClamp(self._reader.name, self.id, tick, 0, -1)
+            raise WireRangeError(self._reader.name, self.id, tick, 0, -1)
         line.goals = self._goal.encode(np.array([tick], np.int64))
 
     # --------------------------------------------------------------------------- scripts
@@ -141,7 +141,7 @@ class SingleServoControl:
     def prepare(self, kept: SavedSettings, tick: int) -> Script[None]:
         """Write cap, gains, profile, goal `tick` and watchdog before torque, and read all of them back.
 
-        Raises DeviceRefused, NoReply, WireClamp.
+        Raises DeviceRefused, NoReply, WireRangeError.
         """
         timed = kept.eeprom["drive_mode"] & TIMED  # the profile would be a time, not a speed: none is used
         gains = {
@@ -199,9 +199,9 @@ class SingleServoControl:
 
     # --------------------------------------------------------------------------- parts
 
-    def _fenced(self, lower: int, upper: int) -> DynamixelWireCheck:
+    def _fenced(self, lower: int, upper: int) -> CommandPacketCheck:
         own = fences(self._servo.table, self._servo.mode, lower, upper, self._cap)
-        return DynamixelWireCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
+        return CommandPacketCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
 
     def _write(self, name: str, value: int) -> Script[None]:
         """Write one register with acknowledgement. Raises DeviceRefused with the reported reason."""

@@ -28,8 +28,8 @@ from twind_drivers.virtual.instruction_set import InstructionReplies, Instructio
 from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.register_columns import NO_ID
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
+from twind_drivers.virtual.servo_ground_truth import truth
 from twind_drivers.virtual.servo_physics import ServoPhysics
-from twind_drivers.virtual.truth import truth
 from twind_drivers.virtual.uart_receiver import clash, misheard
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos

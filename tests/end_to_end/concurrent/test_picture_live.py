@@ -10,8 +10,8 @@ import pytest
 from tests.support.picture_messages import NAMES, event, joints, robot, status
 from tests.support.processes import until
 from twind.client import ClientError, Disconnected
-from twind.ctl.picture.live_picture import MonitorFeed, show
-from twind.ctl.picture.picture_state import DisplayThresholds
+from twind.ctl.dashboard.dashboard_state import DisplayThresholds
+from twind.ctl.dashboard.live_dashboard import MonitorFeed, show
 
 
 def message(topic: str, key: str, what: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import twind.robots
 from tests.support.processes import Daemon, simulated, until
 from tests.support.stream_rig import Process, ctl
 from tests.support.zenoh_router import Router
-from twind.bridge.fleet.remote import remote
+from twind.bridge.fleet.remote_client import remote
 from twind.client import Client, ClientError
 from twind.command_line.extras import how_to_add
 

@@ -37,7 +37,7 @@ from twind.bridge.ros.ros_endpoints import (
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, decode, encode
 
@@ -69,7 +69,11 @@ class Paper:
         self.hang.set()
 
     def open(
-        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+        self,
+        topics: Sequence[RosTopic],
+        services: Sequence[RosService],
+        heard: MessageHandler,
+        asked: RequestHandler,
     ) -> None:
         if self.broken:
             raise OperationFailed(self.broken)

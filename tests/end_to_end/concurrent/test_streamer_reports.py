@@ -12,7 +12,7 @@ from tests.support.loop_stand_in import StandIn
 from tests.support.raw_connection import CONTRACT, Raw
 from twind import link
 from twind.ctl.status_table import stream_text
-from twind.front.streamer_reports import (
+from twind.front.streamer_report_cache import (
     COUNTS,
     GONE,
     HANGS,
@@ -20,7 +20,7 @@ from twind.front.streamer_reports import (
     MOST_HZ,
     SILENCE,
     TEXT,
-    StreamerReports,
+    StreamerReportCache,
     find_invalid_number,
 )
 
@@ -49,11 +49,11 @@ class Watchers:
         self.streams = streams
 
 
-def streams() -> tuple[StreamerReports, Watchers]:
+def streams() -> tuple[StreamerReportCache, Watchers]:
     watchers: Any = Watchers()
     world = SimpleNamespace(stream=watchers.now)
     telemetry = SimpleNamespace(stream=watchers.tell)
-    return StreamerReports(world, telemetry), watchers  # type: ignore[arg-type]
+    return StreamerReportCache(world, telemetry), watchers  # type: ignore[arg-type]
 
 
 def test_the_last_word_of_each_connection_counts() -> None:

@@ -17,7 +17,7 @@ from tests.support.zenoh_router import Router
 from twind.bridge.fleet import remote_goal as goal_module
 from twind.bridge.fleet import remote_stop
 from twind.bridge.fleet.lease_renewer import RENEWED
-from twind.bridge.fleet.remote import PrivateSession, SharedSession, client
+from twind.bridge.fleet.remote_client import PrivateSession, SharedSession, client
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused

@@ -18,7 +18,7 @@ from tests.support.processes import until
 from tests.support.raw_connection import Raw, code
 from tests.support.shared_front import SharedFront, shared_front
 from twind import link
-from twind.front.methods import METHODS, OBSERVER
+from twind.front.interface_methods import METHODS, OBSERVER
 from twind.protocol import CONTROL
 
 PATH = {"joint_names": [NAMES[0]], "points": [{"positions": [0.0], "time_from_start": 1.0}]}
@@ -174,7 +174,7 @@ def test_a_number_beyond_64_bits_is_refused_before_anything_breaks(front: Shared
 
 
 BROKEN = """
-import twind.front.methods as methods
+import twind.front.interface_methods as methods
 def broken(front, call):
     raise ZeroDivisionError("injected")
 def starved(front, call):

@@ -16,7 +16,7 @@ import pytest
 
 from tests.support import loop_stand_in as stand_in
 from tests.support.processes import until
-from twind import link, memfd
+from twind import link, sealed_memfd
 from twind.listening_sockets import Listener
 from twind.loop import front_process
 from twind.loop.crash_recording import CrashRecording
@@ -29,7 +29,7 @@ class World:
     """A front process and what it is handed: a briefing and two listening sockets."""
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
-        briefing = memfd.seal("briefing", msgspec.msgpack.encode(stand_in.briefing()))
+        briefing = sealed_memfd.seal("briefing", msgspec.msgpack.encode(stand_in.briefing()))
         stack.callback(os.close, briefing)
         self.listeners = {}
         for name in ("control", "observe"):

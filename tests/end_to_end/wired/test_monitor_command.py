@@ -16,7 +16,7 @@ import pytest
 from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.pty_screen import Run, Screen
 from twind.client import Client
-from twind.ctl.picture.live_picture import MonitorFeed
+from twind.ctl.dashboard.live_dashboard import MonitorFeed
 
 FRAME = b"\x1b[?2026h"
 

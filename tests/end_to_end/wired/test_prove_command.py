@@ -12,7 +12,7 @@ from twind.command_line.verb import Rejected
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind_calibration.proving.observable_pose import posed
+from twind_calibration.proving.proof_pose_motion import posed
 from twind_calibration.wiggling.joint_move import goal_of
 
 Captured = pytest.CaptureFixture[str]

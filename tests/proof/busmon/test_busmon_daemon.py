@@ -14,7 +14,7 @@ from twind import link
 from twind.loop import damping
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind.virtual.virtual_robot_spec import save
 
 
@@ -109,8 +109,8 @@ def test_a_stop_that_is_found_keeps_every_rule(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("turns", [-2, 3])
 def test_a_robot_whose_counts_are_turns_off_keeps_every_rule(turns: int, tmp_path: Path) -> None:
-    off = {name: JointTruth(turns=turns) for name in ("extended", "capped")}
-    day = Day(tmp_path, arm_in(tmp_path), truth=Truth(off))
+    off = {name: JointGroundTruth(turns=turns) for name in ("extended", "capped")}
+    day = Day(tmp_path, arm_in(tmp_path), truth=RobotGroundTruth(off))
     day.arm()
     servos = day.watched.monitors["main"].servos
     assert abs(servos.goal[1]) > 4096 and abs(servos.goal[2]) > 4096

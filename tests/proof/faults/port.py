@@ -47,7 +47,7 @@ def _back(world: World, name: str, **how: Any) -> None:
     rig = world.rig
     rows = ~world.rows(world.of_bus(name))
     world.seconds(float(world.random.uniform(0.05, 0.6)))
-    asked = Asked(world, name)
+    asked = IdentificationRequests(world, name)
     goals = rig.register("goal_position")[rows]
     places = rig.counts[rows]
     since = world.now
@@ -66,8 +66,8 @@ def _back(world: World, name: str, **how: Any) -> None:
     world.recover()
 
 
-class Asked:
-    """Ids that were asked who they are (ping, or a read of the model) on a bus, from now on."""
+class IdentificationRequests:
+    """Ids of a bus that received an identification request (ping, or a read of the model) since the start."""
 
     def __init__(self, world: World, name: str) -> None:
         self.ids: set[int] = set()

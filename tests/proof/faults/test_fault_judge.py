@@ -9,8 +9,8 @@ import pytest
 
 from tests.support.daemon_rig import Rig
 from tests.support.fault_rig import Judge, Moved, Wire
+from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode
-from twind.robot.state import JointState
 from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel import packet, replies
 from twind_drivers.dynamixel.dynamixel_cyclic_read import DynamixelCyclicRead

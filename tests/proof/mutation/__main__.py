@@ -17,7 +17,7 @@ from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
-from tests.proof.mutation.court import judge
+from tests.proof.mutation.mutant_runner import judge
 from tests.proof.mutation.mutated_code import Case, cases_of
 from tests.proof.mutation.rooms import HOME, Room, rooms_of
 

@@ -84,9 +84,9 @@ def _draw(monitor: FleetMonitor, count: int | None, stop: threading.Event) -> No
     """Draw on a terminal, until a key or a signal ends it."""
     from rich.console import Console
 
-    from twind.ctl.picture.picture_renderer import Palette
-    from twind.ctl.picture.styled_lines import cut, line
-    from twind.ctl.picture.terminal_screen import TerminalScreen
+    from twind.ctl.dashboard.dashboard_renderer import Palette
+    from twind.ctl.dashboard.styled_lines import cut, line
+    from twind.ctl.dashboard.terminal_screen import TerminalScreen
 
     palette = Palette.for_console(Console(file=sys.stdout))
     pictures = 0
@@ -121,7 +121,7 @@ def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
         return
     from rich.console import Console
 
-    from twind.ctl.picture.picture_renderer import Palette, plain
+    from twind.ctl.dashboard.dashboard_renderer import Palette, plain
 
     if is_live():
         console = Console(file=sys.stdout)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from twind.bridge.fleet.fleet_roster import UPLINK, RobotRecord
-from twind.ctl.picture.picture_blocks import STATES
-from twind.ctl.picture.styled_lines import Line, Span, cut, line, wide
+from twind.ctl.dashboard.dashboard_blocks import STATES
+from twind.ctl.dashboard.styled_lines import Line, Span, cut, line, wide
 
 OLD = 3.0  # s after which a report counts as stale
 COLUMNS = ("robot", "where", "mode", "state", "motion", "joints", "faults", "latency", "age")

@@ -6,8 +6,8 @@ import uuid
 from collections.abc import Mapping
 from typing import Any
 
+from twind.bridge.fleet.incoming_queue import IncomingQueue
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
-from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, error_name
 from twind.bridge.motion_session import ENDS
 
@@ -26,7 +26,7 @@ class RemoteGoal:
         reach: RemoteRobotEndpoint,
         hold: LeaseRenewer,
         path: Mapping[str, Any],
-        inbox: OutgoingQueue,
+        inbox: IncomingQueue,
         now: float,
     ) -> None:
         """Send the goal. `path`: a Trajectory; `now`: s, monotonic."""

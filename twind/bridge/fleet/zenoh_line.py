@@ -16,8 +16,8 @@ from typing import Any, Protocol
 
 import zenoh
 
+from twind.bridge.fleet.incoming_queue import IncomingQueue
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
-from twind.bridge.fleet.outgoing_queue import OutgoingQueue
 from twind.bridge.fleet.remote_goal import RemoteGoal
 from twind.bridge.fleet.remote_stop import RemoteStop
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, error_name
@@ -57,7 +57,7 @@ class ZenohClientLine:
         self._robot = robot
         self._way = way
         self._reach: RemoteRobotEndpoint | None = None
-        self._inbox = OutgoingQueue()
+        self._inbox = IncomingQueue()
         self._hold: LeaseRenewer | None = None
         self._there = threading.Event()
         self._errand: RemoteGoal | RemoteStop | None = None  # goal or stop under way
@@ -73,7 +73,7 @@ class ZenohClientLine:
         if self._reach is not None:
             return
         reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
-        inbox = self._inbox = OutgoingQueue()
+        inbox = self._inbox = IncomingQueue()
         try:
             self._there = threading.Event()
             gone = f"{self.where}: it went away, or the way to it is lost"

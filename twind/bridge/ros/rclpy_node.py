@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
 from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.exceptions import OperationFailed
 from twind.ros import STRING, decode
 
@@ -88,7 +88,11 @@ class RclpyTransport:
         self._graph: _Graph | None = None
 
     def open(
-        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+        self,
+        topics: Sequence[RosTopic],
+        services: Sequence[RosService],
+        heard: MessageHandler,
+        asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints. Raises OperationFailed."""
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
@@ -152,7 +156,7 @@ class _Graph:
         """Callbacks are served, and messages go out."""
         return self._thread.is_alive() and bool(self._context.ok())
 
-    def add(self, topic: RosTopic, kind: Any, heard: Heard) -> None:
+    def add(self, topic: RosTopic, kind: Any, heard: MessageHandler) -> None:
         """Write or read a topic, in bytes of the wire.
 
         What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
@@ -165,7 +169,7 @@ class _Graph:
         group = MutuallyExclusiveCallbackGroup()
         self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
 
-    def serve(self, service: RosService, kind: Any, asked: Asked) -> None:
+    def serve(self, service: RosService, kind: Any, asked: RequestHandler) -> None:
         """Answer a service. Each has a group: none waits for another, none takes more than one thread."""
 
         def answer(request: Any, response: Any) -> Any:
@@ -222,7 +226,7 @@ class _Graph:
 class ModeParameter:
     """Parameter `mode` with the daemon's mode; setting it requests another one from the daemon."""
 
-    def __init__(self, node: Any, asked: Asked, offered: Collection[RosService]) -> None:
+    def __init__(self, node: Any, asked: RequestHandler, offered: Collection[RosService]) -> None:
         """Make the parameter; `offered`: services that are served; a mode without one cannot be requested
         here.
         """

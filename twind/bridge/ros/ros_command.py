@@ -20,7 +20,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
+from twind.bridge.ros.backend_choice import DDS, RCLPY, ZENOH, usual
 from twind.command_line.extras import how_to_add
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import Rejected, UsageError, harmless

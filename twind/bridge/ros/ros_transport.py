@@ -7,9 +7,9 @@ from typing import Protocol
 
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
 
-Heard = Callable[[RosTopic, bytes], None]  # CDR, header included; returns at once, from any thread
+MessageHandler = Callable[[RosTopic, bytes], None]  # CDR, header included; returns at once, from any thread
 # a request's `data` (None: the type has none) -> (success, message); waits for the daemon, seconds at most
-Asked = Callable[[RosService, "bool | None"], "tuple[bool, str]"]
+RequestHandler = Callable[[RosService, "bool | None"], "tuple[bool, str]"]
 
 
 class RosTransport(Protocol):
@@ -18,7 +18,11 @@ class RosTransport(Protocol):
     refuses: str  # why no command arrives here, for the user; "": topics are read and services are served
 
     def open(
-        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+        self,
+        topics: Sequence[RosTopic],
+        services: Sequence[RosService],
+        heard: MessageHandler,
+        asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints; with `refuses`, only with those that are written.
 

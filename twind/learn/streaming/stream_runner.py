@@ -18,11 +18,11 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, harmless, observer, show
 from twind.ctl.status_table import stream_text
 from twind.learn.streaming.http_endpoint import HttpEndpoint, shown
+from twind.learn.streaming.reading_subscriber import ReadingSubscriber
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool
 from twind.learn.streaming.spool_sender import SpoolSender
 from twind.learn.streaming.spool_writer import SpoolWriter
-from twind.learn.streaming.stream_subscriber import StreamSubscriber
 
 LOOK = 0.5  # s between two looks at the others
 REPORT = 1.0  # s between two reports to the daemon
@@ -52,7 +52,7 @@ class StreamRunner:
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.tell = self._lines.put
         self.basket = SampleBatcher(options.batch, options.age, time.monotonic, clocks)
-        self._listening = StreamSubscriber(options, self.basket, time.monotonic, self.tell)
+        self._listening = ReadingSubscriber(options, self.basket, time.monotonic, self.tell)
         self._sender = SpoolSender(spool, endpoint, self.tell)
         self._keeping = SpoolWriter(
             self.basket,

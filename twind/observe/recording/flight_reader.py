@@ -9,7 +9,7 @@ from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.flight import FlightFile, load
 from twind.link import Tick
-from twind.observe.recording.flight_messages import answers, news
+from twind.observe.recording.flight_monitor_messages import answers, news
 from twind.observe.recording.mcap_reader import hops, slow
 from twind.observe.recording.recording_columns import (
     Floats,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.observe.recording.joint_rows import JointRows
-from twind.observe.recording.mcap_records import McapContent, McapScanner
+from twind.observe.recording.mcap_record_scanner import McapContent, McapRecordScanner
 from twind.observe.recording.recording_columns import (
     Floats,
     ImuColumns,
@@ -60,7 +60,7 @@ class TopicMessage(NamedTuple):
 
 def read(path: Path) -> RobotRecording:
     """The recording in an .mcap file. Raises Rejected."""
-    file = McapScanner(path)
+    file = McapRecordScanner(path)
     taken = _McapContents(file)
     try:
         for each in file.contents():
@@ -101,7 +101,7 @@ class _McapContents:
     Messages of other topics are skipped.
     """
 
-    def __init__(self, file: McapScanner) -> None:
+    def __init__(self, file: McapRecordScanner) -> None:
         self.file = file
         self.states: dict[str, JointRows] = {}
         self.said: dict[str, list[TopicMessage]] = {}
@@ -202,7 +202,7 @@ def _chosen(states: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _damage(file: McapScanner) -> str:
+def _damage(file: McapRecordScanner) -> str:
     parts = [file.cut] if file.cut else []
     if not (file.cut or file.indexed):
         parts.append("it has no index: a full disk may have ended it, and what came then is not in it")

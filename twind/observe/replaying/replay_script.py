@@ -24,7 +24,7 @@ from twind.link import (
     decode_command,
     decode_news,
 )
-from twind.observe.recording.flight_messages import news
+from twind.observe.recording.flight_monitor_messages import news
 from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome, StandingFaults, answer
 from twind.robot.arrays import Floats
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.ctl.picture.picture_state import followed
+from twind.ctl.dashboard.dashboard_state import followed
 from twind.robot.arrays import Floats
 
 WINDOW = 10.0  # s of history that is plotted
@@ -48,7 +48,7 @@ class JointsMessage:
     measured: Floats  # rad
     goal: Floats
     simulated: Floats
-    followed: Floats  # what the goals move: see `twind.ctl.picture.picture_state.followed`
+    followed: Floats  # what the goals move: see `twind.ctl.dashboard.dashboard_state.followed`
     heard: Any  # (n,) bool
     age: Floats  # ms
     faults: tuple[tuple[str, ...], ...]

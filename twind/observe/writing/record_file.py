@@ -11,7 +11,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import CompressionType, Writer
 
-from twind.observe.recording.mcap_records import MAGIC
+from twind.observe.recording.mcap_record_scanner import MAGIC
 from twind.observe.writing.record_schemas import ROS, json_schemas
 from twind.ros import STRING, definition_text, encode
 from twind.version import __version__

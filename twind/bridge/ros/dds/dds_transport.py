@@ -19,7 +19,7 @@ from twind.bridge.ros.dds.dds_names import ENCLAVE, GID, GID_HUMBLE, GRAPH, grap
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.exceptions import OperationFailed
 
 
@@ -42,7 +42,11 @@ class DdsTransport:
         self.dropped = 0  # messages that found no room within `ends.BLOCKING`
 
     def open(
-        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+        self,
+        topics: Sequence[RosTopic],
+        services: Sequence[RosService],
+        heard: MessageHandler,
+        asked: RequestHandler,
     ) -> None:
         """Join the graph and write the outbound topics. Nothing else is created. Raises OperationFailed."""
         self.close()

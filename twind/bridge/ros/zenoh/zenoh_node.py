@@ -13,7 +13,7 @@ import zenoh.ext
 
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
 from twind.bridge.ros.ros_trajectory import LONGEST
-from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment
 from twind.bridge.ros.zenoh.zenoh_names import ZenohNames, gid
 from twind.bridge.ros.zenoh.zenoh_service import ZenohServiceServer
@@ -39,7 +39,7 @@ class ZenohNode:
         self._served: list[ZenohServiceServer] = []
         self._hearing: list[threading.Thread] = []
 
-    def offer(self, topics: Sequence[RosTopic], heard: Heard) -> None:
+    def offer(self, topics: Sequence[RosTopic], heard: MessageHandler) -> None:
         """Publish the outgoing topics and subscribe to the others."""
         for topic in topics:
             token = self._token(topic)
@@ -50,7 +50,7 @@ class ZenohNode:
                 self._subscribe(topic, heard)
             self._tokens.append(self._session.liveliness().declare_token(token))
 
-    def serve(self, services: Sequence[RosService], asked: Asked) -> None:
+    def serve(self, services: Sequence[RosService], asked: RequestHandler) -> None:
         """Answer requests."""
         for service in services:
             self._served.append(
@@ -74,7 +74,7 @@ class ZenohNode:
     def _token(self, endpoint: RosTopic | RosService) -> str:
         return self._names.token(next(self._numbers), endpoint)
 
-    def _subscribe(self, topic: RosTopic, heard: Heard) -> None:
+    def _subscribe(self, topic: RosTopic, heard: MessageHandler) -> None:
         """Subscribe with KEEP_LAST `depth`: of messages faster than they are taken the oldest is dropped."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)

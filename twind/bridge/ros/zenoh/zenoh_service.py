@@ -13,7 +13,7 @@ from contextlib import suppress
 import zenoh
 
 from twind.bridge.ros.ros_endpoints import TO_E_STOP, TO_STOP, RosService
-from twind.bridge.ros.ros_transport import Asked
+from twind.bridge.ros.ros_transport import RequestHandler
 from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment, attachment
 from twind.exceptions import InvalidInput
 from twind.ros import decode, encode
@@ -27,7 +27,12 @@ class ZenohServiceServer:
     """Service server. `key`: that of its requests. `tell`: receives a line where an answer fails."""
 
     def __init__(
-        self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
+        self,
+        session: zenoh.Session,
+        service: RosService,
+        key: str,
+        asked: RequestHandler,
+        tell: Callable[[str], None],
     ) -> None:
         self._service = service
         self._key = key

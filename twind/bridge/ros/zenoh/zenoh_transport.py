@@ -10,7 +10,7 @@ import zenoh
 
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.bridge.ros.zenoh.zenoh_config import session_config
 from twind.bridge.ros.zenoh.zenoh_names import ZenohNames
 from twind.bridge.ros.zenoh.zenoh_node import ZenohNode
@@ -52,7 +52,11 @@ class ZenohTransport:
             tell(f"zenoh: {', '.join(ignored)}: ignored here; the router decides which nodes join")
 
     def open(
-        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+        self,
+        topics: Sequence[RosTopic],
+        services: Sequence[RosService],
+        heard: MessageHandler,
+        asked: RequestHandler,
     ) -> None:
         """Join the graph. A router that is not there is looked for from then on. Raises OperationFailed."""
         config = session_config(os.environ, self._connect, self._config)

@@ -19,7 +19,7 @@ TOGETHER = 20.0
 AGAIN = 0.5  # s between two attempts to reach one
 
 
-class StreamSubscriber:
+class ReadingSubscriber:
     """From `start` to the end of the process. `tell` gets a line when the daemon goes and comes."""
 
     def __init__(

@@ -11,11 +11,11 @@ from rich.console import Console
 
 from twind.client import Client, ClientError
 from twind.command_line.verb import DONE
+from twind.ctl.dashboard.dashboard_layout import PAGES, PageSelection, picture
+from twind.ctl.dashboard.dashboard_renderer import Palette, plain
+from twind.ctl.dashboard.dashboard_state import DashboardState, MonitorCollector
+from twind.ctl.dashboard.terminal_screen import TerminalScreen
 from twind.ctl.monitor_command import AGAIN, TOPICS, is_live, steady
-from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
-from twind.ctl.picture.picture_renderer import Palette, plain
-from twind.ctl.picture.picture_state import MonitorCollector, PictureState
-from twind.ctl.picture.terminal_screen import TerminalScreen
 from twind.robot.event_codes import EventCode
 
 FASTEST = 15.0  # pictures a second
@@ -129,7 +129,7 @@ def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
     period = 1.0 / min(rate, FASTEST)
     shown = PageSelection()
     pictures = 0
-    frozen: PictureState | None = None
+    frozen: DashboardState | None = None
     with TerminalScreen().entered() as screen:
         due = time.monotonic()
         while True:

@@ -8,9 +8,8 @@ is named in the last line.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from twind.ctl.picture.joint_table import joints
-from twind.ctl.picture.picture_blocks import (
-    PictureBlock,
+from twind.ctl.dashboard.dashboard_blocks import (
+    DashboardBlock,
     events,
     header,
     last_refusals,
@@ -19,15 +18,16 @@ from twind.ctl.picture.picture_blocks import (
     summary,
     trouble,
 )
-from twind.ctl.picture.picture_state import PictureState
-from twind.ctl.picture.styled_lines import Line, beside, cut, fitting, line
-from twind.ctl.picture.timing_blocks import buses, hops, lateness
+from twind.ctl.dashboard.dashboard_state import DashboardState
+from twind.ctl.dashboard.joint_table import joints
+from twind.ctl.dashboard.styled_lines import Line, beside, cut, fitting, line
+from twind.ctl.dashboard.timing_blocks import buses, hops, lateness
 
 # columns from which there are two sides; of the left one; between them
 WIDE = 185
 LEFT = 110
 GAP = 3
-Make = Callable[[PictureState, int], PictureBlock]
+Make = Callable[[DashboardState, int], DashboardBlock]
 # Pages and sides are tiers of blocks: the second tier has what the first one leaves.
 PAGES: Mapping[str, Sequence[Sequence[Make]]] = {
     "all": ((summary, buses, joints, last_refusals), (hops, lateness, recorder, events)),
@@ -51,7 +51,7 @@ class PageSelection:
 
 
 def picture(
-    view: PictureState, width: int, height: int | None, shown: PageSelection | None = None, now: float = 0.0
+    view: DashboardState, width: int, height: int | None, shown: PageSelection | None = None, now: float = 0.0
 ) -> list[Line]:
     """Lines at most `width` wide, at most `height` of them (None: all that there are, without keys)."""
     chosen = shown or PageSelection()
@@ -76,7 +76,7 @@ def picture(
 
 
 def _packed(
-    tiers: Sequence[Sequence[Make]], view: PictureState, width: int, room: int, offset: int
+    tiers: Sequence[Sequence[Make]], view: DashboardState, width: int, room: int, offset: int
 ) -> tuple[list[Line], list[str]]:
     """Lines of what there is room for, and the names of what there is none for."""
     lines: list[Line] = []
@@ -90,7 +90,7 @@ def _packed(
     return lines, hidden
 
 
-def _shared(blocks: Sequence[PictureBlock], room: int) -> list[int]:
+def _shared(blocks: Sequence[DashboardBlock], room: int) -> list[int]:
     """Lines of each block: in their order the least of each, as far as there is room, then more; 0: none."""
     given: list[int] = []
     for block in blocks:

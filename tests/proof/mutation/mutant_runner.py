@@ -37,7 +37,7 @@ QUIET = (
 
 
 @dataclass
-class Court:
+class MutantRunner:
     """A pytest plugin: takes the place of the run of the tests."""
 
     room: Room
@@ -299,7 +299,7 @@ def judge(
 
     `brief`: tests of generated examples look at few of them only, and what survives may yet be noticed.
     """
-    court = Court(room, cases, deadline, remember, listed, brief)
+    court = MutantRunner(room, cases, deadline, remember, listed, brief)
     tests = [str(Path(HOME, test)) for test in room.tests if Path(HOME, test).exists()]
     code = pytest.main([*QUIET, "--rootdir", str(HOME), *tests], plugins=[court])
     if code:

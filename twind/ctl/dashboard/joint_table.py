@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 
-from twind.ctl.picture.picture_blocks import PictureBlock, PictureRow
-from twind.ctl.picture.picture_state import Answer, DisplayThresholds, PictureState, followed
-from twind.ctl.picture.styled_lines import Span, align_left, cut, line, right
+from twind.ctl.dashboard.dashboard_blocks import DashboardBlock, DashboardRow
+from twind.ctl.dashboard.dashboard_state import Answer, DashboardState, DisplayThresholds, followed
+from twind.ctl.dashboard.styled_lines import Span, align_left, cut, line, right
 
 # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OFF = 0.1
@@ -48,10 +48,10 @@ class _JointColumns:
     mode: str
 
 
-def joints(view: PictureState, width: int) -> PictureBlock:
+def joints(view: DashboardState, width: int) -> DashboardBlock:
     """All joints; those that need a look are urgent."""
     if not view.joints:
-        return PictureBlock("joints", (), (), 0)
+        return DashboardBlock("joints", (), (), 0)
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
     status = view.status or {"armed": False, "mode": ""}
     looks = _JointColumns(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
@@ -59,7 +59,7 @@ def joints(view: PictureState, width: int) -> PictureBlock:
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {align_left('joint', name)}{''.join(titles)}  notes", "dim"))
     rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
-    return PictureBlock("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
+    return DashboardBlock("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
 
 
 def _row(
@@ -69,7 +69,7 @@ def _row(
     name: int,
     width: int,
     looks: _JointColumns,
-) -> PictureRow:
+) -> DashboardRow:
     known = bounds.get(joint["name"], _UNKNOWN)
     told = {**joint, "followed": followed(joint, looks.mode)}
     cells = [(size, *cell(told, known)) for _, size, cell in columns]
@@ -81,7 +81,7 @@ def _row(
     for place, (text, style) in enumerate(notes):
         spans.append((", " if place else "  ", ""))
         spans.append((text, style))
-    return PictureRow(cut(line(*spans), width), urgent=worst in ("bad", "warn"))
+    return DashboardRow(cut(line(*spans), width), urgent=worst in ("bad", "warn"))
 
 
 def _worst(styles: Sequence[str]) -> str:

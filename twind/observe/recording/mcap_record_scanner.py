@@ -36,7 +36,7 @@ _PARSERS: dict[int, Any] = {
 McapContent: TypeAlias = Message | Attachment | Metadata
 
 
-class McapScanner:
+class McapRecordScanner:
     """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
 
     After the pass: `cut`, why and where it ended too early (empty: it is whole), `kept` bytes up to there,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
-from twind.robot.measured_travel import TurnRange
+from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
 
 
@@ -43,7 +43,7 @@ class JointMap:
     names: tuple[str, ...]
     buses: tuple[JointBusMap, ...]
     calibrated: tuple[bool, ...]
-    turns: TurnRange | None = None  # data of the turn of each actuator; None: counts are used as read
+    turns: MeasuredTravel | None = None  # data of the turn of each actuator; None: counts are used as read
     unwatched: tuple[int, ...] = ()  # joints whose actuator cannot report that its own watchdog is armed
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""Writer of the tables of reason codes: `python -m twind.ctl.reasons.reason_page docs/reason-codes.md`."""
+"""Writer of reason code tables: `python -m twind.ctl.reasons.write_reason_page docs/reason-codes.md`."""
 
 import sys
 from collections.abc import Mapping

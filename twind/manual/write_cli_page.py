@@ -1,4 +1,4 @@
-"""Writer of the reference page of the commands: `python -m twind.manual.cli_page docs/cli.md`."""
+"""Writer of the reference page of the commands: `python -m twind.manual.write_cli_page docs/cli.md`."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ START = """\
 # Commands
 
 The verbs of `twindctl`, by group, and the other programs. The help of each verb and the manual pages explain
-the arguments. `python -m twind.manual.cli_page docs/cli.md` writes this page."""
+the arguments. `python -m twind.manual.write_cli_page docs/cli.md` writes this page."""
 
 
 def cli_page() -> str:

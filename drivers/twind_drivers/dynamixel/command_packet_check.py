@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from twind_drivers.bus import WireClamp
+from twind_drivers.bus import WireRangeError
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import ControlTable
 from twind_drivers.dynamixel.device_layout import RegisterBlock
@@ -10,7 +10,7 @@ from twind_drivers.dynamixel.device_layout import RegisterBlock
 Fences = Mapping[RegisterBlock, tuple[int, int]]  # goal register -> smallest and largest word, inclusive
 
 
-class DynamixelWireCheck:
+class CommandPacketCheck:
     """Permitted writes of one bus."""
 
     def __init__(self, name: str, tables: Mapping[int, ControlTable], fences: Mapping[int, Fences]) -> None:
@@ -20,27 +20,27 @@ class DynamixelWireCheck:
         self._fences = fences
 
     def judge(self, data: bytes) -> None:
-        """Raise WireClamp for anything but whole packets with permitted writes."""
+        """Raise WireRangeError for anything but whole packets with permitted writes."""
         framer = packet.Framer(status=False)
         found = framer.feed(data)
         if framer.discarded or len(framer) or not found:
-            raise WireClamp(self._name, packet.BROADCAST, len(data), 0, 0, "stray bytes in a packet")
+            raise WireRangeError(self._name, packet.BROADCAST, len(data), 0, 0, "stray bytes in a packet")
         for each in found:
             for id, address, raw in _rows(each):
                 self._row(id, address, raw)
 
     def _row(self, id: int, address: int, raw: bytes) -> None:
         if id not in self._fences:
-            raise WireClamp(self._name, id, id, min(self._fences), max(self._fences), "address to id")
+            raise WireRangeError(self._name, id, id, min(self._fences), max(self._fences), "address to id")
         for goal, (lower, upper) in self._fences[id].items():
             if address < goal.address + goal.size and goal.address < address + len(raw):
                 word = int.from_bytes(raw, "little", signed=True)
                 if (address, len(raw)) != (goal.address, goal.size) or not lower <= word <= upper:
                     what = "goal" if upper >= lower else f"register {goal.address}, no goal of this mode:"
-                    raise WireClamp(self._name, id, word, lower, upper, what)
+                    raise WireRangeError(self._name, id, word, lower, upper, what)
         writable = self._tables[id].writable
         if not writable.issuperset(range(address, address + len(raw))):
-            raise WireClamp(self._name, id, address, min(writable), max(writable), "read-only address")
+            raise WireRangeError(self._name, id, address, min(writable), max(writable), "read-only address")
 
 
 def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.procedures import Procedure, all_of
+from twind.loop.procedure_runner import Procedure, all_of
 from twind.robot.finding import ReasonCode
 from twind.safety.guard import GuardThresholds
 from twind_drivers.bus import BusError, NoReply

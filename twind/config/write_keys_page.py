@@ -1,6 +1,6 @@
 """Tables of configuration keys for the documents, made from the Structs that read the files.
 
-`python -m twind.config.keys_page docs/configuration.md` renews the tables of the page, each between two
+`python -m twind.config.write_keys_page docs/configuration.md` renews the tables of the page, each between two
 markers. Values and defaults come from the types. The text under a field says what the key is; as three
 parts, `value | default | what`, it also gives the cells that the type does not tell.
 """

@@ -6,7 +6,7 @@ from rich.color import ColorSystem
 from rich.console import Console
 from rich.style import Style
 
-from twind.ctl.picture.styled_lines import Line
+from twind.ctl.dashboard.styled_lines import Line
 
 STYLES: Mapping[str, Style] = {
     "": Style(),

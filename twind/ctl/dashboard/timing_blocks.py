@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from math import log
 
-from twind.ctl.picture.picture_blocks import PictureBlock, PictureRow, micro, milli, titled
-from twind.ctl.picture.picture_state import Answer, PictureState
-from twind.ctl.picture.styled_lines import Line, Span, align_left, cut, line, right
+from twind.ctl.dashboard.dashboard_blocks import DashboardBlock, DashboardRow, micro, milli, titled
+from twind.ctl.dashboard.dashboard_state import Answer, DashboardState
+from twind.ctl.dashboard.styled_lines import Line, Span, align_left, cut, line, right
 
 FULL = 0.9  # share of the tick from which a bus is worth a look
 LATE = 2.0  # ms: a tick that begins later is reported (LOOP_LATE)
@@ -15,11 +15,11 @@ _HEADS = ("bus", "port", "", "a second", "ms", "p99", "wire", "errors")
 _HOPS = ("now", "mean", "dev", "min", "max", "p50", "p99")
 
 
-def buses(view: PictureState, width: int) -> PictureBlock:
+def buses(view: DashboardState, width: int) -> DashboardBlock:
     """Connected, how often, errors, share of the wire, how long an exchange takes."""
     status = view.status
     if status is None or not status["buses"]:
-        return PictureBlock("buses", (), (), 0)
+        return DashboardBlock("buses", (), (), 0)
     names = min(12, max(3, *(len(bus["name"]) for bus in status["buses"])))
     sizes = (names, max(10, min(24, width - names - 55)), 13)
     rate = status["loop"]["rate_hz"] if status["mode"] != "sim" else 0.0
@@ -28,10 +28,10 @@ def buses(view: PictureState, width: int) -> PictureBlock:
     head = start + "".join(
         right(title, size) for title, size in zip(_HEADS[3:], (9, 6, 6, 6, 9), strict=True)
     )
-    return PictureBlock("buses", (cut(line((head, "dim")), width),), rows, min(1 + len(rows), 3))
+    return DashboardBlock("buses", (cut(line((head, "dim")), width),), rows, min(1 + len(rows), 3))
 
 
-def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], width: int) -> PictureRow:
+def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], width: int) -> DashboardRow:
     on = bus["connected"]
     warned = bool(bus.get("warning"))
     slow = on and rate is not None and rate < SLOW * wanted
@@ -51,34 +51,34 @@ def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], w
     ]
     if warned:
         spans.append((" !", "warn"))
-    return PictureRow(cut(line(*spans), width), urgent=(not on and wanted > 0.0) or slow or warned)
+    return DashboardRow(cut(line(*spans), width), urgent=(not on and wanted > 0.0) or slow or warned)
 
 
-def hops(view: PictureState, width: int) -> PictureBlock:
+def hops(view: DashboardState, width: int) -> DashboardBlock:
     """Each step of a reading and of a command, ms; last, how many of the last 100 took too long."""
     if not view.hops:
-        return PictureBlock("hops", (), (), 0)
+        return DashboardBlock("hops", (), (), 0)
     head = line((f"  {align_left('ms', 10)}{''.join(right(each, 7) for each in _HOPS)}  too long", "dim"))
     title = titled("latency, hop by hop", width)
-    return PictureBlock(
+    return DashboardBlock(
         "hops", (title, cut(head, width)), [_hop(hop, width) for hop in view.hops], min(5, 2 + len(view.hops))
     )
 
 
-def _hop(hop: Answer, width: int) -> PictureRow:
+def _hop(hop: Answer, width: int) -> DashboardRow:
     keys = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms")
     numbers = "".join(right(milli(hop[key], 2), 7) for key in keys)
     count = hop["violations"]
     said: Span = (right(str(count), 10), "warn" if count else "dim")
     mark: Span = ("! ", "warn") if count else ("  ", "")
-    return PictureRow(cut(line(mark, align_left(hop["hop"], 10), numbers, said), width), urgent=bool(count))
+    return DashboardRow(cut(line(mark, align_left(hop["hop"], 10), numbers, said), width), urgent=bool(count))
 
 
-def lateness(view: PictureState, width: int) -> PictureBlock:
+def lateness(view: DashboardState, width: int) -> DashboardBlock:
     """Lateness of ticks in the whole run: a bar per bucket, logarithmic, so that a single tick is visible."""
     buckets = merged(view.lateness, BARS)
     if not buckets:
-        return PictureBlock("lateness", (), (), 0)
+        return DashboardBlock("lateness", (), (), 0)
     total = sum(count for _, count in buckets)
     most = max(count for _, count in buckets)
     size = max(4, min(40, width - 36))
@@ -86,7 +86,9 @@ def lateness(view: PictureState, width: int) -> PictureBlock:
         _bar(upper, count, count / total, log(1 + count) / log(1 + most), size) for upper, count in buckets
     ]
     title = titled("ticks began late by", width)
-    return PictureBlock("lateness", (title,), [PictureRow(cut(each, width)) for each in rows], 1 + len(rows))
+    return DashboardBlock(
+        "lateness", (title,), [DashboardRow(cut(each, width)) for each in rows], 1 + len(rows)
+    )
 
 
 def _bar(upper: float | None, count: int, share: float, long: float, size: int) -> Line:

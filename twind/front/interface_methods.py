@@ -18,7 +18,7 @@ from twind.front.daemon_log import printable
 from twind.front.monitor_subscribers import TOPICS
 from twind.front.reload_queue import PARAMETERS
 from twind.front.state_cache import encode
-from twind.front.streamer_reports import find_invalid_number
+from twind.front.streamer_report_cache import find_invalid_number
 from twind.front.ticket_table import ESTOPS
 from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE

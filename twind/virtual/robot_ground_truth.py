@@ -1,6 +1,6 @@
 """Ground truth of one virtual robot, in no file of it: a calibration has to find it.
 
-`--truth FILE` is a mapping `joints:` of joint names to the keys of `JointTruth`. Keys left out are as the
+`--truth FILE` maps `joints:` names to the keys of `JointGroundTruth`. Keys left out are as the
 robot file describes them. In process the same data are these dataclasses.
 """
 
@@ -35,7 +35,7 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 
 
 @dataclass(frozen=True, slots=True)
-class JointTruth:
+class JointGroundTruth:
     """One joint and its actuator. Counts are the bare encoder's, before direction, turns and offset."""
 
     zero_ticks: Ticks | None = None  # at joint angle 0, anywhere; None: scattered, clear of the seam
@@ -71,22 +71,22 @@ class JointTruth:
         return [each.name for each in fields(self) if getattr(self, each.name) != getattr(PLAIN, each.name)]
 
 
-PLAIN = JointTruth()
+PLAIN = JointGroundTruth()
 
 
-class TruthKeys(ConfigStruct):
+class GroundTruthKeys(ConfigStruct):
     """Keys of a file of true values."""
 
     joints: ConfigReader
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Truth of each joint, by name; a joint that is not in it is plain."""
+class RobotGroundTruth:
+    """True values of each joint, by name; a joint that is not in it is plain."""
 
-    joints: Mapping[str, JointTruth] = field(default_factory=dict)
+    joints: Mapping[str, JointGroundTruth] = field(default_factory=dict)
 
-    def joint_truth(self, name: str) -> JointTruth:
+    def joint_truth(self, name: str) -> JointGroundTruth:
         """Return the truth of one joint; the plain one if the file does not name it."""
         return self.joints.get(name, PLAIN)
 
@@ -96,21 +96,23 @@ class Truth:
         return other or next((one for one, each in self.joints.items() if each.swapped_with == name), name)
 
 
-def load_truth(path: Path, robot: RobotFile) -> Truth:
+def load_truth(path: Path, robot: RobotFile) -> RobotGroundTruth:
     """The truth in a file, YAML or JSON. Raises ConfigError: unreadable, unknown key, no such joint."""
-    section = ConfigReader(str(path), parse(read_text(path), str(path))).read(TruthKeys).joints
+    section = ConfigReader(str(path), parse(read_text(path), str(path))).read(GroundTruthKeys).joints
     section.require_known(robot.names)
-    return Truth({name: _joint(section.section(name)) for name in robot.names if section.has(name)})
+    return RobotGroundTruth(
+        {name: _joint(section.section(name)) for name in robot.names if section.has(name)}
+    )
 
 
-def _joint(section: ConfigReader) -> JointTruth:
-    truth = section.read(JointTruth)
+def _joint(section: ConfigReader) -> JointGroundTruth:
+    truth = section.read(JointGroundTruth)
     if truth.stops_rad is not None and not truth.stops_rad[0] < truth.stops_rad[1]:
         raise section.refuse("stops_rad", f"{truth.stops_rad[0]:g} is not below {truth.stops_rad[1]:g}")
     return truth
 
 
-def refuse_impossible(robot: RobotFile, truth: Truth) -> None:
+def refuse_impossible(robot: RobotFile, truth: RobotGroundTruth) -> None:
     """Raises InvalidInput: no such joint, what a CAN actuator has not, servos that cannot be exchanged."""
     specs = {joint.name: joint for joint in robot.joints}
     for name, each in truth.joints.items():
@@ -132,7 +134,7 @@ def refuse_impossible(robot: RobotFile, truth: Truth) -> None:
         _refuse_registers(specs[name], each)
 
 
-def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
+def _refuse_registers(joint: JointSpec, each: JointGroundTruth) -> None:
     if not each.eeprom():
         return
     registers = table(number_of(joint.type.device))
@@ -144,7 +146,7 @@ def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
             raise InvalidInput(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
 
 
-def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float, float]]:
+def mechanical_stops(robot: RobotFile, truth: RobotGroundTruth) -> Mapping[str, tuple[float, float]]:
     """Return the ends of the joints, rad: by the truth, else as described, else the model's range."""
     found = dict(ranges_of(robot))
     for joint in robot.joints:
@@ -156,16 +158,16 @@ def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float
     return found
 
 
-def random_truth(robot: RobotFile, seed: int) -> Truth:
+def random_truth(robot: RobotFile, seed: int) -> RobotGroundTruth:
     """Return the truth of a random robot: zeros anywhere on the encoder; own stops, friction, play, turns.
 
     Signs and ids are right. In position mode the travel keeps on one turn: it would be unusable otherwise.
     """
     random = np.random.default_rng(seed)
-    return Truth({joint.name: _random(joint, random) for joint in robot.joints})
+    return RobotGroundTruth({joint.name: _random(joint, random) for joint in robot.joints})
 
 
-def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
+def _random(joint: JointSpec, random: np.random.Generator) -> JointGroundTruth:
     below, above = random.uniform(*LOOSE, 2)
     stops = (joint.span[0] - float(below), joint.span[1] + float(above))
     turn = joint.type.ticks_per_turn
@@ -179,9 +181,11 @@ def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     friction = float(random.uniform(*RUBBING))
     ends = None if joint.transmission else stops  # its actuators end where their joints do
     if isinstance(joint.type, CanType):
-        return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
+        return JointGroundTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
     play = float(random.uniform(0.0, PLAY))
     turns = int(random.integers(-WOUND, WOUND + 1))
     if joint.operating_mode == 3 and not isinstance(joint.type, CanType):
         turns = 0  # it wakes up on one turn
-    return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns)
+    return JointGroundTruth(
+        zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns
+    )

@@ -1,4 +1,4 @@
-"""Listening sockets of a front: accepting clients, and the check that clients reach them. Front process.
+"""Acceptor of a front's listening sockets: accepts clients, checks that clients reach them. Front process.
 
 A socket whose file was removed or replaced takes the e-stop away from every new client. It is bound again
 where that is possible; else the loop receives the reason, holds and refuses motion.
@@ -34,7 +34,7 @@ class _Door:
     watched: bool = False
 
 
-class Listening:
+class SocketAcceptor:
     """Listening sockets by their names."""
 
     def __init__(

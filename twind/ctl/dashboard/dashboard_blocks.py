@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import acos, asin, atan2, degrees, hypot
 
-from twind.ctl.picture.picture_state import Answer, PictureNotice, PictureState
-from twind.ctl.picture.styled_lines import Line, Span, cut, fitting, length, line, wrapped
+from twind.ctl.dashboard.dashboard_state import Answer, DashboardNotice, DashboardState
+from twind.ctl.dashboard.styled_lines import Line, Span, cut, fitting, length, line, wrapped
 from twind.ctl.reasons import remedy
 from twind.ctl.status_table import LOST
 
@@ -27,7 +27,7 @@ LEVELS = {"error": "bad", "warning": "warn", "refused": "warn", "debug": "dim"}
 
 
 @dataclass(frozen=True, slots=True)
-class PictureRow:
+class DashboardRow:
     """One row. `urgent` rows are shown before the others where there is no room for all."""
 
     line: Line
@@ -35,12 +35,12 @@ class PictureRow:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureBlock:
+class DashboardBlock:
     """One subject. `least`: lines, heads included, below which it is not shown at all."""
 
     name: str
     heads: Sequence[Line]
-    rows: Sequence[PictureRow]
+    rows: Sequence[DashboardRow]
     least: int
     scrolls: bool = False
 
@@ -64,7 +64,7 @@ class PictureBlock:
         return [*self.heads, *(row.line for row in rows), more][:room]
 
 
-def header(view: PictureState, width: int) -> Line:
+def header(view: DashboardState, width: int) -> Line:
     """Build the header line: robot name, mode, state and motion; the daemon's version at the right."""
     status = view.status
     if status is None:
@@ -88,7 +88,7 @@ def header(view: PictureState, width: int) -> Line:
     return (*shown, (" " * room + version, "dim")) if room > 1 else shown
 
 
-def trouble(view: PictureState, width: int) -> PictureBlock:
+def trouble(view: DashboardState, width: int) -> DashboardBlock:
     """No daemon, no news, latched faults with what to do, and warnings of ports."""
     rows: list[Line] = []
     if view.gone:
@@ -103,22 +103,22 @@ def trouble(view: PictureState, width: int) -> PictureBlock:
     for bus in status["buses"]:
         if bus.get("warning"):
             rows += wrapped(("  WARN ", "warn"), f" {bus['name']}: {bus['warning']}", "warn", width)
-    return PictureBlock("troubles", (), [PictureRow(each) for each in rows], min(len(rows), 4))
+    return DashboardBlock("troubles", (), [DashboardRow(each) for each in rows], min(len(rows), 4))
 
 
-def summary(view: PictureState, width: int) -> PictureBlock:
+def summary(view: DashboardState, width: int) -> DashboardBlock:
     """Lease, loop, latency: a line each."""
     status = view.status
     if status is None:
-        return PictureBlock("summary", (), (), 0)
+        return DashboardBlock("summary", (), (), 0)
     rows = [_labelled("lease", _lease(status, view), width), _labelled("loop", _loop(status), width)]
     rows.append(_labelled("latency", _latency(status), width))
     if view.imu is not None:
         rows.append(_labelled("imu", _imu(view.imu), width))
-    return PictureBlock("summary", (), [PictureRow(each) for each in rows], len(rows))
+    return DashboardBlock("summary", (), [DashboardRow(each) for each in rows], len(rows))
 
 
-def recorder(view: PictureState, width: int) -> PictureBlock:
+def recorder(view: DashboardState, width: int) -> DashboardBlock:
     """Content of the flight recorder, the streamers, and the episode that runs or ran last."""
     rows = [_stream(told, width) for told in (view.status or {}).get("streams") or ()]
     flight = (view.status or {}).get("flight")
@@ -138,7 +138,7 @@ def recorder(view: PictureState, width: int) -> PictureBlock:
             label = _OUTCOMES[episode.success]
             parts = [(f"{episode.task}, {spent} long", ""), label, (f"{ago(view.now - episode.end)} ago", "")]
         rows.append(_labelled("episode", parts, width))
-    return PictureBlock("recorder", (), [PictureRow(each) for each in rows], min(len(rows), 1))
+    return DashboardBlock("recorder", (), [DashboardRow(each) for each in rows], min(len(rows), 1))
 
 
 def _stream(told: Answer, width: int) -> Line:
@@ -149,17 +149,17 @@ def _stream(told: Answer, width: int) -> Line:
     return _labelled("stream", [*wrong, *lost, *counts, (told["endpoint"], "dim")], width)
 
 
-def refusals(view: PictureState, width: int) -> PictureBlock:
+def refusals(view: DashboardState, width: int) -> DashboardBlock:
     """The newest refusals of the gate and their reasons."""
     return _make_notice_block("refusals", "refused last", view.refusals, view.now, width)
 
 
-def last_refusals(view: PictureState, width: int) -> PictureBlock:
+def last_refusals(view: DashboardState, width: int) -> DashboardBlock:
     """The newest refusals."""
     return _make_notice_block("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
 
 
-def events(view: PictureState, width: int) -> PictureBlock:
+def events(view: DashboardState, width: int) -> DashboardBlock:
     """The newest events."""
     return _make_notice_block("events", "events", view.events, view.now, width)
 
@@ -178,20 +178,20 @@ def ago(seconds: float) -> str:
 
 
 def _make_notice_block(
-    name: str, title: str, told: Sequence[PictureNotice], now: float, width: int
-) -> PictureBlock:
+    name: str, title: str, told: Sequence[DashboardNotice], now: float, width: int
+) -> DashboardBlock:
     rows = []
     for each in told:
         when = f"{ago(now - each.at):>7} ago  "
-        rows.append(PictureRow(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
-    return PictureBlock(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)
+        rows.append(DashboardRow(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
+    return DashboardBlock(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)
 
 
 def _labelled(label: str, parts: Sequence[Span], width: int) -> Line:
     return fitting(parts, width, line((f"{label:<{LABEL}}", "dim")))
 
 
-def _lease(status: Answer, view: PictureState) -> list[Span]:
+def _lease(status: Answer, view: DashboardState) -> list[Span]:
     lease = status["lease"]
     if lease is None:
         return [("free", "")]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from twind import link
 from twind.loop import arming, device_procedures, torque_release
 from twind.loop.front_link import ReceivedCommand
-from twind.loop.procedures import Priority, Procedure
+from twind.loop.procedure_runner import Priority, Procedure
 from twind.loop.submission_tracker import SubmissionTracker
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode

@@ -13,7 +13,7 @@ LEAST_HZ = 50.0  # readings a second: fewer, and a quick movement goes over the 
 
 
 @dataclass(frozen=True, slots=True)
-class RawReading:
+class RawExchange:
     """One exchange. `samples`: of every actuator with a reading so far; without a new one the same again."""
 
     time: float  # s, of the daemon's clock
@@ -21,7 +21,7 @@ class RawReading:
 
 
 @contextlib.contextmanager
-def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawReading]]:
+def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawExchange]]:
     """As fast as the loop reads, `rate_hz`. Its end hangs the client up. Raises Rejected, ClientError."""
     if not rate_hz >= LEAST_HZ:
         raise Rejected(
@@ -34,7 +34,7 @@ def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawReading]]:
         news.close()
 
 
-def _reading(news: Mapping[str, Any]) -> RawReading:
+def _reading(news: Mapping[str, Any]) -> RawExchange:
     raw = news["raw"]
     time = float(news["time"])
     rows = zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True)
@@ -43,4 +43,4 @@ def _reading(news: Mapping[str, Any]) -> RawReading:
         for name, ticks, age in rows
         if ticks is not None and age is not None
     }
-    return RawReading(time, samples)
+    return RawExchange(time, samples)

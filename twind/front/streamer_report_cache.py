@@ -19,7 +19,7 @@ GONE = "the streamer is gone"
 HANGS = f"the streamer has sent no report for {SILENCE:g} s"
 
 
-class StreamerReports:
+class StreamerReportCache:
     """The last report of each streamer."""
 
     def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:

@@ -15,7 +15,7 @@ RATED = 1.0  # s over which rates are counted
 
 
 @dataclass(frozen=True, slots=True)
-class PictureNotice:
+class DashboardNotice:
     """One event or refusal. `level`: "refused", or that of the event."""
 
     at: float  # s, monotonic, when it arrived here
@@ -24,7 +24,7 @@ class PictureNotice:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureEpisode:
+class DashboardEpisode:
     """A marked stretch of time; `end` None: it goes on."""
 
     task: str
@@ -46,7 +46,7 @@ class DisplayThresholds:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureState:
+class DashboardState:
     """Everything a picture is made of; pieces are as the interface spells them (`io.twind.Control`)."""
 
     now: float  # s, monotonic
@@ -57,9 +57,9 @@ class PictureState:
     hops: Sequence[Answer] = ()
     lateness: Sequence[Answer] = ()  # Bucket of the whole run
     rates: Mapping[str, float] = field(default_factory=dict)  # exchanges a second, by bus
-    refusals: Sequence[PictureNotice] = ()  # the newest first
-    events: Sequence[PictureNotice] = ()
-    episodes: Sequence[PictureEpisode] = ()
+    refusals: Sequence[DashboardNotice] = ()  # the newest first
+    events: Sequence[DashboardNotice] = ()
+    episodes: Sequence[DashboardEpisode] = ()
     lost: int = 0  # news that the daemon had to drop because this reader was slow
     news_at: float | None = None  # s, when the last news came
     patience: float = 1.5  # s without news that are no trouble
@@ -74,9 +74,9 @@ class MonitorCollector:
         self._patience = patience
         self._lock = threading.Lock()
         self._now: dict[str, Any] = {}  # fields of the next view
-        self._refusals: deque[PictureNotice] = deque(maxlen=KEPT)
-        self._events: deque[PictureNotice] = deque(maxlen=KEPT)
-        self._episodes: deque[PictureEpisode] = deque(maxlen=KEPT)
+        self._refusals: deque[DashboardNotice] = deque(maxlen=KEPT)
+        self._events: deque[DashboardNotice] = deque(maxlen=KEPT)
+        self._episodes: deque[DashboardEpisode] = deque(maxlen=KEPT)
         self._counted: dict[str, tuple[float, int]] = {}  # bus: since when, exchanges then
         self._rates: dict[str, float] = {}
         self._lost = 0
@@ -119,10 +119,10 @@ class MonitorCollector:
         """True once there is something to show: a status and joints."""
         return "status" in self._now and "joints" in self._now
 
-    def view(self, now: float) -> PictureState:
-        """Return all that is known at `now` (s, monotonic) as a `PictureState`."""
+    def view(self, now: float) -> DashboardState:
+        """Return all that is known at `now` (s, monotonic) as a `DashboardState`."""
         with self._lock:
-            return PictureState(
+            return DashboardState(
                 now=now,
                 rates=dict(self._rates),
                 refusals=tuple(reversed(self._refusals)),
@@ -148,7 +148,7 @@ class MonitorCollector:
     def _verdict(self, verdict: Answer, now: float) -> None:
         if refusals := verdict["refusals"]:
             more = f" (and {len(refusals) - 1} more)" if len(refusals) > 1 else ""
-            self._refusals.append(PictureNotice(now, "refused", _reason(refusals[0]) + more))
+            self._refusals.append(DashboardNotice(now, "refused", _reason(refusals[0]) + more))
 
     def _end_episode(self, now: float, success: bool | None = None) -> None:
         """End the running episode, if there is one.
@@ -157,17 +157,17 @@ class MonitorCollector:
         """
         if self._episodes and self._episodes[-1].end is None:
             last = self._episodes.pop()
-            self._episodes.append(PictureEpisode(last.task, last.begin, now, success))
+            self._episodes.append(DashboardEpisode(last.task, last.begin, now, success))
 
     def _event(self, event: Answer, now: float) -> None:
         marked = event.get("annotation")
         if marked and marked["kind"] in ("begin", "end"):
             self._end_episode(now, marked.get("success") if marked["kind"] == "end" else None)
         if marked and marked["kind"] == "begin":
-            self._episodes.append(PictureEpisode(marked.get("task") or "episode", now))
+            self._episodes.append(DashboardEpisode(marked.get("task") or "episode", now))
         first = [_reason(finding) for finding in event["findings"][:1]]
         text = "; ".join(part for part in (event["message"], *first) if part)
-        self._events.append(PictureNotice(now, event["level"], f"{event['code']}: {text}"))
+        self._events.append(DashboardNotice(now, event["level"], f"{event['code']}: {text}"))
 
 
 def followed(joint: Answer, mode: str) -> float | None:

@@ -1,4 +1,4 @@
-"""Writer of the doctor's table: `python -m twind.doctor.table_page docs/troubleshooting.md`.
+"""Writer of the doctor's table: `python -m twind.doctor.write_checks_page docs/troubleshooting.md`.
 
 Page and doctor use the same rows. A test compares them. Why a defect matters is printed by the doctor alone.
 """
