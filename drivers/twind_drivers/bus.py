@@ -216,7 +216,7 @@ class WriteRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class BurstWriteRequest:
+class GroupWriteBatch:
     """Group writes that leave in one system call, in this order, without reply.
 
     One system call leaves no gap in which a device runs with only part of the registers written.
@@ -233,7 +233,7 @@ class RebootRequest:
 
 
 Query = PingRequest | ReadRequest
-Order = WriteRequest | BurstWriteRequest | RebootRequest
+Order = WriteRequest | GroupWriteBatch | RebootRequest
 Request = Query | Order
 
 

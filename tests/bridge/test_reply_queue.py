@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.fleet.incoming_queue import IncomingQueue
+from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
 from twind.client import Disconnected
 
 
@@ -26,7 +26,7 @@ def parameters(message: bytes) -> dict[str, int]:
 def test_answers_always_come_in_order_and_every_piece_of_news_comes_or_is_counted(
     put: list[tuple[bool, int, int]],
 ) -> None:
-    inbox = IncomingQueue(room=600)
+    inbox = ClientReplyQueue(room=600)
     for number, (is_news, dropped, size) in enumerate(put):
         (inbox.put_news if is_news else inbox.answer)(news(number, dropped if is_news else 0, size))
     came = [parameters(message) for message in inbox.rest()]
@@ -44,7 +44,7 @@ def test_answers_always_come_in_order_and_every_piece_of_news_comes_or_is_counte
 
 
 def test_a_message_that_comes_later_is_waited_for_and_none_is_an_answer_too() -> None:
-    inbox = IncomingQueue()
+    inbox = ClientReplyQueue()
     assert inbox.take(0.0) is None
     timer = threading.Timer(0.05, inbox.answer, [b"{}"])
     timer.start()
@@ -53,7 +53,7 @@ def test_a_message_that_comes_later_is_waited_for_and_none_is_an_answer_too() ->
 
 
 def test_replies_received_before_the_end_are_taken_before_the_end() -> None:
-    inbox = IncomingQueue()
+    inbox = ClientReplyQueue()
     inbox.answer(b"{}")
     inbox.end("it went away")
     inbox.end("and this is no better reason")
@@ -63,7 +63,7 @@ def test_replies_received_before_the_end_are_taken_before_the_end() -> None:
 
 
 def test_untaken_replies_are_bounded_and_then_the_connection_ends() -> None:
-    inbox = IncomingQueue(answers=3)
+    inbox = ClientReplyQueue(answers=3)
     for number in range(5):
         inbox.answer(b"%d" % number)
     assert inbox.rest() == [b"0", b"1", b"2"]
@@ -73,7 +73,7 @@ def test_untaken_replies_are_bounded_and_then_the_connection_ends() -> None:
 
 @pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
 def test_news_without_a_drop_count_pass_unchanged(odd: bytes) -> None:
-    inbox = IncomingQueue(room=100)
+    inbox = ClientReplyQueue(room=100)
     inbox.put_news(b"x" * 101)
     inbox.put_news(odd)
     last = inbox.take(0.0)

@@ -16,8 +16,8 @@ from tests.support.h24_calibration import ROBOT, made
 from twind.command_line.verb import Rejected
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
-from twind.config.device_record import DeviceRecord
 from twind.ctl.ctl_main import main
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (

@@ -23,8 +23,8 @@ from tests.support.calibration_rig import (
     uncalibrated,
 )
 from tests.support.daemon_rig import Rig
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration
-from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.robot.modes import Mode
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth, random_truth

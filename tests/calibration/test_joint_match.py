@@ -16,7 +16,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind_calibration.proving.expected_loads import at_places, strained
 from twind_calibration.proving.load_comparison import LoadComparison, weigh
-from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, SignProof
 from twind_calibration.wiggling.posed_model import PosedModel
 
 MIRRORED = re.compile(r"r_(\w+_pitch|knee|elbow)")
@@ -75,7 +75,7 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
     assert len({joint.sign for joint in robot.joints}) == (2 if kind == "h24" else 1)
     for name in ("hip_pitch", "shoulder_pitch"):
         found = weighed(robot, "back", f"l_{name}", other=f"r_{name}")
-        assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
+        assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
         assert robot.names.index(f"r_{name}") in found.like
         right = weighed(robot, "back", f"l_{name}")
         assert right.judged.proof is SignProof.PROVED and not right.like
@@ -90,7 +90,7 @@ def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attache
     assert right in found.untold
     far = {"size": 0.7, "friction": 0.03}
     told = weighed(alike, "upright", "l_hip_pitch", other="r_hip_pitch", **far)
-    assert (told.judged.proof, told.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.PLACE)
+    assert (told.judged.proof, told.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.PLACE)
     assert right in told.like
     assert right not in weighed(alike, "upright", "l_hip_pitch", **far).untold
 
@@ -142,7 +142,7 @@ def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itsel
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.flipped(each, joint) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.OTHERS)
+    assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.OTHERS)
     assert found.judged.misfit < 0.01, "its own load fits"
     loads[:, place("waist_pitch")] = 0.0  # propped
     alone = weigh(one, joint, measured_by(loads, poses), FRICTION)

@@ -11,7 +11,7 @@ from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_report import ProofVerdict
 from twind_calibration.proving.proof_sweep import mean_loads, sweeps
-from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import answer
 from twind_calibration.wiggling.posed_model import PosedModel
@@ -75,7 +75,7 @@ def test_a_wrong_sign_is_no_pass_upright_and_is_caught_on_its_back() -> None:
         rig.virtual["main"].faults.lay("back")
         rig.seconds(0.5)
         back = proved(rig, BACK, "l_shoulder_pitch")
-        assert (back.proof, back.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
+        assert (back.proof, back.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
         assert "r_shoulder_pitch" in back.to_json()["like"]  # before the sign is touched
 
 
@@ -84,6 +84,6 @@ def test_exchanged_twins_look_like_a_wrong_sign_and_the_twin_is_named() -> None:
         rig.virtual["main"].faults.lay("back")
         rig.seconds(0.5)
         found = proved(rig, BACK, "l_hip_pitch")
-        assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
+        assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
         assert found.to_json()["like"] == ["r_hip_pitch"]
         assert any("servo of r_hip_pitch" in line for line in found.lines())

@@ -19,7 +19,7 @@ from twind_calibration.proving.proof_plan import best
 from twind_calibration.proving.proof_pose_motion import wanted_pose
 from twind_calibration.proving.proof_records import with_proofs
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderResponse
 from twind_calibration.wiggling.posed_model import PosedModel
@@ -41,14 +41,14 @@ def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does
     told = verdict(proof, confirmed=False)
     assert (told.proof, told.against, told.is_consistent) == (
         SignProof.CONTRADICTED,
-        ProofContradiction.EYE,
+        ContradictionKind.EYE,
         False,
     )
 
 
 def test_an_eye_does_not_make_good_what_gravity_contradicts() -> None:
     assert (
-        verdict(SignProof.CONTRADICTED, ProofContradiction.SIGN, confirmed=True).proof
+        verdict(SignProof.CONTRADICTED, ContradictionKind.SIGN, confirmed=True).proof
         is SignProof.CONTRADICTED
     )
 
@@ -67,7 +67,7 @@ def test_a_joint_that_does_not_go_alone_where_it_is_sent_is_contradicted_whateve
 ) -> None:
     assert (odd.proof, odd.against, odd.record(AT)) == (
         SignProof.CONTRADICTED,
-        ProofContradiction.MOTION,
+        ContradictionKind.MOTION,
         None,
     )
 

@@ -17,7 +17,7 @@ from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.zero_placement import by_ends, by_pose
 from twind_calibration.proving.sign_error_zero import mirror, offsets
-from twind_calibration.proving.sign_proof import GROSS, ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import GROSS, ContradictionKind, SignProof
 
 MADE = calibration(specimen(H24))
 TRUE_ZERO = 2048
@@ -68,8 +68,8 @@ def test_a_wrong_sign_whose_zero_came_of_its_travel_is_never_proved_nor_plausibl
     assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
     if found.foreseen.observable:
         assert (found.proof, found.against) in (
-            (SignProof.CONTRADICTED, ProofContradiction.SIGN),
-            (SignProof.CONTRADICTED, ProofContradiction.ZERO),
+            (SignProof.CONTRADICTED, ContradictionKind.SIGN),
+            (SignProof.CONTRADICTED, ContradictionKind.ZERO),
         )
 
 
@@ -143,4 +143,4 @@ def test_a_zero_that_is_grossly_off_is_doubted_before_the_sign() -> None:
     """Hanging, a hip whose zero is off by the sum of its ends is the image of one whose sign is wrong."""
     low, high = mirror(slot_of("l_hip_pitch").joint, None)
     found = judged("upright", "l_hip_pitch", off=(low + high) / 2.0)
-    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.ZERO)
+    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.ZERO)

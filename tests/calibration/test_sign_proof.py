@@ -23,7 +23,7 @@ from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, l
 from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import (
     GROSS,
-    ProofContradiction,
+    ContradictionKind,
     SignProof,
     apart,
     judge,
@@ -52,7 +52,7 @@ def test_a_wrong_sign_is_never_proved_and_is_contradicted_where_observable(
     found = judged(base, name, wrong=True, off=off * GROSS, stretch=stretch, rubs=rubs, noise=noise)
     assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
     if found.foreseen.observable:
-        assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
+        assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
         assert found.slope_ratio < 0.0
 
 
@@ -112,10 +112,10 @@ def test_a_load_that_fits_both_signs_is_unobservable() -> None:
 @pytest.mark.parametrize("off", [-0.4, -0.2, 0.2, 0.4])
 def test_a_grossly_wrong_zero_is_contradicted_where_the_span_suffices(off: float) -> None:
     found = judged("upright", "l_hip_pitch", off=off)
-    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.ZERO)
+    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.ZERO)
     assert abs(found.offset - off) <= found.offset_unsure
     small = judged("upright", "l_hip_pitch", off=0.03)
-    assert small.against is ProofContradiction.NOTHING
+    assert small.against is ContradictionKind.NOTHING
     assert abs(small.offset - 0.03) <= small.offset_unsure < 0.1
 
 
@@ -128,14 +128,14 @@ def test_an_inverted_torque_reading_is_reported_as_inverted_current() -> None:
     wrong = expected.loads_with_wrong_sign(mirror(H24.joints[joint], None))
     loads = -np.array([one.torque(pose)[joint] for pose in at_places(np.zeros(24), joint, PLACES)])
     found = judge(loads, loads, expected.right(), wrong, FRICTION, LSB)
-    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.CURRENT)
+    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.CURRENT)
     assert found.slope_ratio == pytest.approx(-1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("stretch", [0.2, 2.5])
 def test_another_ratio_or_mass_is_no_right_sign(stretch: float) -> None:
     found = judged("back", "l_hip_pitch", stretch=stretch)
-    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.NEITHER)
+    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.NEITHER)
 
 
 @pytest.mark.parametrize("where", [0, 3])

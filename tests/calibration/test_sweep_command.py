@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from twind.command_line.verb import Rejected
 from twind.config.atomic_save import draft_of
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
-from twind.config.device_record import DeviceRecord
 from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError

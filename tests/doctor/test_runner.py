@@ -16,7 +16,7 @@ from twind.doctor.check import (
     Fix,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.runner import CHECK_BROKEN
 from twind.exceptions import OperationFailed
@@ -37,16 +37,16 @@ def nothing_examined() -> CheckContext:
     return CheckContext(HostInspector(), "twind.service")
 
 
-def check(what: str, *found: DoctorFinding, error: Exception | None = None) -> CheckProbe:
+def check(what: str, *found: DoctorFinding, error: Exception | None = None) -> Inspection:
     def check_it(x: CheckContext) -> Iterator[DoctorFinding]:
         yield from found
         if error is not None:
             raise error
 
-    return CheckProbe(what, tuple(each.code for each in found), check_it)
+    return Inspection(what, tuple(each.code for each in found), check_it)
 
 
-def run(*checks: CheckProbe) -> runner.DoctorReport:
+def run(*checks: Inspection) -> runner.DoctorReport:
     return runner.run(nothing_examined(), checks, ROWS)
 
 
@@ -169,7 +169,7 @@ def test_fix_is_followed_by_a_second_inspection() -> None:
         if thing == "lamp":
             broken[thing] = False
 
-    checks = [CheckProbe("things", ("FAULT",), look_at)]
+    checks = [Inspection("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     tried = runner.mend(outcome, nothing_examined, checks, ROWS)
     assert [(each.found.thing, each.there) for each in tried] == [("lamp", False), ("wheel", True)]
@@ -187,7 +187,7 @@ def test_fix_is_confirmed_though_another_finding_of_the_same_code_is_left() -> N
             fix = Fix("shorten it", lambda: expected.discard("short")) if each == "short" else None
             yield DoctorFinding("FAULT", "queue", "wrong", each, fix=fix)
 
-    checks = [CheckProbe("things", ("FAULT",), look_at)]
+    checks = [Inspection("things", ("FAULT",), look_at)]
     (tried,) = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
     assert (tried.error, tried.there) == ("", False)
 
@@ -219,7 +219,7 @@ def test_joined_fix_fails_while_one_servo_is_left() -> None:
                 "FAULT", thing, "broken", fix=Fix("mend it", lambda: told.__setitem__(slice(None), left))
             )
 
-    checks = [CheckProbe("things", ("FAULT",), look_at)]
+    checks = [Inspection("things", ("FAULT",), look_at)]
     tried = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
     assert [each.there for each in tried] == [True, False, True]
 
@@ -240,7 +240,7 @@ def test_fix_without_second_inspection_is_no_success(error: Exception, before: b
             raise error
 
     done: list[int] = []
-    checks = [CheckProbe("things", ("FAULT",), look_at)]
+    checks = [Inspection("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
     if before and isinstance(error, OperationFailed):

@@ -13,8 +13,8 @@ from tests.support.doctor_surveys import (
     survey_codes,
     survey_findings,
 )
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.device_record import DeviceRecord
 from twind.doctor import register_fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector

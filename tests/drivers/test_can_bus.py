@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.support.can_driver_rig import EDGE, CanRig
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, PortError, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, PortError, WireRangeError, WriteRequest
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_units import COUNT
@@ -296,7 +296,7 @@ def test_the_wire_check_refuses_a_command_out_of_bounds_or_without_an_addressee(
         rig.writer.begin(WriteRequest({1: outside}, COMMAND), rig.clock.now())
     with pytest.raises(DeviceRefused, match="99"):
         rig.writer.begin(
-            BurstWriteRequest((WriteRequest({99: b""}, ADDRESS[ValuelessCommand.ENABLE]),)), rig.clock.now()
+            GroupWriteBatch((WriteRequest({99: b""}, ADDRESS[ValuelessCommand.ENABLE]),)), rig.clock.now()
         )
     with pytest.raises(DeviceRefused):
         rig.writer.begin(WriteRequest({1: b""}, STATE), rig.clock.now())

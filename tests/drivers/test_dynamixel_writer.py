@@ -9,8 +9,8 @@ from tests.support.dynamixel_responder import Servos, Wire
 from tests.support.dynamixel_rig import IDS, SYNC, Bench
 from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
-    BurstWriteRequest,
     DeviceRefused,
+    GroupWriteBatch,
     NoReply,
     RebootRequest,
     WireRangeError,
@@ -205,9 +205,7 @@ def test_a_reboot_waits_for_a_reply_and_clears_the_cached_state() -> None:
     [
         WriteRequest({1: (3001).to_bytes(4, "little")}, 116),  # goal outside
         WriteRequest({1: bytes(4), 2: bytes(4)}, 116),
-        BurstWriteRequest(
-            (WriteRequest({1: b"\0"}, 98), WriteRequest({1: (999).to_bytes(4, "little")}, 116))
-        ),
+        GroupWriteBatch((WriteRequest({1: b"\0"}, 98), WriteRequest({1: (999).to_bytes(4, "little")}, 116))),
         WriteRequest({1: (2000).to_bytes(8, "little")}, 112),  # a goal hidden in a longer block
         WriteRequest({1: (2000).to_bytes(2, "little")}, 118),  # half a goal
         WriteRequest({1: b"\0"}, 70),  # read-only
@@ -218,7 +216,7 @@ def test_a_reboot_waits_for_a_reply_and_clears_the_cached_state() -> None:
     ],
 )
 def test_an_order_outside_the_white_list_sends_no_byte(
-    order: WriteRequest | BurstWriteRequest | RebootRequest,
+    order: WriteRequest | GroupWriteBatch | RebootRequest,
 ) -> None:
     bench = Bench()
     with pytest.raises(WireRangeError):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import FAST, SYNC, Bench
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, WireRangeError, WriteRequest
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.operating_modes import MODES, block, fences, mode_of
@@ -341,14 +341,14 @@ def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> N
         (5, WriteRequest({1: bytes(4)}, 100)),  # a current hidden behind a PWM
         (
             5,
-            BurstWriteRequest(
+            GroupWriteBatch(
                 (WriteRequest({1: b"\0"}, 98), WriteRequest({1: (WIDE + 1).to_bytes(4, "little")}, 116))
             ),
         ),
     ],
 )
 def test_a_goal_register_of_another_mode_takes_no_byte(
-    mode: int, order: WriteRequest | BurstWriteRequest
+    mode: int, order: WriteRequest | GroupWriteBatch
 ) -> None:
     bus = bench([mode])
     bus.run(bus.writer.prepare(np.array([0])))

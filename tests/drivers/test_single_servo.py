@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import LIMITS, Bench
 from tests.support.examples import examples
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, WireRangeError, WriteRequest
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 
 HERE = 2
@@ -90,7 +90,7 @@ def test_no_goal_outside_its_window_ever_leaves(tick: int) -> None:
 def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
     bus = bench()
     driven(bus)
-    for each in (order, BurstWriteRequest((order,))):
+    for each in (order, GroupWriteBatch((order,))):
         with pytest.raises(WireRangeError):
             bus.writer.begin(each, 0.0)
     with pytest.raises(WireRangeError):

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.learn.streaming.delivery_outcome import (
     FIRST,
     LONGEST,
     PATIENT,
-    Backoff,
+    DeliveryBackoff,
     DeliveryOutcome,
     fate,
     retry_after,
@@ -56,8 +56,8 @@ def test_no_header_is_waited_for_too_long(header: str) -> None:
 
 
 def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streamers_agree() -> None:
-    one = Backoff(random.Random(1))
-    other = Backoff(random.Random(2))
+    one = DeliveryBackoff(random.Random(1))
+    other = DeliveryBackoff(random.Random(2))
     for place in range(40):
         wait = min(LONGEST, FIRST * 2.0**place)
         for each in (one, other):
@@ -72,7 +72,7 @@ def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streame
 
 
 def test_a_failure_is_reported_once_and_its_end_once() -> None:
-    once = TransitionReporter(every=10.0)
+    once = RepeatedFaultFilter(every=10.0)
     said = []
     for now, wrong in (
         (0.0, ""),
@@ -88,5 +88,5 @@ def test_a_failure_is_reported_once_and_its_end_once() -> None:
 
 
 def test_reasons_that_come_by_turns_get_a_line_now_and_then() -> None:
-    once = TransitionReporter(every=10.0)
+    once = RepeatedFaultFilter(every=10.0)
     assert sum(once.is_transition("ab"[int(now) % 2], now) for now in range(100)) <= 11

@@ -26,7 +26,7 @@ from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
 from twind.learn.policy.policy_file import load
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
-from twind.learn.training.learning_curve import figure
+from twind.learn.training.learning_curve_figure import figure
 from twind.learn.training.ppo_learner import PpoLearner, export
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import (

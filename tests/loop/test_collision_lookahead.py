@@ -11,7 +11,7 @@ from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import read_robot
 from twind.loop.collision_lookahead import LEAST, CollisionLookahead
-from twind.motion.lookahead_path import along, braking
+from twind.motion.predicted_path import along, braking
 from twind.motion.stop_profiles import StopRamp
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.modes import Mode, Motion
@@ -128,7 +128,7 @@ def test_a_robot_that_starts_too_close_may_move_away(world: World) -> None:
 def test_a_nan_path_gives_a_nan_clearance(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     elbow(world, 1.0, 2.0)
     monkeypatch.setattr(
-        "twind.motion.lookahead_path.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan)
+        "twind.motion.predicted_path.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan)
     )
     outlook = world.tick()
     assert outlook is not None

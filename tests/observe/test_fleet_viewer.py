@@ -15,8 +15,8 @@ from tests.support.viewer_messages import h24, state, status
 from twind.observe.viewing import status_html
 from twind.observe.viewing import viewer_state as news_module
 from twind.observe.viewing.fleet.fleet_page import Broadcast
+from twind.observe.viewing.fleet.fleet_robot_place import camera, spots
 from twind.observe.viewing.fleet.robot_health import GREY, HealthLevel, described, page, standing, summary
-from twind.observe.viewing.fleet.robot_plate import camera, spots
 from twind.observe.viewing.robot_connections import local
 from twind.observe.viewing.stop_threads import StopOutcome, StopThreads, Tell
 from twind.observe.viewing.viewer_state import DaemonLost, News

@@ -16,8 +16,8 @@ from tests.support import sample_recordings as recorded
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import Rejected, UsageError
 from twind.observe import plot
+from twind.observe.plotting.plot_figure import DOTS, PAGE, figure, save
 from twind.observe.plotting.plot_lines import MOST, line, marks, worst
-from twind.observe.plotting.plot_page import DOTS, PAGE, figure, save
 from twind.observe.recording.recording_columns import (
     Floats,
     LatencyColumns,

@@ -24,7 +24,7 @@ from tests.support.sample_recordings import (
     trajectories,
 )
 from twind.command_line.verb import Rejected
-from twind.flight import EntryKind, FlightFile, save
+from twind.flight import EntryKind, LoadedFlight, save
 from twind.observe.export import export
 from twind.observe.recording.mcap_record_scanner import McapRecordScanner
 from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked, open_recording
@@ -178,7 +178,7 @@ def test_a_cut_recording_is_read_up_to_its_end_and_reported_as_damaged(tmp_path:
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> FlightFile:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> LoadedFlight:
     """A real loop and its bytes: armed, one motion, an e-stop."""
     folder = tmp_path_factory.mktemp("flown")
     rig = recording()
@@ -188,11 +188,11 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> FlightFile:
     taken = flight(rig, folder)
     rig.close()
     wall = {"wall_ns": START, "monotonic": 5.0, "buses": ["main"], "reason": "dump"}
-    return FlightFile(wall, taken.briefing, taken.contents)
+    return LoadedFlight(wall, taken.briefing, taken.contents)
 
 
 @pytest.fixture
-def flight_file(flown: FlightFile, tmp_path: Path) -> Path:
+def flight_file(flown: LoadedFlight, tmp_path: Path) -> Path:
     path = tmp_path / "a.flight"
     save(path, dict(flown.meta), msgspec.msgpack.encode(flown.briefing), flown.contents)
     return path
@@ -209,7 +209,7 @@ def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
 
 
 def test_an_exported_flight_is_the_same_recording_with_its_bytes(
-    flight_file: Path, flown: FlightFile, tmp_path: Path
+    flight_file: Path, flown: LoadedFlight, tmp_path: Path
 ) -> None:
     out = tmp_path / "a.mcap"
     assert export(flight_file, out) > 100

@@ -15,7 +15,7 @@ from tests.support.daemon_rig import CLIENT, Rig
 from tests.support.golden_captures import HERE, LARGEST, cut, expected, expected_figures, names
 from tests.support.replay_rig import Replay, flight, recording, unlike
 from twind import link
-from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load
+from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, load
 from twind.observe.replaying.replay_bus import ReplayBus
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
@@ -30,12 +30,12 @@ from twind_drivers.dynamixel import packet
 ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
 
 
-def played(recorded: FlightFile, folder: Path) -> RunOutcome:
+def played(recorded: LoadedFlight, folder: Path) -> RunOutcome:
     with closing(Replay(recorded, folder)) as replay:
         return replay.run()
 
 
-def found(wanted: RunOutcome, recorded: FlightFile, folder: Path) -> list[str]:
+def found(wanted: RunOutcome, recorded: LoadedFlight, folder: Path) -> list[str]:
     return list(differences(wanted, played(recorded, folder), ROUND))
 
 
@@ -68,7 +68,9 @@ def test_without_the_recorded_bytes_a_golden_capture_does_not_come_out(
 # ------------------------------------------------------------------------------------------- broken ones
 
 
-def changed(recorded: FlightFile, entries: tuple[FlightEntry, ...] | None = None, **kept: Any) -> FlightFile:
+def changed(
+    recorded: LoadedFlight, entries: tuple[FlightEntry, ...] | None = None, **kept: Any
+) -> LoadedFlight:
     contents = recorded.contents
     return replace(
         recorded, contents=FlightContents(kept.get("kept", contents.kept), entries or contents.entries)

@@ -10,8 +10,8 @@ from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_calibration.adoption.candidate_locations import choose, look
 from twind_calibration.adoption.servo_configurator import WritableProber
-from twind_calibration.adoption.servo_locations import choose, look
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tests.support.daemon_rig import Rig
+from twind.config.calibrated_device import make_device_record
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.counts import slot_angles
-from twind.config.device_record import make_device_record
 from twind.config.robot_file import load_robot
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode

@@ -9,7 +9,7 @@ from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector, SerialBusInspector
-from twind.doctor.serial_survey import SerialBusSurvey, SurveyedServo
+from twind.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
 from twind_drivers.clock import MonotonicClock
 
 ROBOT = load_robot("h24")

@@ -22,7 +22,7 @@ from tests.support.processes import Daemon, Virtual, daemon, patiently, robot
 from tests.support.replay_rig import Replay, figures
 from twind.briefing import Briefing
 from twind.client.errors import as_error
-from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load, save
+from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, load, save
 from twind.link import Overview, Tick, decode_news
 from twind.observe.recording.flight_monitor_messages import news
 from twind.observe.replaying.replay_calls import INTERFACE, ReplayConnection, wait
@@ -196,10 +196,10 @@ def record(scene: Callable[[Hand], None], file: Path) -> float:
     return begun
 
 
-def cut(flight: FlightFile, begin: float, end: float = float("inf")) -> FlightFile:
+def cut(flight: LoadedFlight, begin: float, end: float = float("inf")) -> LoadedFlight:
     """From `begin` to `end` (s monotonic), with fewer states."""
     kept = tuple(_thinned([each for each in flight.contents.entries if begin <= each.time <= end]))
-    return FlightFile(flight.meta, flight.briefing, FlightContents(flight.contents.kept, kept))
+    return LoadedFlight(flight.meta, flight.briefing, FlightContents(flight.contents.kept, kept))
 
 
 def _thinned(entries: Sequence[FlightEntry]) -> Iterator[FlightEntry]:
@@ -225,7 +225,7 @@ def _tick(entry: FlightEntry) -> Tick | None:
     return found if isinstance(found, Tick) else None
 
 
-def nowhere(flight: FlightFile) -> FlightFile:
+def nowhere(flight: LoadedFlight) -> LoadedFlight:
     """Without the folders of the machine that it was recorded on."""
 
     def plain(value: Any) -> Any:
@@ -244,10 +244,10 @@ def nowhere(flight: FlightFile) -> FlightFile:
 
     briefing = msgspec.convert(plain(msgspec.to_builtins(flight.briefing)), Briefing)
     entries = tuple(entry(each) for each in flight.contents.entries)
-    return FlightFile(flight.meta, briefing, FlightContents(flight.contents.kept, entries))
+    return LoadedFlight(flight.meta, briefing, FlightContents(flight.contents.kept, entries))
 
 
-def keep(flight: FlightFile, name: str, why: str) -> None:
+def keep(flight: LoadedFlight, name: str, why: str) -> None:
     """Write the capture, and what must come out of it: what the recorded daemon said."""
     HERE.mkdir(exist_ok=True)
     flight = nowhere(flight)

@@ -3,7 +3,7 @@
 from twind.config.robot_file import load_robot
 from twind_calibration.proving.load_comparison import LoadComparison
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.sign_proof import LoadPrediction, LoadVerdict, ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, LoadPrediction, LoadVerdict, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse
 
@@ -13,7 +13,7 @@ KNEE = H24.names.index("l_knee")
 
 def verdict(
     proof: SignProof = SignProof.PROVED,
-    against: ProofContradiction = ProofContradiction.NOTHING,
+    against: ContradictionKind = ContradictionKind.NOTHING,
     *,
     joint: str = "l_knee",
     motion: EncoderResponse = EncoderResponse.FOLLOWS,
@@ -32,10 +32,10 @@ def verdict(
         base="back",
         gone=gone or MoveResult(0.3),
         seen=EncoderObservation(motion, 0.3, 0.3, 0.3, off, others, (0.2,) * len(others)),
-        weighed=LoadComparison(judged, like=(KNEE,) if against is not ProofContradiction.NOTHING else ()),
+        weighed=LoadComparison(judged, like=(KNEE,) if against is not ContradictionKind.NOTHING else ()),
         confirmed=confirmed,
         names=H24.names,
     )
 
 
-CONTRADICTED = verdict(SignProof.CONTRADICTED, ProofContradiction.SIGN)
+CONTRADICTED = verdict(SignProof.CONTRADICTED, ContradictionKind.SIGN)

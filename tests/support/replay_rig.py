@@ -18,7 +18,7 @@ from twind.briefing import Briefing
 from twind.config.calibration_file import save_calibration
 from twind.config.config_files import ConfigSources, describe
 from twind.config.file_changes import fingerprints
-from twind.flight import FlightFile, FlightRing, read
+from twind.flight import FlightRing, LoadedFlight, read
 from twind.front.joint_naming import JointNames
 from twind.loop import assembly
 from twind.loop.bound_robot import BoundRobot
@@ -50,7 +50,7 @@ def recording(robot: str = "h24", **options: Any) -> Rig:
     return Rig(robot, ring=FlightRing.create(16 << 20), **options)
 
 
-def flight(rig: Rig, folder: Path) -> FlightFile:
+def flight(rig: Rig, folder: Path) -> LoadedFlight:
     """Content so far, as a flight file has it."""
     calibrated = save_calibration(rig.calibration, folder, rig.robot.name)
     files = fingerprints([rig.robot.path, rig.robot.mjcf_path, calibrated])
@@ -58,7 +58,7 @@ def flight(rig: Rig, folder: Path) -> FlightFile:
     briefing = msgspec.msgpack.decode(sealed_memfd.unseal(fd), type=Briefing)
     os.close(fd)
     assert rig.recorder is not None
-    return FlightFile(
+    return LoadedFlight(
         {}, msgspec.structs.replace(briefing, binding=b"", described=b""), read(rig.recorder.fd)
     )
 
@@ -109,7 +109,7 @@ def unlike(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
 class Replay:
     """`run` plays a recording into a loop and says what came out."""
 
-    def __init__(self, flight: FlightFile, folder: Path) -> None:
+    def __init__(self, flight: LoadedFlight, folder: Path) -> None:
         self.score: ReplayScript = score(flight)
         files = lay_out(flight.briefing, folder)
         ports = tuple(f"{bus['name']}=/dev/null" for bus in flight.briefing.description["buses"])

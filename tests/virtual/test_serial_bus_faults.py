@@ -4,7 +4,7 @@ import pytest
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 IDS = [1, 2, 3, 4]
 
@@ -238,7 +238,7 @@ def test_the_record_holds_every_value_that_a_position_register_showed() -> None:
 
 
 def test_the_history_keeps_the_newest_readings() -> None:
-    history = ReadingHistory(1, 3)
+    history = ShownPositionLog(1, 3)
     for at in range(5):
         history.note(float(at), np.array([at * 10]))
     times, places = history.readings()

@@ -16,9 +16,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from twind.config.atomic_save import FileOwnership, save_text
-from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
-from twind.config.counts import ticks_of, turn_start
-from twind.config.device_record import (
+from twind.config.calibrated_device import (
     DeviceRecord,
     Ticks,
     device_entries,
@@ -26,6 +24,8 @@ from twind.config.device_record import (
     read_device,
     require_sweep,
 )
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
+from twind.config.counts import ticks_of, turn_start
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
 from twind_drivers.bus import IdentifiedDevice

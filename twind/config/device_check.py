@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 
 from twind.config import servo_check
 from twind.config.actuator_types import TAKES_COMMANDS, CanType, ServoType
+from twind.config.calibrated_device import STAMPED, DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
-from twind.config.device_record import STAMPED, DeviceRecord
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.servo_check import ServoWarning
 from twind.robot.finding import Finding, ReasonCode, Verdict

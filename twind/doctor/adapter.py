@@ -13,7 +13,7 @@ from twind.doctor.check import (
     Fix,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import BusProbe, SerialBusInspector
 from twind.doctor.ports import port_devices
@@ -233,8 +233,8 @@ def _write_fix(text: str, file: Path, value: str) -> Fix:
 
 
 CHECKS = (
-    CheckProbe("latency timers", ("LATENCY_TIMER",), check_timers),
-    CheckProbe("USB", ("LATENCY_TIMER", "LATENCY_FLOOR"), check_usb),
-    CheckProbe("baud rates", ("BAUD_UNSUPPORTED",), check_rates),
-    CheckProbe("latency", ("LATENCY_FLOOR",), check_latency),
+    Inspection("latency timers", ("LATENCY_TIMER",), check_timers),
+    Inspection("USB", ("LATENCY_TIMER", "LATENCY_FLOOR"), check_usb),
+    Inspection("baud rates", ("BAUD_UNSUPPORTED",), check_rates),
+    Inspection("latency", ("LATENCY_FLOOR",), check_latency),
 )

@@ -18,9 +18,9 @@ from twind.doctor.check import (
     Severity,
     merge_findings,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.inspectors import Answer, CanBusInspector, DaemonInspector, scan_bus
-from twind.doctor.serial_survey import device_of
+from twind.doctor.serial_bus_survey import device_of
 from twind.doctor.servo_state import is_armed
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
@@ -322,12 +322,12 @@ def _kind(joint: JointSpec) -> CanType:
 
 
 CHECKS = (
-    CheckProbe(
+    Inspection(
         ACTUATORS,
         ("BUS_SILENT", "BUS_NOISE", "BUS_TALK", "SERVO_FOREIGN", "SERVO_MISSING"),
         check_buses,
     ),
-    CheckProbe(
+    Inspection(
         ACTUATORS,
         ("ID_TWICE", "REGISTER_DIFFERS", "SERVO_ERROR", "VOLTAGE_LOW", "TORQUE_ON", "WATCHDOG_UNKNOWN"),
         check_actuators,

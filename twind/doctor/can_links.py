@@ -14,7 +14,7 @@ from twind.doctor.check import (
     Fix,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.ports import can_interfaces
 from twind.exceptions import OperationFailed
@@ -167,4 +167,4 @@ def _write(file: Path, value: int) -> None:
     file.write_text(f"{value}\n")
 
 
-CHECKS = (CheckProbe("CAN interfaces", ("CAN_LINK_DOWN", "CAN_LINK_STATE", "BUS_NOISE"), check_links),)
+CHECKS = (Inspection("CAN interfaces", ("CAN_LINK_DOWN", "CAN_LINK_STATE", "BUS_NOISE"), check_links),)

@@ -141,7 +141,7 @@ class CheckContext:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckProbe:
+class Inspection:
     """One inspection with the codes that it can find. `what`: its subject in a word ("ports")."""
 
     what: str

@@ -17,7 +17,7 @@ from twind.doctor.check import (
     Fix,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import would_start
 from twind.doctor.inspectors import PATIENCE
 from twind.exceptions import OperationFailed
@@ -249,9 +249,9 @@ def check_faults(context: CheckContext) -> Iterator[DoctorFinding]:
 
 
 CHECKS = (
-    CheckProbe("daemon", ("DAEMON_DENIED", "DAEMON_SILENT", "NO_DAEMON"), check_access),
-    CheckProbe("sockets", ("SOCKET_GROUP", "SOCKET_OPEN"), check_sockets),
-    CheckProbe("versions", ("VERSION_DIFFERS",), check_version),
-    CheckProbe("ticks", ("TICKS_MISSED",), check_ticks),
+    Inspection("daemon", ("DAEMON_DENIED", "DAEMON_SILENT", "NO_DAEMON"), check_access),
+    Inspection("sockets", ("SOCKET_GROUP", "SOCKET_OPEN"), check_sockets),
+    Inspection("versions", ("VERSION_DIFFERS",), check_version),
+    Inspection("ticks", ("TICKS_MISSED",), check_ticks),
 )
-FAULT_CHECKS = (CheckProbe("arming", ("DAEMON_FAULT",), check_faults),)
+FAULT_CHECKS = (Inspection("arming", ("DAEMON_FAULT",), check_faults),)

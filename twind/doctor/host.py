@@ -21,7 +21,7 @@ from twind.doctor.check import (
     Fix,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import BOOTED, HostInspector, is_daemon
 from twind.exceptions import OperationFailed
 from twind.loop.realtime import LIMIT, PRIORITY
@@ -329,11 +329,11 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 CHECKS = (
-    CheckProbe("real time", ("NO_REALTIME",), check_realtime),
-    CheckProbe("processors", ("CPU_GOVERNOR",), check_processors),
-    CheckProbe("other real-time programs", ("RT_RIVAL",), check_rivals),
-    CheckProbe("clock", ("CLOCK_WRONG",), check_clock),
-    CheckProbe("state folder", ("STATE_UNWRITABLE",), check_state_folder),
-    CheckProbe("disks", ("DISK_FULL",), check_disks),
-    CheckProbe("software", ("SOFTWARE_OLD",), check_software),
+    Inspection("real time", ("NO_REALTIME",), check_realtime),
+    Inspection("processors", ("CPU_GOVERNOR",), check_processors),
+    Inspection("other real-time programs", ("RT_RIVAL",), check_rivals),
+    Inspection("clock", ("CLOCK_WRONG",), check_clock),
+    Inspection("state folder", ("STATE_UNWRITABLE",), check_state_folder),
+    Inspection("disks", ("DISK_FULL",), check_disks),
+    Inspection("software", ("SOFTWARE_OLD",), check_software),
 )

@@ -19,7 +19,7 @@ from twind.doctor.check import (
     DoctorFinding,
     Severity,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector, PortHolder, is_daemon
 from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
@@ -276,9 +276,9 @@ def _is_ignored(host: HostInspector, tty: str) -> bool:
 
 
 CHECKS = (
-    CheckProbe("ports", ("PORT_UNSET",), check_unset),
-    CheckProbe("ports", ("PORT_MISSING", "PORT_UNSET"), check_present),
-    CheckProbe("rights", ("PORT_DENIED",), check_permitted),
-    CheckProbe("holders", ("PORT_HELD",), check_held),
-    CheckProbe("probing programs", ("PORT_PROBED",), check_probed),
+    Inspection("ports", ("PORT_UNSET",), check_unset),
+    Inspection("ports", ("PORT_MISSING", "PORT_UNSET"), check_present),
+    Inspection("rights", ("PORT_DENIED",), check_permitted),
+    Inspection("holders", ("PORT_HELD",), check_held),
+    Inspection("probing programs", ("PORT_PROBED",), check_probed),
 )

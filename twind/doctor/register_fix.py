@@ -13,7 +13,7 @@ from twind.command_line.verb import Rejected, write_register
 from twind.doctor.check import Fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.inspectors import REPLY_SLACK, DaemonInspector, SerialBusInspector
-from twind.doctor.serial_survey import SurveyedServo
+from twind.doctor.serial_bus_survey import SurveyedServo
 from twind_drivers.bus import BusError, PortError
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter

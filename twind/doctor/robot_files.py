@@ -9,7 +9,7 @@ from twind.config.doc_pages import CALIBRATION, page
 from twind.config.file_changes import fingerprint
 from twind.config.robot_file import RobotFile
 from twind.doctor.check import Check, CheckNotApplicable, DoctorFinding, Severity
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.twin.binding import bind
 
@@ -166,8 +166,8 @@ def _some(names: list[str]) -> str:
 
 
 CHECKS = (
-    CheckProbe("files", ("FILE_REFUSED",), check_files),
-    CheckProbe("model", ("FILE_REFUSED", "MODEL_NO_LIMITS"), check_model),
-    CheckProbe("calibration", ("CALIBRATION_MISSING",), check_calibration),
-    CheckProbe("files as read", ("VERSION_DIFFERS",), check_loaded_files),
+    Inspection("files", ("FILE_REFUSED",), check_files),
+    Inspection("model", ("FILE_REFUSED", "MODEL_NO_LIMITS"), check_model),
+    Inspection("calibration", ("CALIBRATION_MISSING",), check_calibration),
+    Inspection("files as read", ("VERSION_DIFFERS",), check_loaded_files),
 )

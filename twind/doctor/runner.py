@@ -30,7 +30,7 @@ from twind.doctor.check import (
     Severity,
     severity_of,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 
@@ -76,7 +76,7 @@ def table() -> dict[str, Check]:
     return {row.code: row for row in (*rows, CHECK_BROKEN)}
 
 
-def all_checks() -> tuple[CheckProbe, ...]:
+def all_checks() -> tuple[Inspection, ...]:
     """Return every check in order.
 
     Faults of the daemon follow the checks that find their causes; the host comes last in the report.
@@ -85,7 +85,7 @@ def all_checks() -> tuple[CheckProbe, ...]:
     return (*before, *daemon.FAULT_CHECKS, *host.CHECKS)
 
 
-def run(context: CheckContext, checks: Iterable[CheckProbe], rows: Mapping[str, Check]) -> DoctorReport:
+def run(context: CheckContext, checks: Iterable[Inspection], rows: Mapping[str, Check]) -> DoctorReport:
     """Run each check once. Findings are sorted by severity, and follow the finding that explains them."""
     outcome = DoctorReport(context.about())
     for check in checks:
@@ -94,7 +94,7 @@ def run(context: CheckContext, checks: Iterable[CheckProbe], rows: Mapping[str, 
     return outcome
 
 
-def select_checks(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[CheckProbe]:
+def select_checks(checks: Sequence[Inspection], only: Sequence[str]) -> list[Inspection]:
     """Return the checks that can find one of these codes; without codes all of them."""
     return [check for check in checks if not only or set(check.codes) & set(only)]
 
@@ -102,7 +102,7 @@ def select_checks(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[Che
 def mend(
     outcome: DoctorReport,
     again: Callable[[], CheckContext],
-    checks: Sequence[CheckProbe],
+    checks: Sequence[Inspection],
     rows: Mapping[str, Check],
 ) -> list[FixResult]:
     """Do every fix, then inspect the changed subjects again with a new context."""
@@ -139,7 +139,7 @@ def _keys(found: DoctorFinding) -> set[tuple[str, str, str]]:
     return {(found.code, str(name), found.expected) for name in names}
 
 
-def _newly_unseen(before: DoctorReport, after: DoctorReport, checks: Sequence[CheckProbe]) -> dict[str, str]:
+def _newly_unseen(before: DoctorReport, after: DoctorReport, checks: Sequence[Inspection]) -> dict[str, str]:
     """Return, by code, why a second inspection failed where the first one succeeded."""
     reasons = {what: why for what, why in after.unseen if (what, why) not in before.unseen}
     for found in after.found:
@@ -155,7 +155,7 @@ def _newly_unseen(before: DoctorReport, after: DoctorReport, checks: Sequence[Ch
     }
 
 
-def _run_one(context: CheckContext, check: CheckProbe, outcome: DoctorReport) -> None:
+def _run_one(context: CheckContext, check: Inspection, outcome: DoctorReport) -> None:
     try:
         for found in check.look(context):  # one by one: findings before a failure count
             outcome.found.append(found)

@@ -18,8 +18,8 @@ from twind.doctor.check import (
     Severity,
     merge_findings,
 )
-from twind.doctor.check_context import CheckContext, CheckProbe
-from twind.doctor.serial_survey import (
+from twind.doctor.check_context import CheckContext, Inspection
+from twind.doctor.serial_bus_survey import (
     SerialBusSurvey,
     SurveyedServo,
     device_of,
@@ -379,9 +379,9 @@ def _scan(context: CheckContext, survey: SerialBusSurvey) -> str:
 
 
 CHECKS = (
-    CheckProbe(BUSES, ("BUS_SILENT", "BUS_TALK", "BUS_NOISE", "BAUD_WRONG"), check_line),
-    CheckProbe(BUSES, ("BAUD_WRONG", "SERVO_MISSING", "ID_TWICE", "SERVO_FOREIGN"), check_devices),
-    CheckProbe(BUSES, ("SERVO_MISSING", "IMU_GRAVITY"), check_imu),
-    CheckProbe(BUSES, ("SERVO_MODEL", "SECOND_ID", "WATCHDOG_UNKNOWN"), check_models),
-    CheckProbe(BUSES, ("RETURN_DELAY", "BUS_NOISE", "BUS_BUDGET"), check_speed),
+    Inspection(BUSES, ("BUS_SILENT", "BUS_TALK", "BUS_NOISE", "BAUD_WRONG"), check_line),
+    Inspection(BUSES, ("BAUD_WRONG", "SERVO_MISSING", "ID_TWICE", "SERVO_FOREIGN"), check_devices),
+    Inspection(BUSES, ("SERVO_MISSING", "IMU_GRAVITY"), check_imu),
+    Inspection(BUSES, ("SERVO_MODEL", "SECOND_ID", "WATCHDOG_UNKNOWN"), check_models),
+    Inspection(BUSES, ("RETURN_DELAY", "BUS_NOISE", "BUS_BUDGET"), check_speed),
 )

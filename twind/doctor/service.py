@@ -10,7 +10,7 @@ from pathlib import Path
 
 from twind.doctor import host_inspector
 from twind.doctor.check import Check, CheckNotApplicable, DoctorFinding, Severity
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.exceptions import OperationFailed
 
 PROPERTIES = (
@@ -237,6 +237,6 @@ def _attributes(path: Path) -> list[str]:
 
 
 CHECKS = (
-    CheckProbe("service", ("UNIT_FAILED", "UNIT_RESTARTED"), check_unit),
-    CheckProbe("front", ("UNIT_RESTARTED",), check_front),
+    Inspection("service", ("UNIT_FAILED", "UNIT_RESTARTED"), check_unit),
+    Inspection("front", ("UNIT_RESTARTED",), check_front),
 )

@@ -7,9 +7,9 @@ from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind.doctor.check import ALONE, ZERO_MOVES, Check, DoctorFinding, Severity, merge_findings
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.register_fix import format_command, offer_fix
-from twind.doctor.serial_survey import SurveyedServo, expected_servos
+from twind.doctor.serial_bus_survey import SurveyedServo, expected_servos
 from twind_drivers.dynamixel.control_tables import number_of, table
 
 SERVOS = "servos"  # subject in the report
@@ -307,11 +307,11 @@ def _entry(context: CheckContext, joint: JointSpec) -> JointCalibration | None:
 
 
 CHECKS = (
-    CheckProbe(
+    Inspection(
         SERVOS,
         ("STATUS_LEVEL", "OPERATING_MODE", "TORQUE_BY_GOAL", "TORQUE_AT_BOOT", "REGISTER_DIFFERS"),
         check_settings,
     ),
-    CheckProbe(SERVOS, ("CALIBRATION_CHANGED",), check_calibrated),
-    CheckProbe(SERVOS, ("FENCE_TIGHT", "SHUTDOWN_MASK"), check_limits),
+    Inspection(SERVOS, ("CALIBRATION_CHANGED",), check_calibrated),
+    Inspection(SERVOS, ("FENCE_TIGHT", "SHUTDOWN_MASK"), check_limits),
 )

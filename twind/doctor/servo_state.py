@@ -9,9 +9,9 @@ from statistics import median
 from twind.config.actuator_types import TypeSpec
 from twind.config.supply_limits import SupplyLimits, usual_supply
 from twind.doctor.check import SUPPORT, Check, DoctorFinding, Severity, merge_findings
-from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.register_fix import format_command, offer_fix
-from twind.doctor.serial_survey import SurveyedServo, expected_servos, serial_surveys
+from twind.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
 from twind.doctor.servo_settings import SERVOS
 
 DROP = 0.6  # V that a servo at rest may be below the others of its model; a sensor's step is 0.1 V
@@ -216,6 +216,6 @@ def _type(servo: SurveyedServo) -> TypeSpec:
 
 
 CHECKS = (
-    CheckProbe(SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP"), check_supply),
-    CheckProbe(SERVOS, ("SERVO_ERROR", "TORQUE_ON", "WATCHDOG_TRIPPED", "WATCHDOG_LEFT"), check_state),
+    Inspection(SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP"), check_supply),
+    Inspection(SERVOS, ("SERVO_ERROR", "TORQUE_ON", "WATCHDOG_TRIPPED", "WATCHDOG_LEFT"), check_state),
 )

@@ -4,7 +4,7 @@ The loop appends (`FlightRing`); the front copies (`copy`) and writes (`save`); 
 It handles bytes and times alone; `twind.link` and the drivers interpret them.
 """
 
-from twind.flight.flight_file import FlightFile, about, draft, load, save, settle
+from twind.flight.flight_file import LoadedFlight, about, draft, load, save, settle
 from twind.flight.flight_records import (
     LOST,
     NO_BUS,
@@ -26,8 +26,8 @@ __all__ = [
     "EntryKind",
     "FlightContents",
     "FlightEntry",
-    "FlightFile",
     "FlightRing",
+    "LoadedFlight",
     "PackedFlight",
     "about",
     "copy",

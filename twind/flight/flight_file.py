@@ -33,7 +33,7 @@ class _FlightHeader(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class FlightFile:
+class LoadedFlight:
     """A flight file, read."""
 
     meta: dict[str, Any]  # when, why, of which robot
@@ -101,7 +101,7 @@ def about(path: Path | str) -> dict[str, Any]:
         return _open(str(path), start + file.read(min(size, HEAD_MOST)))[0].meta
 
 
-def load(path: Path | str) -> FlightFile:
+def load(path: Path | str) -> LoadedFlight:
     """Read a flight file. Raises InvalidInput (cut, damaged, or another format), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
@@ -115,7 +115,7 @@ def load(path: Path | str) -> FlightFile:
         kept = {int(key.removeprefix("kept ")): part for key, part in raw.items()}
     except (*_FOREIGN, KeyError) as error:
         raise broken(name, f"its content has another format ({error})") from None
-    return FlightFile(head.meta, briefing, PackedFlight(kept, entries).parse(name))
+    return LoadedFlight(head.meta, briefing, PackedFlight(kept, entries).parse(name))
 
 
 def _require_magic(path: str, found: bytes) -> None:

@@ -14,7 +14,7 @@ from twind.config import config_files, reload_plan
 from twind.config.config_files import describe
 from twind.config.hot_keys import of_robot
 from twind.config.yaml_tree import ConfigError
-from twind.front.next_config import with_files
+from twind.front.next_briefing import with_files
 from twind.twin import binding_transfer
 from twind.twin.binding import Binding, bind, rebound
 from twind.twin.simulation import hush

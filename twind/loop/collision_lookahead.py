@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.motion.lookahead_path import LookaheadPlan
+from twind.motion.predicted_path import LookaheadPlan
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding
 from twind.robot.joint_limits import JointLimits

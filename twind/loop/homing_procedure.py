@@ -15,8 +15,8 @@ import numpy as np
 
 from twind import link
 from twind.loop.homing_request import resolve_request
-from twind.loop.pending_restore import (
-    PendingRestore,
+from twind.loop.homing_restore import (
+    HomingRestore,
     answer,
     clamped,
     give_back,
@@ -52,7 +52,7 @@ class HomingProcedure:
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self.owed: PendingRestore | None = None
+        self.owed: HomingRestore | None = None
         self._last_report = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
@@ -74,7 +74,7 @@ class HomingProcedure:
             loop.say.refuse(command, found)
             return
         device = next(each for each in found.port.devices if each.id == found.id)
-        loop.procedures.own(Priority.HOME, lambda: self._search(PendingRestore(command, found, device)))
+        loop.procedures.own(Priority.HOME, lambda: self._search(HomingRestore(command, found, device)))
 
     def findings(self) -> list[Finding]:
         """Return the findings on the joint in `owed`: why it is not as it was calibrated."""
@@ -101,7 +101,7 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- the search
 
-    def _search(self, pending: PendingRestore) -> Procedure:
+    def _search(self, pending: HomingRestore) -> Procedure:
         loop = self._loop
         loop.lease.pin(pending.command.client, PIN)
         try:
@@ -117,7 +117,7 @@ class HomingProcedure:
         finally:
             self._end(pending)
 
-    def _outcome(self, pending: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _outcome(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Run the search and return the findings of its failure; empty: the stop was found."""
         loop = self._loop
         joint = pending.request.joint
@@ -137,7 +137,7 @@ class HomingProcedure:
             return (broken,)
         return ()
 
-    def _switch_torque_off(self, pending: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _switch_torque_off(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Switch torque off and read it back; return the findings of a failure."""
         loop = self._loop
         try:
@@ -149,7 +149,7 @@ class HomingProcedure:
         return ()
 
     @staticmethod
-    def _attach_joint(pending: PendingRestore, finding: Finding) -> Finding:
+    def _attach_joint(pending: HomingRestore, finding: Finding) -> Finding:
         """Return `finding` with the joint, where the search itself reported it."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
@@ -159,14 +159,14 @@ class HomingProcedure:
         )
         return replace(finding, joint=pending.request.joint) if finding.code in own else finding
 
-    def _end(self, pending: PendingRestore) -> None:
+    def _end(self, pending: HomingRestore) -> None:
         self._loop.lease.unpin(pending.command.client, PIN)
         pending.over = True
         if pending.kept is None:  # no restoring procedure runs
             release(self._loop, pending)
             answer(self._loop, pending)
 
-    def _run_search(self, pending: PendingRestore) -> Generator[None, float, None]:
+    def _run_search(self, pending: HomingRestore) -> Generator[None, float, None]:
         """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
         loop = self._loop
         aim = pending.request
@@ -190,7 +190,7 @@ class HomingProcedure:
         now = yield from self._energised(pending, alone, held)
         yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
 
-    def _quiet(self, pending: PendingRestore) -> Generator[None, float, None]:
+    def _quiet(self, pending: HomingRestore) -> Generator[None, float, None]:
         now = self._loop.clock.now()
         self._report(pending, "waiting", 0.0, now)
         now = yield
@@ -202,7 +202,7 @@ class HomingProcedure:
             self._require(pending, now)
         pending.looked_after = True
 
-    def _newer(self, pending: PendingRestore) -> Generator[None, float, float]:
+    def _newer(self, pending: HomingRestore) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
         since = self._loop.clock.now()
         passed = 0
@@ -214,7 +214,7 @@ class HomingProcedure:
         return now
 
     def _pinned(
-        self, pending: PendingRestore, alone: SingleDeviceControl, kept: Any
+        self, pending: HomingRestore, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
         """Enter the other mode, set goal := present and read it back.
 
@@ -241,7 +241,7 @@ class HomingProcedure:
         raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, moved, AGREE, message)
 
     def _energised(
-        self, pending: PendingRestore, alone: SingleDeviceControl, held: int
+        self, pending: HomingRestore, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
         """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
         loop = self._loop
@@ -258,7 +258,7 @@ class HomingProcedure:
         return now
 
     def _course(
-        self, pending: PendingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
+        self, pending: HomingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
     ) -> Generator[None, float, None]:
         pending.looked_after = False  # the search checks the age of readings itself
         while True:
@@ -275,12 +275,12 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- what ends it
 
-    def _require(self, pending: PendingRestore, now: float) -> None:
+    def _require(self, pending: HomingRestore, now: float) -> None:
         """Raises ProcedureFailed where a condition forbids to continue."""
         for finding in self._against(pending, now):
             raise ProcedureFailed(finding)
 
-    def _against(self, pending: PendingRestore, now: float) -> Generator[Finding, None, None]:
+    def _against(self, pending: HomingRestore, now: float) -> Generator[Finding, None, None]:
         loop = self._loop
         joint = pending.request.joint
         if loop.state is not RobotState.CALIBRATING or loop.latches:
@@ -322,7 +322,7 @@ class HomingProcedure:
             value = float(slow.fault[joint])
             yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
 
-    def _done(self, pending: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
+    def _done(self, pending: HomingRestore, script: Script[T]) -> Generator[None, float, T]:
         """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
         task = pending.request.port.run(script, urgent=True)
         while not task.done:
@@ -334,7 +334,7 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- reports
 
-    def _report(self, pending: PendingRestore, phase: str, progress: float, now: float) -> None:
+    def _report(self, pending: HomingRestore, phase: str, progress: float, now: float) -> None:
         at, last = self._last_report
         if pending.command.more and (phase != last or not now - at < REPORT):
             self._last_report = (now, phase)
@@ -342,13 +342,13 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- readings
 
-    def _raw(self, pending: PendingRestore) -> int:
+    def _raw(self, pending: HomingRestore) -> int:
         return int(self._loop.hardware.readings.raw.ticks[pending.request.joint])
 
-    def _count(self, pending: PendingRestore) -> int:
+    def _count(self, pending: HomingRestore) -> int:
         return self._raw(pending) + pending.shift
 
-    def _sample(self, pending: PendingRestore) -> HomingSample:
+    def _sample(self, pending: HomingRestore) -> HomingSample:
         raw = self._loop.hardware.readings.raw
         joint = pending.request.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))

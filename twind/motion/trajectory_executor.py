@@ -11,7 +11,6 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
-from twind.motion.lookahead_path import LookaheadPlan
 from twind.motion.motion_layers import (
     MotionLayer,
     ScheduledTrajectory,
@@ -21,6 +20,7 @@ from twind.motion.motion_layers import (
     laid_over,
     without,
 )
+from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened
 from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still
 from twind.motion.time_scaling import next_pace

@@ -14,7 +14,7 @@ from twind.client.clock_pair import ClockPair
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
-from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightFile, load
+from twind.flight import NO_BUS, EntryKind, FlightEntry, LoadedFlight, load
 from twind.link import Tick
 from twind.observe.recording.flight_monitor_messages import answers, news, wire
 from twind.observe.recording.flight_reader import wall_offset
@@ -80,7 +80,7 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
     return file.messages
 
 
-def _lines(flight: FlightFile, clocks: ClockPair) -> Iterator[RecordLine]:
+def _lines(flight: LoadedFlight, clocks: ClockPair) -> Iterator[RecordLine]:
     """Everything, by kind."""
     scribe = RecordEncoder([joint.name for joint in flight.briefing.joints], clocks)
     modes = {each.time: each.mode for each in news(flight) if isinstance(each, Tick)}
@@ -101,6 +101,6 @@ def _wire(entry: FlightEntry, buses: list[str]) -> bytes:
     return json.dumps(said).encode()
 
 
-def _about(flight: FlightFile, clocks: ClockPair) -> dict[str, str]:
+def _about(flight: LoadedFlight, clocks: ClockPair) -> dict[str, str]:
     about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
     return about | clock_words(clocks) | {f"flight_{key}": str(value) for key, value in flight.meta.items()}

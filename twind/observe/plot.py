@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--from {options.begin:g} --to {options.end:g}: there is nothing between them")
     out = options.out or options.file.with_name(options.file.name + ".png")
     _spare(out)
-    from twind.observe.plotting.plot_page import figure, save
+    from twind.observe.plotting.plot_figure import figure, save
     from twind.observe.recording.recording_columns import open_recording
 
     recording = open_recording(options.file)

@@ -24,7 +24,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmles
 from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
-    from twind.flight import FlightFile
+    from twind.flight import LoadedFlight
     from twind.observe.replaying.replay_bus import ReplayBus
     from twind.observe.replaying.replay_outcome import RunOutcome
     from twind.observe.replaying.replay_script import ReplayScript
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     return _report(options, flight, _play(flight, robot, options.last, realtime=options.realtime))
 
 
-def _load(path: Path) -> "FlightFile":
+def _load(path: Path) -> "LoadedFlight":
     from twind.flight import load
 
     if path.suffix == ".mcap":
@@ -102,7 +102,7 @@ def _load(path: Path) -> "FlightFile":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
+def _play(flight: "LoadedFlight", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
     """Raises Rejected."""
     from twind.observe.replaying.replay_client import ReplayClient
     from twind.observe.replaying.replay_daemon import ReplayDaemon
@@ -140,7 +140,7 @@ def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bo
         raise Rejected(f"this file cannot be played: {error}") from None
 
 
-def _require_serial(flight: "FlightFile") -> None:
+def _require_serial(flight: "LoadedFlight") -> None:
     """Raises OperationFailed: a bus that is not serial."""
     from twind.observe.replaying.replay_script import VIEW
 
@@ -150,7 +150,7 @@ def _require_serial(flight: "FlightFile") -> None:
 
 
 def _buses(
-    flight: "FlightFile", asked: "ReplayScript", passage: "ReplayPosition", now: Any
+    flight: "LoadedFlight", asked: "ReplayScript", passage: "ReplayPosition", now: Any
 ) -> Iterator["ReplayBus"]:
     from twind.observe.replaying.device_timeline import story
     from twind.observe.replaying.replay_bus import ReplayBus
@@ -174,7 +174,7 @@ def _buses(
 # ------------------------------------------------------------------------------------------- telling
 
 
-def _report(options: argparse.Namespace, flight: "FlightFile", played: ReplayResult) -> int:
+def _report(options: argparse.Namespace, flight: "LoadedFlight", played: ReplayResult) -> int:
     from twind.observe.replaying.replay_outcome import differences, uncompared
 
     score = played.asked
@@ -209,7 +209,7 @@ def _doubts(played: ReplayResult) -> Iterator[str]:
         yield "no question had its recorded answer"
 
 
-def _head(file: str, flight: "FlightFile", played: ReplayResult) -> Iterator[str]:
+def _head(file: str, flight: "LoadedFlight", played: ReplayResult) -> Iterator[str]:
     briefing = flight.briefing
     score = played.asked
     seconds = score.end - score.begin

@@ -22,7 +22,7 @@ from twind.ros.message_definitions import (
     definition_text,
     participant_entities,
 )
-from twind.ros.type_hashes import dds_type, type_hash
+from twind.ros.wire_type_names import dds_type, type_hash
 
 __all__ = [
     "DIAGNOSTIC_ARRAY",

@@ -14,9 +14,9 @@ import numpy as np
 from msgspec import Meta
 
 from twind.config.actuator_types import CanType
+from twind.config.calibrated_device import Byte, Tag, Ticks
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.counts import ticks_of, turn_start
-from twind.config.device_record import Byte, Tag, Ticks
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
 from twind.exceptions import InvalidInput

@@ -7,7 +7,7 @@ every write is judged by what is read afterwards, where the servo then stands.
 from collections.abc import Callable, Mapping, Sequence
 
 from twind.command_line.verb import Rejected
-from twind_calibration.adoption.servo_locations import RATES, ServoLocation
+from twind_calibration.adoption.candidate_locations import RATES, ServoLocation
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister

@@ -13,7 +13,7 @@ from twind.doctor.can_bus import ACTUATORS, CanSurvey
 from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.serial_bus import BUSES
-from twind.doctor.serial_survey import SerialBusSurvey
+from twind.doctor.serial_bus_survey import SerialBusSurvey
 from twind.doctor.servo_settings import SERVOS
 from twind_drivers.clock import MonotonicClock
 

@@ -8,8 +8,8 @@ positions that the servo reports with it. A Feetech servo has the opposite sign,
 from dataclasses import dataclass, replace
 
 from twind.config.actuator_types import ServoType
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration, turn_band
-from twind.config.device_record import DeviceRecord
 from twind.config.servo_check import MAX_OFFSET
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn

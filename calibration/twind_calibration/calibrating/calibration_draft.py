@@ -10,9 +10,9 @@ from pathlib import Path
 
 from twind.command_line.verb import Rejected
 from twind.config.atomic_save import draft_of
+from twind.config.calibrated_device import DeviceRecord, device_entries, read_device, require_sweep
 from twind.config.calibration_file import render
 from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
-from twind.config.device_record import DeviceRecord, device_entries, read_device, require_sweep
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind_calibration.calibrating import file_ownership

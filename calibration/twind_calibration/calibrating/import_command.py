@@ -9,8 +9,8 @@ from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration
-from twind.config.device_record import DeviceRecord
 from twind.config.yaml_tree import ConfigError, read_text
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain

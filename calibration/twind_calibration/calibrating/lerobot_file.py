@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.command_line.verb import Rejected
-from twind.config.device_record import MAX_TICKS
+from twind.config.calibrated_device import MAX_TICKS
 from twind.exceptions import InvalidInput
 from twind.protocol.strict_json import loads
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from twind.client import CallError, Client, ClientError
 from twind.command_line.verb import DONE, Rejected, operator
 from twind.config.atomic_save import LockedFolder
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.device_record import DeviceRecord
 from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots

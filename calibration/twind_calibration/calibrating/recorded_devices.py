@@ -7,8 +7,8 @@ from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import Rejected
+from twind.config.calibrated_device import DeviceRecord, make_device_record
 from twind.config.calibration_file import Calibration
-from twind.config.device_record import DeviceRecord, make_device_record
 from twind.config.robot_spec import RobotFile
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.calibration_context import scanned

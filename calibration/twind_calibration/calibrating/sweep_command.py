@@ -13,7 +13,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
-from twind.config.device_record import DeviceRecord
+from twind.config.calibrated_device import DeviceRecord
 from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots

@@ -9,9 +9,9 @@ from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import slot_angles
-from twind.config.device_record import DeviceRecord
 from twind.config.robot_spec import RobotFile
 from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts

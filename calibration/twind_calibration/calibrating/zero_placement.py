@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration, seam_margin, turn_band
 from twind.config.counts import tick_range
-from twind.config.device_record import DeviceRecord
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
 

@@ -12,8 +12,8 @@ from twind_calibration.proving.proof_sweep import MeasuredLoads
 from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import (
     NEAR,
+    ContradictionKind,
     LoadVerdict,
-    ProofContradiction,
     SignProof,
     is_explained,
     judge,
@@ -51,7 +51,7 @@ def weigh(
     judged = judge(swept.up[:, joint], swept.down[:, joint], right, wrong, friction, lsb)
     if not np.isfinite(swept.poses).all() or body.stands_on(joint):
         return LoadComparison(
-            replace(judged, proof=SignProof.UNOBSERVABLE, against=ProofContradiction.NOTHING)
+            replace(judged, proof=SignProof.UNOBSERVABLE, against=ContradictionKind.NOTHING)
         )
     told = _LoadMatch(
         joint, swept, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack)
@@ -60,9 +60,9 @@ def weigh(
     there = sorted((other for other, each in places.items() if each is JointMatch.THERE), key=told.misfit)
     if judged.proof is not SignProof.CONTRADICTED:
         if told.match_with_sign_flipped() is JointMatch.THERE:
-            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.OTHERS)
+            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ContradictionKind.OTHERS)
         elif there:
-            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.PLACE)
+            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ContradictionKind.PLACE)
         else:
             return LoadComparison(
                 judged, untold=tuple(o for o, place in places.items() if place is JointMatch.UNTOLD)

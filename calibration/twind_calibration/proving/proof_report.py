@@ -7,28 +7,28 @@ from typing import Any
 
 from twind.config.config_reader import Plain
 from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparison
-from twind_calibration.proving.sign_proof import LoadVerdict, ProofContradiction, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, LoadVerdict, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, came_back
 from twind_calibration.wiggling.wiggle_report import CAUSES, null_if_nan
 
 SAYS = {
-    ProofContradiction.MOTION: "it does not move as it is told to, or not alone",
-    ProofContradiction.SIGN: (
+    ContradictionKind.MOTION: "it does not move as it is told to, or not alone",
+    ContradictionKind.SIGN: (
         "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?"
     ),
-    ProofContradiction.ZERO: (
+    ContradictionKind.ZERO: (
         "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)"
     ),
-    ProofContradiction.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
-    ProofContradiction.OTHERS: (
+    ContradictionKind.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
+    ContradictionKind.OTHERS: (
         "others' loads change as if its sign were wrong, or theirs: is it the right servo?"
     ),
-    ProofContradiction.PLACE: "another joint was moved",
-    ProofContradiction.NEITHER: (
+    ContradictionKind.PLACE: "another joint was moved",
+    ContradictionKind.NEITHER: (
         "the load fits neither sign: joint, gear ratio, mass or another joint's zero is wrong"
     ),
-    ProofContradiction.EYE: "who watched saw something else",
+    ContradictionKind.EYE: "who watched saw something else",
 }
 BLIND = (
     "unobservable is no pass: `twindctl calibrate prove --plan` says which base pose and angles show more, "
@@ -64,22 +64,22 @@ class ProofVerdict:
         return self.gone.moved and not self.gone.ended and heard
 
     @property
-    def against(self) -> ProofContradiction:
+    def against(self) -> ContradictionKind:
         """The contradiction, if any."""
         if not self.is_measured or self.seen is None:
-            return ProofContradiction.NOTHING
+            return ContradictionKind.NOTHING
         if self.seen.motion is not EncoderResponse.FOLLOWS or self.seen.others or not came_back(self.seen):
-            return ProofContradiction.MOTION
-        if self.weighed is not None and self.weighed.judged.against is not ProofContradiction.NOTHING:
+            return ContradictionKind.MOTION
+        if self.weighed is not None and self.weighed.judged.against is not ContradictionKind.NOTHING:
             return self.weighed.judged.against
-        return ProofContradiction.EYE if self.confirmed is False else ProofContradiction.NOTHING
+        return ContradictionKind.EYE if self.confirmed is False else ContradictionKind.NOTHING
 
     @property
     def proof(self) -> SignProof | None:
         """Present status of the proof; None: nothing was measured."""
         if not self.is_measured:
             return None
-        if self.against is not ProofContradiction.NOTHING:
+        if self.against is not ContradictionKind.NOTHING:
             return SignProof.CONTRADICTED
         found = SignProof.UNOBSERVABLE if self.weighed is None else self.weighed.judged.proof
         return SignProof.CONFIRMED if self.confirmed and found is not SignProof.PROVED else found
@@ -168,7 +168,7 @@ class ProofVerdict:
             )
         if self.against in SAYS:
             said.append(SAYS[self.against])
-        if self.against is ProofContradiction.MOTION:
+        if self.against is ContradictionKind.MOTION:
             said += self._motion()
         if self.weighed is not None and self.proof is SignProof.CONTRADICTED:
             like = self._joint_names(self.weighed.like)

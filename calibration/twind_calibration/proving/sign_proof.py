@@ -40,7 +40,7 @@ class SignProof(StrEnum):
     CONFIRMED = "confirmed"  # nothing speaks against it, and a person saw it go the right way
 
 
-class ProofContradiction(StrEnum):
+class ContradictionKind(StrEnum):
     """Kind of evidence against the calibration."""
 
     NOTHING = ""
@@ -92,7 +92,7 @@ class LoadVerdict:
     """Result for the load of one joint. N·m, rms; rad."""
 
     proof: SignProof
-    against: ProofContradiction
+    against: ContradictionKind
     foreseen: LoadPrediction
     slope_ratio: float  # measured over described; NaN: no load to compare with
     misfit: float  # to the best that a right sign allows
@@ -175,7 +175,7 @@ def judge(
     if not np.isfinite(measured.sum() + right.sum() + wrong.all.sum()):
         nan = float("nan")
         return LoadVerdict(
-            SignProof.UNOBSERVABLE, ProofContradiction.NOTHING, foreseen, nan, nan, nan, nan, nan, nan
+            SignProof.UNOBSERVABLE, ContradictionKind.NOTHING, foreseen, nan, nan, nan, nan, nan, nan
         )
     all_right = misfits(measured, right)
     proof, against = _verdict(measured, right, all_right, wrong, foreseen)
@@ -197,26 +197,26 @@ def judge(
 
 def _verdict(
     measured: Floats, right: Floats, wide: Floats, wrong: WrongSignLoads, foreseen: LoadPrediction
-) -> tuple[SignProof, ProofContradiction]:
+) -> tuple[SignProof, ContradictionKind]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = foreseen.slack
     near = is_explained(measured, wrong.near, room)
     mirrored = is_explained(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
-            return SignProof.UNOBSERVABLE, ProofContradiction.NOTHING
+            return SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
         if foreseen.observable:
-            return SignProof.PROVED, ProofContradiction.NOTHING
-        return SignProof.PLAUSIBLE if foreseen.visible else SignProof.UNOBSERVABLE, ProofContradiction.NOTHING
+            return SignProof.PROVED, ContradictionKind.NOTHING
+        return SignProof.PLAUSIBLE if foreseen.visible else SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
     if near:
-        return SignProof.CONTRADICTED, ProofContradiction.SIGN
+        return SignProof.CONTRADICTED, ContradictionKind.SIGN
     if (wide <= room).any():
-        return SignProof.CONTRADICTED, ProofContradiction.ZERO
+        return SignProof.CONTRADICTED, ContradictionKind.ZERO
     if mirrored:
-        return SignProof.CONTRADICTED, ProofContradiction.SIGN
+        return SignProof.CONTRADICTED, ContradictionKind.SIGN
     if is_explained(measured, -right[NEAR], room):
-        return SignProof.CONTRADICTED, ProofContradiction.CURRENT
-    return SignProof.CONTRADICTED, ProofContradiction.NEITHER
+        return SignProof.CONTRADICTED, ContradictionKind.CURRENT
+    return SignProof.CONTRADICTED, ContradictionKind.NEITHER
 
 
 def _offset(misfits: Floats, room: float) -> tuple[float, float]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    BurstWriteRequest,
     DeviceRefused,
     Floats,
+    GroupWriteBatch,
     Ints,
     NoReply,
     ReadRequest,
@@ -78,7 +78,7 @@ def _prepared(
     watched = yield from _watch(own, required, there)
     own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
     if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
-        yield BurstWriteRequest((own.gains(there),))
+        yield GroupWriteBatch((own.gains(there),))
     own.hold(ticks)
 
 
@@ -90,7 +90,7 @@ def damp(own: CanCommandEncoder, ticks: Ints) -> Script[tuple[int, ...]]:
     soft = own.order(ticks, every_row)
     missing = set(own.reader.ids)
     for _ in range(TRIES):
-        reply = yield BurstWriteRequest((own.gains(every_row), soft))
+        reply = yield GroupWriteBatch((own.gains(every_row), soft))
         missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
         if not missing:
             break
@@ -120,7 +120,7 @@ def _require_modes(own: CanCommandEncoder, there: Bools) -> Script[None]:
 def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[None]:
     state = own.reader.registers
     faulty = there & (state.fault > 0)
-    yield BurstWriteRequest((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
+    yield GroupWriteBatch((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
     replied = np.zeros(len(there), np.bool_)
     waited = 0.0
     for _ in range(TRIES):

@@ -12,9 +12,9 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    BurstWriteRequest,
     DeviceRefused,
     Floats,
+    GroupWriteBatch,
     NoReply,
     ReadRequest,
     Script,
@@ -44,7 +44,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     own.hold(own.aim, soft=bool(limp.any()))
     own.reader.slow.doubt(every_row)
     own.cyclic.energise(every_row, own.line.sent)
-    yield BurstWriteRequest(
+    yield GroupWriteBatch(
         (
             own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
             own.order(own.aim, limp, soft=True),
@@ -55,7 +55,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
         yield from _wait_for_torque_state(own, True, before)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # actuators that had torque before keep it: they may carry a load
-        yield BurstWriteRequest(
+        yield GroupWriteBatch(
             (
                 own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
                 own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
@@ -63,7 +63,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
         )
         raise
     own.hold(own.aim)
-    yield BurstWriteRequest((own.order(own.aim, every_row),))
+    yield GroupWriteBatch((own.order(own.aim, every_row),))
 
 
 def release(own: CanCommandEncoder) -> Script[None]:
@@ -72,7 +72,7 @@ def release(own: CanCommandEncoder) -> Script[None]:
     own.line.goals = None
     own.cyclic.energised = np.zeros(len(own.lower), np.bool_)
     own.reader.slow.doubt(every_row)
-    yield BurstWriteRequest(
+    yield GroupWriteBatch(
         (
             own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
             own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
@@ -97,7 +97,7 @@ def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | No
         pending = wrong & answering
         if pending.any() and look < TRIES:
             again = own.order(own.aim, pending, soft=True) if on and own.aim is not None else None
-            yield BurstWriteRequest((again,) if again is not None else _off(own, pending))
+            yield GroupWriteBatch((again,) if again is not None else _off(own, pending))
         elif (wrong & ~answering).any():
             yield ReadRequest(tuple(own.by_id(wrong & ~answering)), STATE, 3)
         else:

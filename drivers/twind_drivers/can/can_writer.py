@@ -10,9 +10,9 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    BurstWriteRequest,
     DeviceRefused,
     Floats,
+    GroupWriteBatch,
     Ints,
     NoReply,
     Order,
@@ -112,7 +112,7 @@ class CanWriter:
 
         Raises PortError, WireRangeError, TypeError; DeviceRefused for an order that a family lacks.
         """
-        if not isinstance(order, WriteRequest | BurstWriteRequest | RebootRequest):
+        if not isinstance(order, WriteRequest | GroupWriteBatch | RebootRequest):
             raise TypeError(f"{self._name}: a writer does not read: {order}")
         try:
             exchange = ordering(self._own.fleet, order)
@@ -144,7 +144,7 @@ class CanWriter:
         silent = np.ones(len(ticks), np.bool_)
         waited = 0.0
         for _ in range(TRIES):
-            reply = yield BurstWriteRequest((own.order(ticks, silent),))
+            reply = yield GroupWriteBatch((own.order(ticks, silent),))
             waited += reply.waited
             silent &= ~own.rows(reply.data)
             mute = silent & ~own.fleet.replies

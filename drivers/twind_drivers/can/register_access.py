@@ -13,8 +13,8 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    BurstWriteRequest,
     Floats,
+    GroupWriteBatch,
     Order,
     PingRequest,
     Query,
@@ -149,7 +149,7 @@ def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
         (order,)
         if isinstance(order, WriteRequest)
         else order.writes
-        if isinstance(order, BurstWriteRequest)
+        if isinstance(order, GroupWriteBatch)
         else ()
     )
     made = [_encode_write(fleet, each) for each in writes]

@@ -8,16 +8,16 @@ P. The back-EMF of a driven motor brakes too. Not verified on hardware.
 
 from collections.abc import Iterable, Mapping
 
-from twind_drivers.bus import BurstWriteRequest, DeviceRefused, NoReply, Script
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, NoReply, Script
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.servo_command_state import Rows, ServoCommandState, groups, rows, writes
+from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSettings, groups, rows, writes
 
 SHARE = 0.3  # share of the output, or of the current cap in mode 5, that is left; 1 would not sink slowly
 SOFT = 8  # divisor of the P gain; the gains alone would let a large error demand full output
 
 
 def damp(
-    reader: DynamixelReader, servos: Iterable[ServoCommandState], pwm: Mapping[int, int]
+    reader: DynamixelReader, servos: Iterable[ServoCommandSettings], pwm: Mapping[int, int]
 ) -> Script[tuple[int, ...]]:
     """Make the servos soft; return the ids of those that did not confirm it. A silent servo raises nothing.
 
@@ -27,14 +27,14 @@ def damp(
     caps = rows(moving, lambda servo: (servo.register_span(servo.capped_by), cap_of(servo, pwm)))
     gains = rows(moving, lambda servo: (servo.layout.gains, soft(servo)))
     if moving:
-        yield BurstWriteRequest((*writes(caps), *writes(gains)))
+        yield GroupWriteBatch((*writes(caps), *writes(gains)))
     unconfirmed: set[int] = set()
     for wanted in (caps, gains):
         unconfirmed |= yield from _differing(reader, wanted)
     return tuple(sorted(unconfirmed))
 
 
-def cap_of(servo: ServoCommandState, pwm: Mapping[int, int]) -> bytes:
+def cap_of(servo: ServoCommandSettings, pwm: Mapping[int, int]) -> bytes:
     """Return the softened output cap of one servo as little-endian register bytes.
 
     It is `SHARE` of the present cap (or of the PWM limit in `pwm`), at least 1. The register is goal PWM or,
@@ -44,7 +44,7 @@ def cap_of(servo: ServoCommandState, pwm: Mapping[int, int]) -> bytes:
     return max(1, int(SHARE * whole)).to_bytes(2, "little", signed=True)
 
 
-def soft(servo: ServoCommandState) -> bytes:
+def soft(servo: ServoCommandSettings) -> bytes:
     """Return the softened gains D, I, P of one servo as they lie in its registers."""
     d, _, p = (int.from_bytes(servo.gains[at : at + 2], "little") for at in (0, 2, 4))
     parts = (min(servo.table["position_d_gain"].bounds[1], max(d, p)), 0, min(p, max(1, p // SOFT)))

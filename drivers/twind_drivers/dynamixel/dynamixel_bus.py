@@ -2,6 +2,6 @@
 
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
-from twind_drivers.dynamixel.servo_command_state import RawGains
+from twind_drivers.dynamixel.servo_command_settings import RawGains
 
 __all__ = ["DynamixelReader", "DynamixelWriter", "RawGains"]

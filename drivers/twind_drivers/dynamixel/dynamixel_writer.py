@@ -11,8 +11,8 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    BurstWriteRequest,
     DeviceRefused,
+    GroupWriteBatch,
     Ints,
     NoReply,
     Order,
@@ -31,9 +31,9 @@ from twind_drivers.dynamixel.half_duplex_transactor import SerialTransaction
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, check_bounds, fences
 from twind_drivers.dynamixel.ram_restore import restart
 from twind_drivers.dynamixel.replies import StatusReply
-from twind_drivers.dynamixel.servo_command_state import (
+from twind_drivers.dynamixel.servo_command_settings import (
     Rows,
-    ServoCommandState,
+    ServoCommandSettings,
     groups,
     rows,
     servos_of,
@@ -95,7 +95,7 @@ class DynamixelWriter:
         )
         self._readback = ServoReadback(reader, self._servos)
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
-        self._led: tuple[ServoCommandState, ...] = self._servos  # devices that get goals ...
+        self._led: tuple[ServoCommandSettings, ...] = self._servos  # devices that get goals ...
         self._places: Ints | None = None  # ... and their indices (k,); None: all
         self.set_goal_limits(lower, upper)
         self._pwm = {
@@ -171,7 +171,7 @@ class DynamixelWriter:
         if isinstance(order, WriteRequest) and len(order.data) == 1:
             [(id, data)] = order.data.items()
             return SerialTransaction(packet.write(id, order.address, data), StatusReply((id,), 0), 1)
-        if isinstance(order, WriteRequest | BurstWriteRequest):
+        if isinstance(order, WriteRequest | GroupWriteBatch):
             each = (order,) if isinstance(order, WriteRequest) else order.writes
             packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
             return SerialTransaction(packets, None, 0)
@@ -205,7 +205,7 @@ class DynamixelWriter:
         if silent is not None:
             raise silent.with_traceback(None)
 
-    def _prepared(self, servos: tuple[ServoCommandState, ...], goals: Rows) -> Script[None]:
+    def _prepared(self, servos: tuple[ServoCommandSettings, ...], goals: Rows) -> Script[None]:
         """Run all steps of `prepare` on these devices alone."""
         ids = {servo.id for servo in servos}
         goal = [row for row in goals if row[0] in ids]
@@ -220,13 +220,13 @@ class DynamixelWriter:
         )
         # Watchdog 0 first: while it reads 255 the goal registers are locked (error 4, e-manual "Bus Watchdog
         # (98)"). Arming last: earlier it would leave the old goal in force if the packets behind it are lost.
-        yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
+        yield GroupWriteBatch((*writes(off), *writes(caps), *writes(goal), *writes(on)))
         yield from self._readback.verify("bus watchdog", on)
         yield from self._settle(servos, goal)
         yield from self._readback.verify("goal current, the cap of mode 5", caps)
         yield from self._restore_output(servos)
 
-    def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
+    def _settle(self, servos: tuple[ServoCommandSettings, ...], goal: Rows) -> Script[None]:
         """Write gains and profiles and read them back together with the goals of each mode."""
         moving = [servo for servo in servos if not servo.mode.rests_at_zero]
         gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
@@ -240,7 +240,7 @@ class DynamixelWriter:
             ),
         )
         if orders := writes(gains) + writes(profile) + writes(ramps):
-            yield BurstWriteRequest(orders)
+            yield GroupWriteBatch(orders)
         yield from self._readback.verify("position gains", gains)
         held = {id: data for id, _, data in goal}
         motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
@@ -249,16 +249,16 @@ class DynamixelWriter:
         moved = {servo.id for servo in moving}
         yield from self._readback.verify_goals([row for row in goal if row[0] not in moved])
 
-    def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
+    def _restore_output(self, servos: tuple[ServoCommandSettings, ...]) -> Script[None]:
         """Set goal PWM of modes 3 and 4 to its limit: it caps the force, and damping lowers it."""
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
         self._pwm |= yield from self._readback.words(free, lambda servo: servo.register_span("pwm_limit"))
         pwm = rows(free, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(self._pwm[servo.id])))
         if pwm:
-            yield BurstWriteRequest(writes(pwm))
+            yield GroupWriteBatch(writes(pwm))
         yield from self._readback.verify("goal PWM", pwm)
 
-    def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
+    def _require_modes(self, servos: tuple[ServoCommandSettings, ...]) -> Script[None]:
         """Require the operating modes of this writer; read the limit registers that bound its goals."""
         modes = rows(
             servos, lambda servo: (servo.register_span("operating_mode"), bytes((servo.mode.number,)))
@@ -282,7 +282,7 @@ class DynamixelWriter:
     def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
         goal = self._goal_rows(ticks)
-        yield BurstWriteRequest(writes(goal))
+        yield GroupWriteBatch(writes(goal))
         yield from self._readback.verify_goals(goal)
 
     def read_goals(self) -> Script[Ints]:
@@ -303,7 +303,7 @@ class DynamixelWriter:
             )
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
         self._reader.registers.torque[:] = -1  # unknown until read back: an old reading must not pass for it
-        yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
+        yield GroupWriteBatch(writes(wanted) if on else writes(wanted) * 2)
         yield from self._readback.verify("torque enable", wanted)
 
     def damp(self) -> Script[tuple[int, ...]]:
@@ -387,7 +387,7 @@ class DynamixelWriter:
         ]
 
 
-def _in(mode: int, servos: Iterable[ServoCommandState]) -> list[ServoCommandState]:
+def _in(mode: int, servos: Iterable[ServoCommandSettings]) -> list[ServoCommandSettings]:
     return [servo for servo in servos if servo.mode.number == mode]
 
 

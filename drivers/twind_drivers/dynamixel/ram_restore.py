@@ -19,7 +19,7 @@ from twind_drivers.bus import (
 )
 from twind_drivers.dynamixel.control_tables import TableRegister
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.servo_command_state import ServoCommandState
+from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings
 
 BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz; a servo is off the bus some 0.1 s
 
@@ -44,7 +44,9 @@ RESTORED = (
 OFF = ("torque_enable", "bus_watchdog")  # registers that must read 0 afterwards
 
 
-def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: bool) -> Script[RestartResult]:
+def restart(
+    reader: DynamixelReader, servo: ServoCommandSettings, *, shut_down: bool
+) -> Script[RestartResult]:
     """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
 
     `shut_down`: torque enable reads on, but the hardware error (70) has switched the output off. Refused if
@@ -60,7 +62,7 @@ def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: boo
 
 
 def give_back(
-    reader: DynamixelReader, servo: ServoCommandState, before: Mapping[str, int]
+    reader: DynamixelReader, servo: ServoCommandSettings, before: Mapping[str, int]
 ) -> Script[RestartResult]:
     """Restore the RAM settings `before` on a device without torque and read them back. Raises NoReply."""
     fields = settings(servo)
@@ -73,13 +75,13 @@ def give_back(
     return _compare(fields, before, fallen, after)
 
 
-def settings(servo: ServoCommandState) -> list[TableRegister]:
+def settings(servo: ServoCommandSettings) -> list[TableRegister]:
     """Return the registers that are restored for this model; a current that is a goal is not among them."""
     names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
     return [servo.table[name] for name in names]
 
 
-def _may_return(servo: ServoCommandState, field: TableRegister, value: int) -> bool:
+def _may_return(servo: ServoCommandSettings, field: TableRegister, value: int) -> bool:
     """Return False for a goal current above the cap of mode 5; `prepare` sets that register anew."""
     most = field.bounds[1] if servo.cap is None else servo.cap
     return field.key != "goal_current" or 0 <= value <= most
@@ -111,7 +113,7 @@ def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
     raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
 
 
-def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
+def let_go(reader: DynamixelReader, servo: ServoCommandSettings) -> Script[None]:
     """Switch torque and watchdog off and read them back. Raises DeviceRefused, NoReply.
 
     Startup configuration (60) can switch torque on at boot, so a restart alone does not remove it.
@@ -128,7 +130,7 @@ def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
 
 
 def values(
-    reader: DynamixelReader, servo: ServoCommandState, fields: list[TableRegister]
+    reader: DynamixelReader, servo: ServoCommandSettings, fields: list[TableRegister]
 ) -> Script[dict[str, int]]:
     """Read registers in one transaction; return their values by key."""
     first = min(field.address for field in fields)

@@ -5,19 +5,19 @@ from collections.abc import Callable, Iterable, Sequence
 from twind_drivers.bus import DeviceRefused, Script
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.servo_command_state import Rows, ServoCommandState, groups, rows
+from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSettings, groups, rows
 from twind_drivers.dynamixel.write_diagnosis import explain
 
 
 class ServoReadback:
     """Readback of the servos of one bus. Every script may raise NoReply."""
 
-    def __init__(self, reader: DynamixelReader, servos: Sequence[ServoCommandState]) -> None:
+    def __init__(self, reader: DynamixelReader, servos: Sequence[ServoCommandSettings]) -> None:
         self._reader = reader
         self._servos = {servo.id: servo for servo in servos}
 
     def words(
-        self, servos: Iterable[ServoCommandState], where: Callable[[ServoCommandState], RegisterBlock]
+        self, servos: Iterable[ServoCommandSettings], where: Callable[[ServoCommandSettings], RegisterBlock]
     ) -> Script[dict[int, int]]:
         """Read one signed word of each servo; return them by id."""
         found: dict[int, int] = {}

@@ -18,7 +18,7 @@ from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.goal_packets import GoalPacket
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, block, check_cap, fences, mode_of
 from twind_drivers.dynamixel.ram_restore import give_back, let_go, settings, values
-from twind_drivers.dynamixel.servo_command_state import ServoCommandState
+from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings
 
 # bits of Drive Mode (10)
 SLAVE = 2
@@ -52,7 +52,7 @@ class SingleServoControl:
     def __init__(
         self,
         reader: DynamixelReader,
-        servos: Sequence[ServoCommandState],
+        servos: Sequence[ServoCommandSettings],
         id: int,
         *,
         cap: int,

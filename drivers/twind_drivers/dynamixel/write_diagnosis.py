@@ -11,7 +11,7 @@ from twind_drivers.dynamixel.control_tables import TableRegister
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.operating_modes import MODES, POSITION
-from twind_drivers.dynamixel.servo_command_state import ServoCommandState
+from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings
 
 TRIPPED = 255  # reading of the bus watchdog (98) after it has tripped
 LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register that bounds it
@@ -27,7 +27,7 @@ def limit_words(reader: DynamixelReader, id: int, field: TableRegister) -> Scrip
 
 
 def explain(
-    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+    reader: DynamixelReader, servo: ServoCommandSettings, where: RegisterBlock, data: bytes
 ) -> Script[str]:
     """Return the reasons why `data` did not stay at `where`: "; reason; reason", empty without any.
 
@@ -43,7 +43,7 @@ def explain(
 
 
 def _state(
-    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+    reader: DynamixelReader, servo: ServoCommandSettings, where: RegisterBlock, data: bytes
 ) -> Script[list[str]]:
     place = reader.ids.index(servo.id)
     state = reader.registers
@@ -56,7 +56,7 @@ def _state(
 
 
 def _mode(
-    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+    reader: DynamixelReader, servo: ServoCommandSettings, where: RegisterBlock, data: bytes
 ) -> Script[list[str]]:
     mode = (yield from reader.read(servo.id, "operating_mode")).value
     if mode == servo.mode.number:
@@ -67,7 +67,7 @@ def _mode(
 
 
 def _limits(
-    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+    reader: DynamixelReader, servo: ServoCommandSettings, where: RegisterBlock, data: bytes
 ) -> Script[list[str]]:
     table = servo.table
     found = []

@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol
 
-from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 
 class ServableBus(Protocol):
@@ -21,7 +21,7 @@ class ServableBus(Protocol):
         """Bytes that a stalled adapter has taken and not sent."""
 
     @property
-    def history(self) -> ReadingHistory | None:
+    def history(self) -> ShownPositionLog | None:
         """Values kept by `record`, in the order of `ids`; None: nothing."""
 
     def flush(self) -> None:

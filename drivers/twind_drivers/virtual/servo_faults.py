@@ -1,8 +1,8 @@
 """Faults of single servos and of their supply, by name."""
 
 from twind_drivers.virtual.hinge import ShaftGrip
-from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.shaft_faults import ShaftFaults
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
@@ -80,7 +80,7 @@ class ServoFaults(ShaftFaults):
 
         No fault, but ordered like one. Raises ValueError outside 0..100,000.
         """
-        self._servos.history = ReadingHistory(len(self._servos.tripped), count) if count else None
+        self._servos.history = ShownPositionLog(len(self._servos.tripped), count) if count else None
 
     def clear(self) -> None:
         """Plug in every connector."""

@@ -25,11 +25,11 @@ from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAda
 from twind_drivers.virtual.group_read import FastSyncReadGroup, SyncReadGroup
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.instruction_set import InstructionReplies, InstructionSet, ServoStatus
-from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.register_columns import NO_ID
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 from twind_drivers.virtual.servo_ground_truth import truth
 from twind_drivers.virtual.servo_physics import ServoPhysics
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.uart_receiver import clash, misheard
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos
@@ -93,7 +93,7 @@ class VirtualBus:
         return len(self._stream.held)
 
     @property
-    def history(self) -> ReadingHistory | None:
+    def history(self) -> ShownPositionLog | None:
         """Ticks kept by `record`, in the order of `ids`."""
         return self.servos.history
 

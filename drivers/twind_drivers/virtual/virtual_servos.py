@@ -19,13 +19,13 @@ from twind_drivers.virtual.backlash import Backlash
 from twind_drivers.virtual.drive_firmware import TORQUE_BY_GOAL, DriveFirmware
 from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.present_registers import PresentRegisters
-from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.register_columns import RegisterColumns
 from twind_drivers.virtual.register_memory import Ints, RegisterMemory
 from twind_drivers.virtual.servo_physics import ServoPhysics
 from twind_drivers.virtual.servo_power import BOOT, ServoPower
 from twind_drivers.virtual.servo_profile import STEP, ServoProfile
 from twind_drivers.virtual.servo_protection import ServoProtection
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
@@ -83,7 +83,9 @@ class VirtualServos:
         self.epoch = 0
         self.protection = ServoProtection(memory.tables, muscles.stall, now)
         self.readings = PresentRegisters(memory, muscles, self.protection)
-        self.history: ReadingHistory | None = None  # of what the present position registers showed, on order
+        self.history: ShownPositionLog | None = (
+            None  # of what the present position registers showed, on order
+        )
         self.power = ServoPower(memory, self.registers, muscles, specs)
         self.hinges = [spec.hinge for spec in specs]
         self.direction = self.power.direction

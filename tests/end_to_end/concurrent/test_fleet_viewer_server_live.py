@@ -18,9 +18,9 @@ from twind.client import ClientError
 from twind.observe.viewing.fleet import fleet_viewer as show_module
 from twind.observe.viewing.fleet import robot_registry as company_module
 from twind.observe.viewing.fleet.fleet_page import Broadcast, FleetPage
+from twind.observe.viewing.fleet.fleet_robot_place import FADED, FleetRobotPlace
 from twind.observe.viewing.fleet.fleet_viewer import FleetViewer
 from twind.observe.viewing.fleet.robot_health import GREY, standing
-from twind.observe.viewing.fleet.robot_plate import FADED, RobotPlate
 from twind.observe.viewing.fleet.robot_registry import RobotRegistry, Whose
 from twind.observe.viewing.robot_connections import RobotConnections, local
 from twind.observe.viewing.robot_scene import UNHEARD
@@ -151,7 +151,7 @@ def bodies(server: Any, number: int, figure: str) -> list[Any]:
 
 
 def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is_back(server: Any) -> None:
-    stand = RobotPlate(server.scene, 0, "one")
+    stand = FleetRobotPlace(server.scene, 0, "one")
     robot = known(status(), state(h24(), l_elbow=-0.5))
     stand.draw(robot.now(), standing(robot.now()))
     solid = server.scene.get_handle_by_name("/robots/0/robot/solid")
@@ -175,7 +175,7 @@ def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is
 
 
 def test_a_new_model_replaces_the_first_and_an_invalid_one_is_reported(server: Any) -> None:
-    stand = RobotPlate(server.scene, 1, "two")
+    stand = FleetRobotPlace(server.scene, 1, "two")
     robot = known(status(), state(h24()))
     stand.draw(robot.now(), standing(robot.now()))
     large = stand.size
@@ -246,7 +246,7 @@ def test_a_picture_that_fails_again_and_again_is_traced_once(
     def broken(*_: Any) -> None:
         raise RuntimeError("no such mesh")
 
-    monkeypatch.setattr(RobotPlate, "draw", broken)
+    monkeypatch.setattr(FleetRobotPlace, "draw", broken)
     for _ in range(8):
         fleet[0].draw()
     assert capfd.readouterr().err.count("Traceback") == 2  # of each robot one

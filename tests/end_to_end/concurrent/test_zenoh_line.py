@@ -14,8 +14,8 @@ import zenoh
 from tests.support.processes import until
 from tests.support.remote_robot import CLOCK, FarRobot
 from tests.support.zenoh_router import Router
-from twind.bridge.fleet import remote_goal as goal_module
 from twind.bridge.fleet import remote_stop
+from twind.bridge.fleet import sent_goal as goal_module
 from twind.bridge.fleet.lease_renewer import RENEWED
 from twind.bridge.fleet.remote_client import PrivateSession, SharedSession, client
 from twind.bridge.zenoh.zenoh_keys import LEASE_S

@@ -33,7 +33,7 @@ from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import SerialBusInspector
 from twind.doctor.runner import DoctorReport, FixResult
-from twind.doctor.serial_survey import survey_port
+from twind.doctor.serial_bus_survey import survey_port
 from twind_drivers.clock import MonotonicClock
 
 RECORDED = (10, 11, 20, 48, 52)  # what a calibration remembers of a servo's registers

@@ -12,7 +12,7 @@ import pytest
 from tests.support.golden_captures import HERE, Hand, expected, outcome_of, record, silent
 from twind.flight import load
 from twind.loop.realtime import PRIORITY as ROBOT
-from twind.observe.replaying import run_with_priority
+from twind.observe.replaying import exec_with_priority
 
 TRIES = 3  # on a machine that is too busy for a daemon and its servos bus errors come that were not recorded
 
@@ -90,7 +90,7 @@ def test_a_golden_capture_comes_out_of_a_real_daemon(tmp_path: Path) -> None:
     assert said["verbatim"] > 0.3
 
 
-@pytest.mark.parametrize("asked", [0, run_with_priority.DAEMON])
+@pytest.mark.parametrize("asked", [0, exec_with_priority.DAEMON])
 def test_a_daemon_of_a_replay_never_goes_before_that_of_a_robot(asked: int) -> None:
     ask = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({ROBOT}))"
     python = [sys.executable, "-P"]
@@ -98,11 +98,11 @@ def test_a_daemon_of_a_replay_never_goes_before_that_of_a_robot(asked: int) -> N
         pytest.skip("nobody here may ask for real-time scheduling, so there is no right to be given up")
     tell = "import os; print(os.sched_getparam(0).sched_priority, flush=True); "
     done = subprocess.run(
-        [*python, "-m", run_with_priority.__name__, str(asked), *python, "-c", tell + ask],
+        [*python, "-m", exec_with_priority.__name__, str(asked), *python, "-c", tell + ask],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert asked < run_with_priority.PORTS < ROBOT
+    assert asked < exec_with_priority.PORTS < ROBOT
     assert done.stdout.split() == [str(asked)]
     assert done.returncode and "PermissionError" in done.stderr, done.stderr

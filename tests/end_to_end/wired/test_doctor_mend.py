@@ -16,7 +16,7 @@ from twind.doctor import register_fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import SerialBusInspector
-from twind.doctor.serial_survey import expected_servos, survey_port
+from twind.doctor.serial_bus_survey import expected_servos, survey_port
 from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
 

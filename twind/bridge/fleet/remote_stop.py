@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from twind.bridge.fleet.incoming_queue import IncomingQueue
+from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, error_name
 
 AGAIN = 0.1  # s from a stop without success to the next: a lost message must not leave the robot moving
@@ -19,7 +19,7 @@ class RemoteStop:
         reach: RemoteRobotEndpoint,
         method: str,
         parameters: Mapping[str, Any],
-        inbox: IncomingQueue,
+        inbox: ClientReplyQueue,
         now: float,
     ) -> None:
         """Sends it. `now`: s, monotonic."""

@@ -16,11 +16,11 @@ from typing import Any, Protocol
 
 import zenoh
 
-from twind.bridge.fleet.incoming_queue import IncomingQueue
+from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
-from twind.bridge.fleet.remote_goal import RemoteGoal
 from twind.bridge.fleet.remote_stop import RemoteStop
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, error_name
+from twind.bridge.fleet.sent_goal import SentGoal
 from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
@@ -57,10 +57,10 @@ class ZenohClientLine:
         self._robot = robot
         self._way = way
         self._reach: RemoteRobotEndpoint | None = None
-        self._inbox = IncomingQueue()
+        self._inbox = ClientReplyQueue()
         self._hold: LeaseRenewer | None = None
         self._there = threading.Event()
-        self._errand: RemoteGoal | RemoteStop | None = None  # goal or stop under way
+        self._errand: SentGoal | RemoteStop | None = None  # goal or stop under way
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
@@ -73,7 +73,7 @@ class ZenohClientLine:
         if self._reach is not None:
             return
         reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
-        inbox = self._inbox = IncomingQueue()
+        inbox = self._inbox = ClientReplyQueue()
         try:
             self._there = threading.Event()
             gone = f"{self.where}: it went away, or the way to it is lost"
@@ -236,7 +236,7 @@ class ZenohClientLine:
             raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
         assert self._reach is not None
         now = time.monotonic()
-        self._errand = RemoteGoal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+        self._errand = SentGoal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
 
     def _monitor(self, parameters: Parameters, _patience: float) -> None:
         assert self._reach is not None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 FRESH = 0.5  # s after which a message counts as stale
@@ -39,7 +39,7 @@ class RosSubscriber:
         self._tell = tell
         self._stop = stop
         self._rate = rate or FASTEST
-        self._once = TransitionReporter()
+        self._once = RepeatedFaultFilter()
         self._slow = 3.0 / self._rate  # s: a low rate needs a longer wait
         self._received = float("-inf")  # s, monotonic: of the last message
         self.error = ""  # why there is no daemon

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
-from twind.bridge.ros.action_goal import (
+from twind.bridge.ros.action_goal_conversion import (
     SUCCESSFUL,
     GoalReport,
     State,

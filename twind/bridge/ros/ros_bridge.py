@@ -37,7 +37,7 @@ from twind.bridge.ros.ros_transport import RosTransport
 from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
 from twind.client import Client, NoDaemon
 from twind.client.clock_pair import clocks
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.exceptions import OperationFailed
 
 OTHERS = ("status", "latency", "events", "trajectories")
@@ -78,12 +78,12 @@ class RosBridge:
         self._reads_only = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
         self._messages = RosStateMessages()
         self._diagnostics = Diagnostics()
-        self._graph = TransitionReporter()
-        self._deaf = TransitionReporter()
-        self._odd = TransitionReporter()
+        self._graph = RepeatedFaultFilter()
+        self._deaf = RepeatedFaultFilter()
+        self._odd = RepeatedFaultFilter()
         self._journal = CommandJournal(tell)
         self._neighbours = PeerBridges()
-        self._alone = TransitionReporter()
+        self._alone = RepeatedFaultFilter()
         self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
         self.service_calls = RosServiceCalls(
             self._operator,

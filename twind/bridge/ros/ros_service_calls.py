@@ -44,7 +44,7 @@ Ask = Callable[[], Client]
 STOPPING = "stopping: the robot decelerates and holds"
 
 
-class CoalescedCall:
+class CoalescingExecutor:
     """Executor of requests in a separate thread, the newest last. Equal waiting requests run once."""
 
     def __init__(
@@ -106,10 +106,10 @@ class RosServiceCalls:
         self._status = status
         self._closed = closed
         self._on_result = on_result
-        self._stop = CoalescedCall(
+        self._stop = CoalescingExecutor(
             "stop", lambda _: self._log_outcome(STOP, "", self.stop()), tell, STOP_PACE
         )
-        self._mode = CoalescedCall(
+        self._mode = CoalescingExecutor(
             "mode",
             lambda mode: self._log_outcome(SET_MODE, mode, self._set_mode_by_name(mode)),
             tell,
@@ -117,7 +117,7 @@ class RosServiceCalls:
         )
         # One each: a cut is requested because the robot does not settle, so it must not wait for that.
         self._e_stops = {
-            level: CoalescedCall(f"e-stop {level}", partial(self._e_stop_by_topic, level), tell)
+            level: CoalescingExecutor(f"e-stop {level}", partial(self._e_stop_by_topic, level), tell)
             for level in LEVELS
         }
 

@@ -30,7 +30,7 @@ from twind.bridge.uplink.topic_outlets import MonitorRelay
 from twind.bridge.uplink.worker_queue import WorkerQueue
 from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key, robot_name
 from twind.client import Client, ClientError, NoDaemon
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.command_line.verb import connected, observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
@@ -60,8 +60,8 @@ class RobotUplink:
         self._session = session
         self.robot = robot
         self._tell = tell
-        self._trouble = TransitionReporter()
-        self._limits = TransitionReporter()
+        self._trouble = RepeatedFaultFilter()
+        self._limits = RepeatedFaultFilter()
         self._renamed = False
         self._plans = PlannedDurations()
         self._tenancy = RemoteLease()
@@ -244,7 +244,7 @@ def reported_name(client: Client) -> str:
 
 def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell) -> str:
     """Wait for a daemon, and return the name that it reports; "": a stop signal came first."""
-    trouble = TransitionReporter()
+    trouble = RepeatedFaultFilter()
     while not stop.is_set():
         try:
             with observer(options) as client:

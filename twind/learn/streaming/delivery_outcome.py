@@ -52,7 +52,7 @@ def retry_after(header: str | None, wall: float) -> float:
 
 
 @dataclass(slots=True)
-class Backoff:
+class DeliveryBackoff:
     """Time of the next try: each failure in a row doubles the delay, less a random half."""
 
     random: random.Random

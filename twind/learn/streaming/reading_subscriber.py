@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.command_line.verb import observer
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.stream_samples import StreamedRobot, sample
@@ -33,7 +33,7 @@ class ReadingSubscriber:
         self._basket = basket
         self._now = now
         self._tell = tell
-        self._once = TransitionReporter()
+        self._once = RepeatedFaultFilter()
         self._stop = threading.Event()
         self._robot: StreamedRobot | None = None
         self.error = ""  # why there is no daemon

@@ -11,9 +11,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.exceptions import OperationFailed
-from twind.learn.streaming.delivery_outcome import Backoff, DeliveryOutcome, fate, retry_after
+from twind.learn.streaming.delivery_outcome import DeliveryBackoff, DeliveryOutcome, fate, retry_after
 from twind.learn.streaming.http_endpoint import HttpEndpoint, HttpReply
 from twind.learn.streaming.spool import Spool, SpooledMessage
 
@@ -29,9 +29,9 @@ class SpoolSender:
         self._spool = spool
         self._endpoint = endpoint
         self._tell = tell
-        self._backoff = Backoff(random.Random())
-        self._once = TransitionReporter()
-        self._dead = TransitionReporter()
+        self._backoff = DeliveryBackoff(random.Random())
+        self._once = RepeatedFaultFilter()
+        self._dead = RepeatedFaultFilter()
         # s, monotonic
         self._next = 0.0
         self._deadline = float("inf")

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool
 from twind.learn.streaming.stream_samples import SampleBatch, message
@@ -36,7 +36,7 @@ class SpoolWriter:
         self._ndjson = ndjson
         self._zipped = zipped
         self._patience = patience
-        self._once = TransitionReporter()
+        self._once = RepeatedFaultFilter()
         self._stopping = threading.Event()
         self._counted = 0  # of what the basket dropped, in the spool's tally already
         self._upkeep = 0.0

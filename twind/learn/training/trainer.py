@@ -16,7 +16,7 @@ from typing import Any
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import Rejected
 from twind.learn.policy.policy_file import read
-from twind.learn.training import learning_curve
+from twind.learn.training import learning_curve_figure
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
 from twind.learn.training.ppo_learner import THREADS, PpoLearner, export
 from twind.learn.training.training_folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
@@ -173,8 +173,10 @@ class Trainer:
             best = figures.best
             settings = self._settings
             title = f"{settings.task} with {settings.robot}, seed {settings.seed}"
-            made = learning_curve.figure(title, figures.zero, figures.points, best[0] if best else None)
-            folder.make(CURVE, lambda beside: learning_curve.save(made, beside))
+            made = learning_curve_figure.figure(
+                title, figures.zero, figures.points, best[0] if best else None
+            )
+            folder.make(CURVE, lambda beside: learning_curve_figure.save(made, beside))
 
     def _export(self, point: tuple[int, EvaluationScore], zero: EvaluationScore) -> None:
         """The network as it is now, judged so."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from twind.flight import EntryKind, FlightEntry, FlightFile
+from twind.flight import EntryKind, FlightEntry, LoadedFlight
 from twind.front.accepted_trajectories import AcceptedTrajectory, PendingVerdict
 from twind.front.state_cache import StateCache, encode
 from twind.link import (
@@ -26,7 +26,7 @@ STATUS_PERIOD = 0.5
 HISTOGRAMS = 1.0
 
 
-def news(flight: FlightFile, *, strict: bool = False) -> Iterator[Outward]:
+def news(flight: LoadedFlight, *, strict: bool = False) -> Iterator[Outward]:
     """The loop's messages, in their order; what this version does not understand is left out.
 
     `strict`: raises msgspec.DecodeError for that instead.
@@ -40,14 +40,14 @@ def news(flight: FlightFile, *, strict: bool = False) -> Iterator[Outward]:
                     raise
 
 
-def wire(flight: FlightFile) -> Iterator[FlightEntry]:
+def wire(flight: LoadedFlight) -> Iterator[FlightEntry]:
     """The bytes that went over the buses, and what happened to their ports."""
     return (
         each for each in flight.contents.entries if each.kind in (EntryKind.OUT, EntryKind.IN, EntryKind.PORT)
     )
 
 
-def answers(flight: FlightFile) -> Iterator[dict[str, Any]]:
+def answers(flight: LoadedFlight) -> Iterator[dict[str, Any]]:
     """Answers of `Monitor` to topics state (every tick), status, latency, events, verdicts and trajectories.
 
     `time` in s, monotonic. State begins with the first overview, which has the slow values.

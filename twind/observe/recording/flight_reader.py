@@ -7,7 +7,7 @@ import numpy as np
 
 from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
-from twind.flight import FlightFile, load
+from twind.flight import LoadedFlight, load
 from twind.link import Tick
 from twind.observe.recording.flight_monitor_messages import answers, news
 from twind.observe.recording.mcap_reader import hops, slow
@@ -41,7 +41,7 @@ def read(path: Path) -> RobotRecording:
     return _recording(path, flight, ticks, begin, topics)
 
 
-def wall_offset(flight: FlightFile) -> int:
+def wall_offset(flight: LoadedFlight) -> int:
     """Nanoseconds to add to monotonic times for the wall clock of the writer; 0: unknown."""
     wall = flight.meta.get("wall_ns")
     monotonic = flight.meta.get("monotonic")
@@ -51,7 +51,11 @@ def wall_offset(flight: FlightFile) -> int:
 
 
 def _recording(
-    path: Path, flight: FlightFile, ticks: list[Tick], begin: float, topics: dict[str, list[RecordedMessage]]
+    path: Path,
+    flight: LoadedFlight,
+    ticks: list[Tick],
+    begin: float,
+    topics: dict[str, list[RecordedMessage]],
 ) -> RobotRecording:
     count = len(flight.briefing.joints)
     joints = tuple(joint.name for joint in flight.briefing.joints)
@@ -120,6 +124,6 @@ def _now_and_then(states: list[RecordedMessage]) -> list[RecordedMessage]:
     return found
 
 
-def _words(flight: FlightFile) -> dict[str, str]:
+def _words(flight: LoadedFlight) -> dict[str, str]:
     about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
     return about | {key: str(value) for key, value in flight.meta.items() if value is not None}

@@ -18,7 +18,7 @@ from twind.observe.replaying.recorded_exchanges import FAST, DeviceReply, Record
 from twind.observe.replaying.replay_servos import ReplayPosition, ReplayServos, specs, still
 from twind_drivers.dynamixel.packet import STATUS_OVERHEAD, Instruction, status
 from twind_drivers.virtual.half_duplex_wire import BITS
-from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 NEAR = 0.6  # of a period of the loop: a question so far from where it was asked is still the same one
@@ -97,7 +97,7 @@ class ReplayBus:
         return 0
 
     @property
-    def history(self) -> ReadingHistory | None:
+    def history(self) -> ShownPositionLog | None:
         """Always None: no readings are kept."""
         return None
 

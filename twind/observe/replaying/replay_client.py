@@ -12,7 +12,7 @@ from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
     Named,
     RunOutcome,
-    StandingFaults,
+    UnclearedFaults,
     answer,
 )
 from twind.observe.replaying.replay_script import SIM, STAY, RecordedCommand, ReplayScript
@@ -44,7 +44,7 @@ class ReplayClient:
         self._status: dict[str, Any] = {}
         self._time = 0.0  # s, of that status
         self._missed = 0
-        self._standing = StandingFaults()
+        self._standing = UnclearedFaults()
         self._last = dict[str, Any]()
         self._replies: dict[int, list[Reply]] = {}  # by the place of the command
         self._watch.send("Monitor", {"topics": ["status"], "rate": RATE}, self._see, more=True)

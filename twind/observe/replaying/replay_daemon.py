@@ -12,7 +12,7 @@ from pathlib import Path
 from twind.client import NoDaemon
 from twind.config.port_names import virtual_port
 from twind.exceptions import OperationFailed
-from twind.observe.replaying import run_with_priority
+from twind.observe.replaying import exec_with_priority
 from twind.observe.replaying.replay_calls import ReplayConnection
 from twind.observe.replaying.replay_files import ReplayFiles
 
@@ -44,10 +44,10 @@ class ReplayDaemon:
         self._log = sockets / "log"
         # -P: no module of the folder that this happened to be started in.
         python = [sys.executable, "-P", "-m"]
-        rank = str(run_with_priority.DAEMON if realtime else 0)
+        rank = str(exec_with_priority.DAEMON if realtime else 0)
         command = [
             *python,
-            run_with_priority.__name__,
+            exec_with_priority.__name__,
             rank,
             *python,
             "twind.cli",

@@ -81,7 +81,7 @@ def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None 
 
 
 @dataclass
-class StandingFaults:
+class UnclearedFaults:
     """Faults that stay: of those reported while a state is latched, the ones present when that state ends."""
 
     _since: dict[Named, float] = field(default_factory=dict)  # of all that are reported now

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from threading import Thread
 
+from twind.observe.replaying.exec_with_priority import PORTS, first
 from twind.observe.replaying.replay_bus import ReplayBus
-from twind.observe.replaying.run_with_priority import PORTS, first
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import Clock

@@ -11,7 +11,7 @@ import numpy as np
 
 from twind import link
 from twind.exceptions import OperationFailed
-from twind.flight import EntryKind, FlightFile
+from twind.flight import EntryKind, LoadedFlight
 from twind.front.joint_naming import JointNames
 from twind.link import (
     ApplyChanges,
@@ -25,7 +25,7 @@ from twind.link import (
     decode_news,
 )
 from twind.observe.recording.flight_monitor_messages import news
-from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome, StandingFaults, answer
+from twind.observe.replaying.replay_outcome import CommandOutcome, RunOutcome, UnclearedFaults, answer
 from twind.robot.arrays import Floats
 
 LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
@@ -92,7 +92,7 @@ class ReplayScript:
         return any(ticket not in heard or heard[ticket] < whole for ticket, whole in then.items())
 
 
-def score(flight: FlightFile, last: float = inf) -> ReplayScript:
+def score(flight: LoadedFlight, last: float = inf) -> ReplayScript:
     """Build the replay script of the `last` seconds of a recording. Raises OperationFailed."""
     names = JointNames([joint.name for joint in flight.briefing.joints])
     heard = _news(flight)
@@ -134,7 +134,7 @@ def outcome(
     """Build the outcome of the commands from the messages of a loop. `begin`: s, from which faults are
     counted."""
     replies: dict[int, list[Reply]] = {}
-    standing = StandingFaults()
+    standing = UnclearedFaults()
     tick = None
     overview = None
     for each in news:
@@ -162,7 +162,7 @@ def _answer(names: JointNames, command: link.Command, replies: list[Reply]) -> C
 # ------------------------------------------------------------------------------------------ reading
 
 
-def _news(flight: FlightFile) -> list[Outward]:
+def _news(flight: LoadedFlight) -> list[Outward]:
     try:
         return list(news(flight, strict=True))
     except msgspec.DecodeError as error:
@@ -197,7 +197,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     raise OperationFailed(f"there is no moment to begin at: {why}; {VIEW}")
 
 
-def _recorded_commands(flight: FlightFile, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
+def _recorded_commands(flight: LoadedFlight, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
     found: list[RecordedCommand] = []
     left_out: list[str] = []
     for entry in flight.contents.entries:
@@ -223,7 +223,7 @@ def _calls(commands: Sequence[link.Command]) -> list[link.Command]:
     return [each for each in commands if each.ticket]
 
 
-def _received_by_client(flight: FlightFile, commands: Sequence[link.Command]) -> dict[int, Heard]:
+def _received_by_client(flight: LoadedFlight, commands: Sequence[link.Command]) -> dict[int, Heard]:
     """Return the answers that each closed client had received by then: link messages are recorded in their
     order."""
     clients = {each.ticket: each.client for each in _calls(commands)}
@@ -243,14 +243,14 @@ def _received_by_client(flight: FlightFile, commands: Sequence[link.Command]) ->
     return found
 
 
-def _decoded(flight: FlightFile, data: bytes) -> Any:
+def _decoded(flight: LoadedFlight, data: bytes) -> Any:
     try:
         return decode_command(data)
     except msgspec.DecodeError as error:
         raise _foreign(flight, "commands", error) from None
 
 
-def _foreign(flight: FlightFile, what: str, error: Exception) -> OperationFailed:
+def _foreign(flight: LoadedFlight, what: str, error: Exception) -> OperationFailed:
     version = flight.briefing.version
     return OperationFailed(
         f"this version does not read the {what} of twind {version} ({error}): use that one"

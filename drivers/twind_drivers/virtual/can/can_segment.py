@@ -16,7 +16,7 @@ from twind_drivers.virtual.can.can_wire import HOST, CanWire
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.slcan_text import SlcanText
-from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 IDLE = 0.01  # s after which the physics advances without a request
 STRANGER = -2  # sender: another master on the wire
@@ -63,7 +63,7 @@ class VirtualCanSegment:
         return self.faults.plugged
 
     @property
-    def history(self) -> ReadingHistory | None:
+    def history(self) -> ShownPositionLog | None:
         """Positions kept by `record`, in counts, in the order of `ids`."""
         return self.faults.history
 

@@ -11,8 +11,8 @@ from twind_drivers.virtual.can.node import VirtualCanNode
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
 from twind_drivers.virtual.hinge import ShaftGrip
-from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.shaft_faults import ShaftFaults
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 EVERY = 0.01  # s between two commands of another master
 
@@ -27,7 +27,7 @@ class NodeFaults(ShaftFaults):
         self._nodes = nodes
         self._wire = controller
         self.now = 0.0  # s, kept by the bus
-        self.history: ReadingHistory | None = None
+        self.history: ShownPositionLog | None = None
         hinges = [node.spec.hinge for node in nodes.each]
         grip = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.set_hand_position)
         super().__init__(f"bus {bus}: no node", lambda: [node.id for node in nodes.each], grip)
@@ -131,7 +131,7 @@ class NodeFaults(ShaftFaults):
 
     def record(self, count: int) -> None:
         """Keep the last `count` positions, in counts; 0: none. Raises ValueError outside 0..100,000."""
-        self.history = ReadingHistory(len(self._nodes.each), count) if count else None
+        self.history = ShownPositionLog(len(self._nodes.each), count) if count else None
 
     def clear(self) -> None:
         """Plug in every connector; remove all twins and the other master."""

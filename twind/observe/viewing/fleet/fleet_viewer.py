@@ -6,11 +6,11 @@ import traceback
 from collections import defaultdict
 from typing import Any
 
-from twind.client.transition_reporter import TransitionReporter
+from twind.client.repeated_fault_filter import RepeatedFaultFilter
 from twind.observe.viewing import status_html
 from twind.observe.viewing.fleet.fleet_page import FleetPage
+from twind.observe.viewing.fleet.fleet_robot_place import APART, FleetRobotPlace, camera, spots
 from twind.observe.viewing.fleet.robot_health import RobotHealth, described, summary
-from twind.observe.viewing.fleet.robot_plate import APART, RobotPlate, camera, spots
 from twind.observe.viewing.fleet.robot_registry import Found, RegisteredRobot, RobotRegistry
 from twind.observe.viewing.viewer_access import ViewerSite
 from twind.observe.viewing.viewer_run import Drawing, served
@@ -39,10 +39,10 @@ class FleetViewer:
         self._server = server
         self._company = RobotRegistry(found)
         self._page = FleetPage(server, self._company)
-        self._stands: dict[str, RobotPlate] = {}
+        self._stands: dict[str, FleetRobotPlace] = {}
         self._hows: dict[str, RobotHealth] = {}
-        self._traced: dict[str, TransitionReporter] = defaultdict(
-            TransitionReporter
+        self._traced: dict[str, RepeatedFaultFilter] = defaultdict(
+            RepeatedFaultFilter
         )  # by name; "": of no robot
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
         self._turn = 0
@@ -75,7 +75,7 @@ class FleetViewer:
     def _update_robot(self, member: RegisteredRobot) -> RobotHealth:
         """Whatever is wrong with one is not the others' trouble."""
         if member.name not in self._stands:
-            self._stands[member.name] = RobotPlate(self._server.scene, len(self._stands), member.name)
+            self._stands[member.name] = FleetRobotPlace(self._server.scene, len(self._stands), member.name)
             self._page.add(member)
         stand = self._stands[member.name]
         now = member.known.now()

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.action_goal import CODES, as_bytes, outcome, places, seconds, tolerances, unserved
+from twind.bridge.ros.action_goal_conversion import (
+    CODES,
+    as_bytes,
+    outcome,
+    places,
+    seconds,
+    tolerances,
+    unserved,
+)
 from twind.ros import JOINT_TRAJECTORY, decode
 
 PHASES = ("refused", "succeeded", "cancelled", "replaced", "aborted", "lost", "dropped")

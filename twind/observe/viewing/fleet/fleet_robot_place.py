@@ -45,7 +45,7 @@ def camera(spots: Floats, size: float) -> tuple[Floats, Floats]:
     return middle + wide * np.array([0.62, 0.05, 0.24]), middle
 
 
-class RobotPlate:
+class FleetRobotPlace:
     """One robot's place. Until its model is known there are plate and name."""
 
     def __init__(self, scene: Any, number: int, name: str) -> None:

@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Mapping
 from typing import Any
 
-from twind.bridge.fleet.incoming_queue import IncomingQueue
+from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
 from twind.bridge.fleet.lease_renewer import LeaseRenewer
 from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, error_name
 from twind.bridge.motion_session import ENDS
@@ -18,7 +18,7 @@ LONGEST = 64 << 10  # bytes of a report; none that is longer comes from an uplin
 EARLY = 32  # reports that may come before the answer to the goal
 
 
-class RemoteGoal:
+class SentGoal:
     """One goal under way. Its answers go into the inbox in the form of SubmitTrajectory with `more`."""
 
     def __init__(
@@ -26,7 +26,7 @@ class RemoteGoal:
         reach: RemoteRobotEndpoint,
         hold: LeaseRenewer,
         path: Mapping[str, Any],
-        inbox: IncomingQueue,
+        inbox: ClientReplyQueue,
         now: float,
     ) -> None:
         """Send the goal. `path`: a Trajectory; `now`: s, monotonic."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class TransitionReporter:
+class RepeatedFaultFilter:
     """Reports a fault when it begins and when it is over, not at every retry. `every`: s between two."""
 
     every: float = 10.0

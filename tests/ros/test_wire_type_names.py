@@ -11,7 +11,7 @@ from twind.bridge.ros.ros_endpoints import SERVICES, TOPICS
 from twind.exceptions import InvalidInput
 from twind.ros import PARTICIPANT_ENTITIES, MessageDefinitions, dds_type, participant_entities
 from twind.ros.message_definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
-from twind.ros.type_hashes import type_hash
+from twind.ros.wire_type_names import type_hash
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # Of bytes of the type `char`, which rosbags hashes as another one.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 MOST = 100_000  # readings
 
 
-class ReadingHistory:
+class ShownPositionLog:
     """A ring of the last readings of m servos: every value that the present position registers ever held."""
 
     def __init__(self, servos: int, size: int) -> None:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from twind.command_line.verb import Rejected
+from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
-from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET
 from twind.config.yaml_tree import ConfigError

@@ -28,7 +28,7 @@ ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings that i
 
 
 @dataclass(eq=False)
-class PendingRestore:
+class HomingRestore:
     """One end-stop search: its request, the servo's settings before it, and its result."""
 
     command: link.FindStop
@@ -46,7 +46,7 @@ class PendingRestore:
     findings: tuple[Finding, ...] = ()
 
 
-def give_back(loop: Loop, pending: PendingRestore) -> Procedure:
+def give_back(loop: Loop, pending: HomingRestore) -> Procedure:
     """Restore the servo once the search is over and torque is off, identify its bus anew, then reply."""
     port = pending.request.port
     while not pending.over:
@@ -63,7 +63,7 @@ def give_back(loop: Loop, pending: PendingRestore) -> Procedure:
 
 
 def _returned(
-    loop: Loop, pending: PendingRestore, until: float
+    loop: Loop, pending: HomingRestore, until: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
     """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
@@ -86,7 +86,7 @@ def _returned(
         yield from ticks(PAUSE)
 
 
-def _free(loop: Loop, pending: PendingRestore) -> bool:
+def _free(loop: Loop, pending: HomingRestore) -> bool:
     """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = pending.request.port
     calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
@@ -94,14 +94,14 @@ def _free(loop: Loop, pending: PendingRestore) -> bool:
     return calm and identified and port.writer is not None and port.reader is not None and not port.full
 
 
-def _now(pending: PendingRestore) -> IdentifiedDevice | None:
+def _now(pending: HomingRestore) -> IdentifiedDevice | None:
     """Return the device with that id as last identified; None: no reply since the bus was opened."""
     aim = pending.request
     found = (each for each in aim.port.devices if each.id == aim.id and each.settings)
     return next(found, None)
 
 
-def _stranger(pending: PendingRestore) -> str | None:
+def _stranger(pending: HomingRestore) -> str | None:
     """Return the reason why the device with the id is not the one that was driven.
 
     None: no difference is known.
@@ -121,7 +121,7 @@ def _stranger(pending: PendingRestore) -> str | None:
     return None
 
 
-def _restored(pending: PendingRestore) -> Generator[None, float, Exception | None]:
+def _restored(pending: HomingRestore) -> Generator[None, float, Exception | None]:
     """Try once to write the old mode and settings back; return the error of the attempt, or None."""
     port = pending.request.port
     aim = pending.request
@@ -138,14 +138,14 @@ def _restored(pending: PendingRestore) -> Generator[None, float, Exception | Non
     return task.error
 
 
-def report_pending_restore(loop: Loop, pending: PendingRestore) -> None:
+def report_pending_restore(loop: Loop, pending: HomingRestore) -> None:
     """Report that the daemon ends before mode and settings were written back."""
     why = unrestored(pending, "the daemon ends")
     _report_restore(loop, pending, (why,))
     answer(loop, pending, why)
 
 
-def release(loop: Loop, pending: PendingRestore) -> None:
+def release(loop: Loop, pending: HomingRestore) -> None:
     """End the pending; all devices on its bus are written to again."""
     if pending.request.port.writer is not None:
         pending.request.port.writer.end_single_device()
@@ -155,7 +155,7 @@ def release(loop: Loop, pending: PendingRestore) -> None:
 # ------------------------------------------------------------------------------------------- reports
 
 
-def answer(loop: Loop, pending: PendingRestore, *more: Finding) -> None:
+def answer(loop: Loop, pending: HomingRestore, *more: Finding) -> None:
     """Send the last reply: captures, or findings; with any finding no capture is reported."""
     if pending.answered:
         return
@@ -172,7 +172,7 @@ def answer(loop: Loop, pending: PendingRestore, *more: Finding) -> None:
     loop.say.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _report_restore(loop: Loop, pending: PendingRestore, why: tuple[Finding, ...]) -> None:
+def _report_restore(loop: Loop, pending: HomingRestore, why: tuple[Finding, ...]) -> None:
     """Report the result of the restoring as events, for a client answered before and for all others."""
     name = loop.joints.names[pending.request.joint]
     for finding in why:
@@ -181,13 +181,13 @@ def _report_restore(loop: Loop, pending: PendingRestore, why: tuple[Finding, ...
         loop.say.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
 
 
-def unrestored(pending: PendingRestore, why: str) -> Finding:
+def unrestored(pending: HomingRestore, why: str) -> Finding:
     """Build the finding of a servo that was not restored: what it is left with, and why."""
     message = f"its mode and settings are not as they were: {why}; it is left with {pending.left}"
     return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
 
 
-def clamped(loop: Loop, pending: PendingRestore, error: WireRangeError) -> Finding:
+def clamped(loop: Loop, pending: HomingRestore, error: WireRangeError) -> Finding:
     """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
     finding = Finding(
         ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)

@@ -11,7 +11,7 @@ ROOM = 1 << 20  # bytes of news that may wait
 ANSWERS = 256  # messages that must arrive and may wait
 
 
-class IncomingQueue:
+class ClientReplyQueue:
     """Messages of the interface, as bytes. Where news find no room the oldest go, counted; answers stay, and
     more of them than anybody takes are the end."""
 

@@ -31,7 +31,7 @@ class RawGains(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class ServoCommandState:
+class ServoCommandSettings:
     """Command state of one servo."""
 
     id: int
@@ -73,7 +73,7 @@ def servos_of(
     caps: Sequence[int | None] | None,
     gains: Sequence[tuple[int | None, int | None, int | None]] | None,
     accelerations: Sequence[int | None] | None,
-) -> tuple[ServoCommandState, ...]:
+) -> tuple[ServoCommandSettings, ...]:
     """Make the command states (m) of a bus, in the order of its ids; None: the default for all.
 
     Raises ValueError naming the device for an impossible mode, a missing cap, a gain out of range.
@@ -93,7 +93,7 @@ def servos_of(
 
 def _servo(
     reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: RawGains, acceleration: int | None
-) -> ServoCommandState:
+) -> ServoCommandSettings:
     where = f"{reader.name}: id {id}"
     table = reader.table(id)
     found = mode_of(where, table, mode)
@@ -103,7 +103,7 @@ def _servo(
             f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
         )
     raw = b"" if found.rests_at_zero else _gain_bytes(where, table, gains)
-    return ServoCommandState(id, table, layout_of(table), found, raw, cap, acceleration)
+    return ServoCommandSettings(id, table, layout_of(table), found, raw, cap, acceleration)
 
 
 def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
@@ -120,7 +120,8 @@ def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
 
 
 def rows(
-    servos: Iterable[ServoCommandState], what: Callable[[ServoCommandState], tuple[RegisterBlock, bytes]]
+    servos: Iterable[ServoCommandSettings],
+    what: Callable[[ServoCommandSettings], tuple[RegisterBlock, bytes]],
 ) -> Rows:
     """Return one row of `what` per servo."""
     return [(servo.id, *what(servo)) for servo in servos]
