@@ -3,7 +3,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
@@ -279,6 +279,9 @@ def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
         executor.observe(reading([operation[1], 0.0]))
 
 
+AT_THE_END_OF_BRAKING = ("submit", [(0.0, 0.0)], (0.15, 2, 0.1), (True, True))
+
+
 @examples(60)
 @given(st.lists(OPERATIONS, min_size=2, max_size=12))
 def test_no_accepted_goal_steps_beyond_the_velocity_limit(
@@ -310,6 +313,8 @@ def test_no_accepted_goal_steps_beyond_the_velocity_limit(
     assert position.max() <= LIMITS.hard_upper[0]
 
 
+# A goal that begins in the instant in which braking ends: its curve starts without acceleration.
+@example([("setpoint", 0, 1.0, 0.0), ("stray", 0.0), ("stray", 0.0), ("stop",), AT_THE_END_OF_BRAKING], 6)
 @examples(40)
 @given(st.lists(OPERATIONS, min_size=1, max_size=6), st.integers(0, 80))
 def test_the_reference_ahead_is_the_one_that_comes(operations: list[tuple], count: int) -> None:

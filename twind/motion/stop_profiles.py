@@ -30,6 +30,9 @@ def stopping_point(reference: Reference, acceleration: Floats) -> Floats:
     return reference.position + velocity * np.abs(velocity) / (2.0 * acceleration)
 
 
+TIME_ROUNDING = 1e-9  # s: above the rounding of tick times, below anything a motion shows
+
+
 class StopRamp:
     """Stop of all joints: each brakes with its acceleration limit and then holds; from rest a plain hold."""
 
@@ -37,6 +40,9 @@ class StopRamp:
         self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
         self._acceleration = np.copysign(limits.acceleration, self._velocity)
         self._lasts = np.abs(self._velocity) / limits.acceleration
+        # `step` and `ahead` sum the same times in another order. Without a margin one may see the last
+        # instant of braking, with its acceleration, and the other rest: the gate would judge another curve.
+        self._ends = self._lasts - TIME_ROUNDING
         self._from = reference.position
         self._period = period
         self._steps = 0
@@ -46,14 +52,14 @@ class StopRamp:
     @property
     def resting(self) -> bool:
         """True when the ramp is over: `step` gives the same position for ever."""
-        return self._steps * self._period >= self.duration
+        return self._steps * self._period >= self.duration - TIME_ROUNDING
 
     def reference_at(self, t: float) -> Reference:
         """Return the reference `t` s after the ramp began."""
-        if t >= self.duration:
+        if t >= self.duration - TIME_ROUNDING:
             return self._rest
         s = np.minimum(t, self._lasts)
-        brakes = s < self._lasts
+        brakes = s < self._ends
         return Reference(
             np.where(
                 brakes,
