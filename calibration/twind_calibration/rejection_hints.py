@@ -3,10 +3,10 @@
 import argparse
 import functools
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 
 from twind.command_line.verb import Rejected
 from twind.ctl.command_hint import command_hint
+from twind.robot.joint_map import similar_joints
 
 Command = Callable[[argparse.Namespace], int]
 
@@ -25,7 +25,5 @@ def with_hints(command: Command) -> Command:
 
 
 def unknown_joint(robot: str, name: str, known: Sequence[str]) -> Rejected:
-    """Return the error for a joint that a robot does not have; it names the nearest of `known`."""
-    near = get_close_matches(name, known, 1)
-    hint = f"nearest: {near[0]}" if near else f"it has {', '.join(known)}"
-    return Rejected(f"{robot} has no joint {name!r}; {hint}")
+    """Return the error for a joint that a robot does not have; it names similar ones of `known`."""
+    return Rejected(f"{robot} has no joint {name!r}; {similar_joints(name, known)}")

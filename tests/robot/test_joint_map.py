@@ -20,10 +20,9 @@ def test_a_misspelt_name_is_answered_with_the_nearest() -> None:
 
 
 @pytest.mark.parametrize("name", ["", "xyz", "L_KNEE" * 9])
-def test_a_name_like_no_other_is_answered_with_all(name: str) -> None:
-    with pytest.raises(KeyError) as caught:
+def test_a_name_like_no_other_is_answered_with_the_first_joints(name: str) -> None:
+    with pytest.raises(KeyError, match="the joints are l_hip_yaw, l_hip_roll, l_knee and 3 more"):
         ROBOT.place(name)
-    assert all(known in str(caught.value) for known in NAMES)
 
 
 def test_every_joint_is_on_exactly_one_bus() -> None:

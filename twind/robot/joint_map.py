@@ -1,12 +1,24 @@
 """The joints of a robot in one fixed order, and the place of each on its bus."""
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
 from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
+
+SIMILAR = 3  # names in a message
+
+
+def similar_joints(name: str, names: Sequence[str]) -> str:
+    """Return a remedy for an unknown joint: at most three similar names, or the first names of the robot."""
+    near = difflib.get_close_matches(name, names, SIMILAR)
+    if near:
+        return f"nearest: {', '.join(near)}"
+    left = len(names) - SIMILAR
+    return f"the joints are {', '.join(names[:SIMILAR])}" + (f" and {left} more" if left > 0 else "")
 
 
 @dataclass(frozen=True)
@@ -68,6 +80,4 @@ class JointMap:
         try:
             return self._places[name]
         except KeyError:
-            near = difflib.get_close_matches(name, self.names, 3)
-            hint = f"nearest: {', '.join(near)}" if near else f"the joints are {', '.join(self.names)}"
-            raise KeyError(f"no joint {name!r}; {hint}") from None
+            raise KeyError(f"no joint {name!r}; {similar_joints(name, self.names)}") from None

@@ -3,7 +3,6 @@
 Pure. The front turns a message into a `Trajectory` here and reports all errors in it at once.
 """
 
-import difflib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -13,6 +12,7 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_map import similar_joints
 from twind.robot.trajectory import Trajectory
 
 MOST = 32  # findings of names, and of shapes: the search for similar names takes time
@@ -62,8 +62,8 @@ def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Findi
         yield Finding(ReasonCode.NO_JOINTS, message="no joint is named")
     for name, times in Counter(joint_names).items():
         if name not in names:
-            near = difflib.get_close_matches(name, names, 3, cutoff=0.0)
-            yield Finding(ReasonCode.UNKNOWN_JOINT, message=f"no joint {name!r}; nearest: {', '.join(near)}")
+            message = f"no joint {name!r}; {similar_joints(name, names)}"
+            yield Finding(ReasonCode.UNKNOWN_JOINT, message=message)
         elif times > 1:
             yield Finding(
                 ReasonCode.DUP_JOINT, joint=names.index(name), value=times, bound=1, message="named twice"
