@@ -28,16 +28,16 @@ class DevicePresence:
         """Record a reading in which every device in the request replied."""
         self._misses.fill(0)
 
-    def record_missing_reply(self, heard: Bools, could: Bools, now: float) -> bool:
+    def record_missing_reply(self, replied: Bools, could: Bools, now: float) -> bool:
         """Record a reading with missing replies; return True if it parks a device.
 
-        `heard` (m,): devices that replied. `could` (m,): devices that were able to. In a fast reply the
+        `replied` (m,): devices that replied. `could` (m,): devices that were able to. In a fast reply the
         devices behind the first missing one are not able to.
         """
-        if not heard.any():
+        if not replied.any():
             return False
-        self._misses[heard] = 0
-        self._misses[could & ~heard] += 1
+        self._misses[replied] = 0
+        self._misses[could & ~replied] += 1
         gone = self.asked & (self._misses >= MISSES)
         if not gone.any():
             return False

@@ -47,7 +47,7 @@ def blank_messages() -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
-    """What the machine told goes with a failure."""
+    """Add the state of the machine to the report of a failure."""
     report = yield
     machine = getattr(item, "funcargs", {}).get("machine")
     if report.failed and isinstance(machine, Machine) and machine.init:

@@ -59,9 +59,9 @@ def _address(process: "subprocess.Popen[bytes]") -> str:
     return process.stdout.readline().decode(errors="replace").rstrip()
 
 
-def _explain_error(said: IO[bytes]) -> str:
-    said.seek(0)
-    lines = said.read().decode(errors="replace").split("\n")
+def _explain_error(text: IO[bytes]) -> str:
+    text.seek(0)
+    lines = text.read().decode(errors="replace").split("\n")
     return next((line for line in reversed(lines) if line), "no address in time")
 
 

@@ -200,9 +200,9 @@ class FlightDumper:
         else:
             future.add_done_callback(done)
 
-    def _files(self, wreck: int) -> str:
+    def _files(self, crash_recording: int) -> str:
         """Return True if the daemon that ended began with the files and the version of the briefing."""
-        signed = signature(wreck)
+        signed = signature(crash_recording)
         briefing = self._front.world.briefing
         if not any(signed):
             return "unknown"

@@ -204,12 +204,12 @@ def front(
     listeners: Mapping[str, Listener],
     recorder: FlightRecorder | None,
     folder: Path,
-    wreck: CrashRecording | None = None,
+    crash_recording: CrashRecording | None = None,
 ) -> FrontLink:
     """Return the link to a front that starts with the first tick.
 
-    `folder`: where the flight recordings of `recorder` and of a former daemon, `wreck`, are written.
+    `folder`: where the recordings of `recorder` and of a former daemon, `crash_recording`, are written.
     """
     flight = None if recorder is None else recorder.fd
-    process = FrontProcess(briefing, listeners, flight, folder, wreck)
+    process = FrontProcess(briefing, listeners, flight, folder, crash_recording)
     return FrontLink(process) if recorder is None else FrontLink(process, recorder.link)

@@ -45,17 +45,17 @@ class FrontProcess:
         listeners: Mapping[str, Listener],
         flight: int | None = None,
         folder: Path | None = None,
-        wreck: CrashRecording | None = None,
+        crash_recording: CrashRecording | None = None,
     ) -> None:
         """`listeners` by name are removed with `close`. `flight`: descriptor of the flight recorder.
 
-        `folder`: where the recordings of `flight` and `wreck` are written.
+        `folder`: where the recordings of `flight` and `crash_recording` are written.
         """
         self._briefing = briefing
         self._listeners = dict(listeners)
         self._flight = flight
         self._folder = folder
-        self.wreck = wreck or CrashRecording(None)
+        self.wreck = crash_recording or CrashRecording(None)
         self.ended_well = False  # the last front ended on request with exit code 0
         self._cpus = os.sched_getaffinity(0)  # from before the loop was pinned: a front may run on any core
         self.socket: socket.socket | None = None

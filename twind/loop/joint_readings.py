@@ -267,7 +267,7 @@ class JointReadings:
         """Return positions (n,), rad; NaN for joints that were never read or are not placed."""
         return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
 
-    def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
+    def state(self, fresh: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
         """Return all joints at `time` (s) with the IMU; `trip`: s that the reading took.
 
         Arrays are read-only.
@@ -275,8 +275,8 @@ class JointReadings:
         position = self.where()
         velocity = self.velocity.copy()
         effort = self.effort.copy()
-        state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip, imu)
-        for array in (position, velocity, effort, state.age, heard):
+        state = JointState(time, position, velocity, effort, time - self.heard_at, fresh, trip, imu)
+        for array in (position, velocity, effort, state.age, fresh):
             array.setflags(write=False)
         return state
 

@@ -23,40 +23,40 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 
-def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
+def react(loop: Loop, decision: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
     """Carry out the decision; return the goal (n,) that may be written, rad, or None.
 
     A refused goal is replaced by the last goal.
     """
-    if judgement.findings or loop.parts.guard.bars:
-        _report_decision(loop, judgement)
-    if judgement.latches:
+    if decision.findings or loop.parts.guard.bars:
+        _report_decision(loop, decision)
+    if decision.latches:
         loop.change(RobotEvent.FAULT, now)
-    for bus in judgement.gone:
+    for bus in decision.gone:
         loop.hardware.give_up(bus, "requests did not reach the devices: emptied, opened anew")
     # After FAULT: the events of the reaction then keep the latched state.
-    if judgement.reaction >= Reaction.HOLD:
-        _act(loop, judgement, now)
-    _slow(loop, judgement)
+    if decision.reaction >= Reaction.HOLD:
+        _act(loop, decision, now)
+    _slow(loop, decision)
     if loop.inhibited or reference is None:
         return None
-    if judgement.goal_refused:
+    if decision.goal_refused:
         if loop.written is not None:
             loop.executor.begin(loop.written)
         return loop.written
     return reference.position
 
 
-def _report_decision(loop: Loop, judgement: GuardDecision) -> None:
+def _report_decision(loop: Loop, decision: GuardDecision) -> None:
     """Report each code once, latch faults, and mark joints of servos that restarted or raised an alert."""
-    stop = judgement.reaction.name.lower() if judgement.reaction else ""
-    for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
+    stop = decision.reaction.name.lower() if decision.reaction else ""
+    for code, findings in groupby(decision.findings, key=lambda finding: finding.code):
         same = tuple(with_contact(loop, finding) for finding in findings)
         loop.say.event("warning", code, same[0].message, same, stop=stop)
-        if judgement.latches:
+        if decision.latches:
             loop.latch(_of_many(same))
     reported = (
-        *judgement.findings,
+        *decision.findings,
         *loop.parts.guard.bars,
     )  # a second restart within a second is not reported
     if restarted := [finding for finding in reported if finding.code is ReasonCode.SERVO_REBOOTED]:
@@ -64,20 +64,20 @@ def _report_decision(loop: Loop, judgement: GuardDecision) -> None:
     loop.identity.verified.mar([finding for finding in reported if finding.code is ReasonCode.SERVO_ALERT])
 
 
-def _act(loop: Loop, judgement: GuardDecision, now: float) -> None:
+def _act(loop: Loop, decision: GuardDecision, now: float) -> None:
     """Apply the reaction ladder: a harder reaction takes over from a softer one, never the reverse."""
-    causes = judgement.causes
-    if judgement.reaction >= Reaction.INHIBIT:
-        loop.inhibit(judgement.findings[0], now)
+    causes = decision.causes
+    if decision.reaction >= Reaction.INHIBIT:
+        loop.inhibit(decision.findings[0], now)
     elif loop.inhibited:
         return  # no softer reaction ends it: torque stays until an operator switches it off
-    elif judgement.reaction >= Reaction.SETTLE and loop.armed:
-        if judgement.reaction >= Reaction.DAMP:
+    elif decision.reaction >= Reaction.SETTLE and loop.armed:
+        if decision.reaction >= Reaction.DAMP:
             damping.demand(loop, causes, now)  # a motion to the rest pose ends by it
         loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))
-    elif judgement.here and loop.procedures.rank is None:
+    elif decision.here and loop.procedures.rank is None:
         target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
-        loop.executor.give_in(_all_of(loop, judgement.here), loop.hardware.reachable(target.position), causes)
+        loop.executor.give_in(_all_of(loop, decision.here), loop.hardware.reachable(target.position), causes)
     elif loop.executor.motion is not Motion.HOLDING:
         loop.executor.stop("aborted", causes)
 
@@ -89,12 +89,12 @@ def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
     return np.flatnonzero(spread_over_groups(named, loop.joints.transmission_groups)).tolist()
 
 
-def _slow(loop: Loop, judgement: GuardDecision) -> None:
+def _slow(loop: Loop, decision: GuardDecision) -> None:
     """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
     before = loop.executor.pace
-    loop.executor.pace = judgement.pace if loop.procedures.rank is None else 1.0
+    loop.executor.pace = decision.pace if loop.procedures.rank is None else 1.0
     if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
-        because = f": {judgement.findings[0].code}" if judgement.findings else ""
+        because = f": {decision.findings[0].code}" if decision.findings else ""
         loop.say.event("info", EventCode.PACE, f"the motion is slowed to {loop.executor.pace:.0%}{because}")
 
 

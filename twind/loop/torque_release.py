@@ -165,7 +165,7 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 # ----------------------------------------------------------------------------------------------- the parts
 
 
-def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedure:
+def release(loop: Loop, why: Finding, profile: SettleProfile = USUAL) -> Procedure:
     """Lower the robot to the rest pose if it can be held, then switch torque off and read it back.
 
     Raises BusError. A motion under way ends as aborted, for the reason `why`. A robot that does not come to
@@ -175,11 +175,11 @@ def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedur
     loop.executor.stop("aborted", (why,))
     loop.hardware.clear()  # a procedure that ends here may have begun to restore the servos' stiffness
     try:
-        held = not loop.inhibited and (yield from _held(loop, manner))
-        if held and not (yield from _settled(loop, manner)):
+        held = not loop.inhibited and (yield from _held(loop, profile))
+        if held and not (yield from _settled(loop, profile)):
             yield from damping.damp(loop)
     except BusError as error:
-        if manner.whole and not loop.armed:
+        if profile.whole and not loop.armed:
             raise
         message = f"the way to the rest pose was cut short: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.BUS_ERRORS, message)
@@ -187,7 +187,7 @@ def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedur
     yield from switch_torque_off(loop)
 
 
-def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
+def _held(loop: Loop, profile: SettleProfile) -> Generator[None, float, bool]:
     """Hold the robot, or take over torque that was found on or whose watchdog tripped.
 
     False: it has no torque, or was being energised; then there is nothing to lower.
@@ -210,10 +210,10 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
         located = located | well
         stepped = stepped & ~well
     if some(stepped):
-        _leave(loop, stepped, manner)
+        _leave(loop, stepped, profile)
         return False
     if not every(located):
-        _leave_out(loop, ~located, manner)
+        _leave_out(loop, ~located, profile)
         if not some(located):
             return False
     loop.executor.idle()
@@ -222,7 +222,7 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
         yield from all_of(loop.hardware.prepare(here, located))  # clears watchdogs with goal := present
     # the other devices took it over: to lower those is better than to drop the robot
     except NoReply as error:
-        if manner.whole:
+        if profile.whole:
             raise
         message = f"lowered although a device did not answer: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.DEVICE_MISSING, message)
@@ -230,13 +230,13 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     return True
 
 
-def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
+def _leave(loop: Loop, stepped: Bools, profile: SettleProfile) -> None:
     """Report that joints (n,) past their hard limits are not taken over: to hold them would be a step.
 
     Raises BusError where the whole robot is wanted and it is not armed.
     """
     message = f"to hold {joint_names(loop, stepped)} inside the hard limits would be a step"
-    if manner.whole and not loop.armed:
+    if profile.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(stepped)[0])
     found = Finding(
@@ -246,13 +246,13 @@ def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
     loop.say.event("error", ReasonCode.OUT_OF_LIMIT, report, (found,))
 
 
-def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
+def _leave_out(loop: Loop, nowhere: Bools, profile: SettleProfile) -> None:
     """Report that joints (n,) of unknown place get no goal: it could be a turn away.
 
     Raises BusError where the whole robot is wanted and it is not armed.
     """
     message = f"the position of {joint_names(loop, nowhere)} is unknown"
-    if manner.whole and not loop.armed:
+    if profile.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(nowhere)[0])
     found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
@@ -311,25 +311,25 @@ def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
     return loop.hardware.reachable(np.where(finite, position, loop.rest)), finite
 
 
-def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
+def _settled(loop: Loop, profile: SettleProfile) -> Generator[None, float, bool]:
     """Lower the robot and return True when it rests where torque may go off.
 
     False: the motion is refused, interrupted or too long, or only damping is allowed any more.
     """
-    until = loop.clock.now() + manner.within
+    until = loop.clock.now() + profile.within
     free = loop.support not in ("fixed", "gantry")
     for _ in range(WAYS):
         reference = loop.executor.reference
         now = loop.clock.now()
         if reference is None or loop.soft_since is not None or now >= until:
             break
-        way = settle(reference, loop.rest, loop.limits, manner.way, manner.speed)
+        way = settle(reference, loop.rest, loop.limits, profile.way, profile.speed)
         refused = loop.executor.submit("settle", way)
         if refused is not None:
             loop.say.event("error", refused.code, f"no way to the rest pose: {refused.message}", (refused,))
             return False
         lasts = float(way.time[-1])
-        if lasts > manner.within:
+        if lasts > profile.within:
             loop.say.event("warning", EventCode.SETTLE, f"the way to the rest pose takes {lasts:.1f} s")
             # a service manager that waits for the end of the daemon
             loop.parts.notifier.extend(lasts + LETTING_GO)

@@ -150,7 +150,7 @@ def _require_serial(flight: "LoadedFlight") -> None:
 
 
 def _buses(
-    flight: "LoadedFlight", asked: "ReplayScript", passage: "ReplayPosition", now: Any
+    flight: "LoadedFlight", asked: "ReplayScript", recording: "ReplayPosition", now: Any
 ) -> Iterator["ReplayBus"]:
     from twind.observe.replaying.device_timeline import story
     from twind.observe.replaying.replay_bus import ReplayBus
@@ -161,7 +161,7 @@ def _buses(
             continue
         yield ReplayBus(
             story(bus["name"], place, flight.contents),
-            passage,
+            recording,
             baud=bus["baud"],
             period=1.0 / flight.briefing.rate_hz,
             armed=asked.armed,

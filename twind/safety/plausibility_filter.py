@@ -45,7 +45,7 @@ class PlausibilityFilter:
         self._whole = sent
         return True
 
-    def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
+    def believe(self, position: Ints, fresh: Bools, sent: float, received: float, limp: Bools) -> Bools:
         """Mark motors (m,) that replied with a plausible position.
 
         `jumps` and `leaps` describe the others.
@@ -57,8 +57,8 @@ class PlausibilityFilter:
         if self._whole > -inf:
             self._at[:] = self._whole
         leap = np.abs(position - self._place)
-        fits = heard & (leap <= self._reach * (received - self._at) + TICKS)
-        wild = heard & ~fits
+        fits = fresh & (leap <= self._reach * (received - self._at) + TICKS)
+        wild = fresh & ~fits
         near = np.abs(position - self._other) <= self._reach * (received - self._other_at) + TICKS
         self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing)
         self._row = np.where(wild, self._row + 1, self._row)

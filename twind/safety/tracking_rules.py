@@ -197,8 +197,8 @@ class TrackingRules:
         self._place = None
 
 
-def _since(since: Floats, bad: Bools, heard: Bools, now: float) -> Floats:
+def _since(since: Floats, bad: Bools, fresh: Bools, now: float) -> Floats:
     """Return since when (s) each joint is bad, as of its last reading; without a reading it stays."""
     begun = np.minimum(since, now)
-    found: Floats = np.where(heard, np.where(bad, begun, NEVER), since)
+    found: Floats = np.where(fresh, np.where(bad, begun, NEVER), since)
     return found

@@ -86,13 +86,13 @@ def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurv
 def _keep(
     found: dict[tuple[str, str], NearBodies],
     bodies: CollisionModel,
-    swept: SweepResult,
+    sweep: SweepResult,
     where: str,
     *,
     moving: bool,
 ) -> None:
     """Keep the nearest approach of each pair of bodies."""
-    for close in (*swept.refused, *swept.warned):
+    for close in (*sweep.refused, *sweep.warned):
         pair = bodies.pairs[close.pair]
         place = f"{where} at {close.at:.2f} s" if moving else where
         own = pair.code is ReasonCode.SELF_COLLISION

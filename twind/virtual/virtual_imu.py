@@ -31,12 +31,12 @@ def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> Virtual
     return VirtualSensor(imu.id, cells, tell, return_delay=imu.return_delay_us * 1e-6)
 
 
-def in_device(felt: Imu, imu: ImuSpec, turned: Quaternion) -> list[Floats]:
+def in_device(measured: Imu, imu: ImuSpec, turned: Quaternion) -> list[Floats]:
     """Field by field, in the device's own axes and order. `turned`: from these axes to the base's."""
     back = matrix(turned).T
-    values = [back @ felt.gyro, back @ felt.acceleration]
+    values = [back @ measured.gyro, back @ measured.acceleration]
     if imu.quaternion is not None:
-        w, x, y, z = felt.quaternion.tolist()
+        w, x, y, z = measured.quaternion.tolist()
         w, x, y, z = product((w, x, y, z), turned)
         values.append(np.array((w, x, y, z) if imu.quaternion.order == "wxyz" else (x, y, z, w)))
     return values

@@ -196,7 +196,10 @@ def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> Serv
 
 
 def _serve(
-    virtual: dict[str, ServableBus], clock: ServoClock, options: argparse.Namespace, crane: BaseSupport | None
+    virtual: dict[str, ServableBus],
+    clock: ServoClock,
+    options: argparse.Namespace,
+    support: BaseSupport | None,
 ) -> None:
     links = {name: options.link and options.link / name for name in virtual}
     with ExitStack() as undo:
@@ -204,7 +207,7 @@ def _serve(
         for name, link in links.items():
             ports[name] = VirtualPtyPort(name, link)
             undo.callback(ports[name].close)
-        server = VirtualBusServer(virtual, ports, clock, _print_port, crane)
+        server = VirtualBusServer(virtual, ports, clock, _print_port, support)
         if options.faults is not None:
             server.orders = FaultCommandSocket(options.faults, server.execute_fault_command)
             undo.callback(server.orders.close)

@@ -60,14 +60,14 @@ class VirtualBusServer:
         ports: Mapping[str, VirtualPtyPort],
         clock: ServoClock,
         on_plugged: Callable[[str, str], None],
-        crane: BaseSupport | None = None,
+        support: BaseSupport | None = None,
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses = buses
         self._ports = ports
         self._clock = clock
         self._on_plugged = on_plugged
-        self._crane = crane
+        self._crane = support
         self._lost = clock.skipped_time  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
         self.ended = False

@@ -119,16 +119,16 @@ def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
     return found
 
 
-def choose(robot: RobotFile, heard: Heard, name: str | None) -> AdoptionCandidate | None:
+def choose(robot: RobotFile, responding: Heard, name: str | None) -> AdoptionCandidate | None:
     """Choose the new servo and its joint; None: every joint of these buses has its servo.
 
-    `heard` is the result of `look`. `name`: the joint; without it, the missing one. Raises Rejected, with
+    `responding` is the result of `look`. `name`: the joint; without it, the missing one. Raises Rejected with
     cause and remedy: several joints missing, two new servos or none, another model, torque on, a hardware
     error, an id that answers twice.
     """
-    for bus, lines in heard.items():
+    for bus, lines in responding.items():
         _require_quiet(bus, lines)
-    absent = missing(robot, heard)
+    absent = missing(robot, responding)
     if name is not None:
         joint = joint_of(robot, name)
     elif not absent:
@@ -139,21 +139,24 @@ def choose(robot: RobotFile, heard: Heard, name: str | None) -> AdoptionCandidat
     else:
         [joint] = absent
     wire = robot.bus(joint.bus)
-    found = {ServoLocation(each.id, each.baud): each for line in heard[wire.name] for each in line.found}
+    found = {ServoLocation(each.id, each.baud): each for line in responding[wire.name] for each in line.found}
     place = _only(robot, joint, found)
     _require_fit(joint, place, found[place])
     return AdoptionCandidate(joint, wire, place, found[place])
 
 
-def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
+def missing(robot: RobotFile, responding: Heard) -> list[JointSpec]:
     """Return the joints of these buses whose servos do not answer at the bus's rate, in order."""
     there = {
-        (bus, each.id, each.baud) for bus, lines in heard.items() for line in lines for each in line.found
+        (bus, each.id, each.baud)
+        for bus, lines in responding.items()
+        for line in lines
+        for each in line.found
     }
     return [
         joint
         for joint in robot.joints
-        if joint.bus in heard and (joint.bus, joint.id, robot.bus(joint.bus).baud) not in there
+        if joint.bus in responding and (joint.bus, joint.id, robot.bus(joint.bus).baud) not in there
     ]
 
 

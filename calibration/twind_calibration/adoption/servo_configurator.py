@@ -122,13 +122,13 @@ class ServoConfigurator:
         raise Rejected(f"{self.place}: {why}")
 
 
-def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
-    return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]
+def _sound(reply: ProbeWindow, id: int, size: int) -> list[bytes]:
+    return [each.data for each in reply.statuses if each.id == id and len(each.data) == size]
 
 
-def _refusal(heard: ProbeWindow, id: int) -> str:
+def _refusal(reply: ProbeWindow, id: int) -> str:
     """Return the reason why the servo refused a write; empty: it did not refuse, or sent no status."""
-    for each in heard.statuses:
+    for each in reply.statuses:
         number = each.error & 0x7F
         if each.id == id and number not in (
             StatusErrorCode.NONE,

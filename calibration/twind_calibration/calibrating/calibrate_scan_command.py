@@ -55,9 +55,9 @@ def scan(options: argparse.Namespace) -> int:
     return REFUSED if wrong or not devices else DONE
 
 
-def _devices(examined: CheckContext) -> Iterator[dict[str, Any]]:
+def _devices(checked: CheckContext) -> Iterator[dict[str, Any]]:
     """Yield every device that answers, bus by bus, with the registers that were read."""
-    for survey in examined.surveys.values():
+    for survey in checked.surveys.values():
         if isinstance(survey, SerialBusSurvey):
             for servo in survey.servos:
                 yield {

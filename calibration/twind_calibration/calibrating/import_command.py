@@ -135,43 +135,43 @@ def _write(
     place: CalibrationContext,
     calibration: Calibration | None,
     draft: drafts.CalibrationDraft,
-    folded: Sequence[ImportResult],
+    imported: Sequence[ImportResult],
 ) -> int:
     """Show, confirm, write, print the next step; return the exit code."""
-    width = max((len(each.slot.name) for each in folded), default=0)
-    for each in folded:
+    width = max((len(each.slot.name) for each in imported), default=0)
+    for each in imported:
         print(json.dumps(_to_json(each)) if options.json else _line(each, width), flush=True)
-    entries = [each.entry for each in folded if each.entry is not None]
+    entries = [each.entry for each in imported if each.entry is not None]
     if not entries:
         raise Rejected("nothing can be taken: nothing was written")
-    if not agreed(options, f"write {len(entries)} of {len(folded)} joints to {place.path}?"):
+    if not agreed(options, f"write {len(entries)} of {len(imported)} joints to {place.path}?"):
         raise Rejected("nothing was written")
     drafts.require_room(place.path)
     after = write_entries(place, calibration, entries, "import")
     whole = [each.name for each in entries]
     drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
     next_steps(options, place, after)
-    return DONE if len(entries) == len(folded) else REFUSED
+    return DONE if len(entries) == len(imported) else REFUSED
 
 
-def _line(folded: ImportResult, width: int) -> str:
-    one = folded.entry
-    note = f"; {folded.note}" if folded.note else ""
+def _line(imported: ImportResult, width: int) -> str:
+    one = imported.entry
+    note = f"; {imported.note}" if imported.note else ""
     if one is None:
-        return f"NOT  {folded.slot.name}: {'; '.join(folded.wrong)}{note}"
+        return f"NOT  {imported.slot.name}: {'; '.join(imported.wrong)}{note}"
     low, high = one.sweep_ticks
     offset = one.device.homing_offset_ticks
     kept = f", homing offset {offset} kept" if offset else ""
     return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}{note}"
 
 
-def _to_json(folded: ImportResult) -> dict[str, Any]:
-    one = folded.entry
+def _to_json(imported: ImportResult) -> dict[str, Any]:
+    one = imported.entry
     return {
-        "joint": folded.slot.name,
+        "joint": imported.slot.name,
         "good": one is not None,
-        "wrong": list(folded.wrong),
-        "note": folded.note,
+        "wrong": list(imported.wrong),
+        "note": imported.note,
         "zero_ticks": None if one is None else one.zero_ticks,
         "sweep_ticks": None if one is None else list(one.sweep_ticks),
         "homing_offset_ticks": None if one is None else one.device.homing_offset_ticks,

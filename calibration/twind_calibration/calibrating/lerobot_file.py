@@ -54,18 +54,18 @@ def read(data: bytes, file: str) -> dict[str, LeRobotMotor]:
     return {name: _motor(name, each, file) for name, each in told.items()}
 
 
-def _motor(name: str, told: Any, file: str) -> LeRobotMotor:
-    if not isinstance(told, Mapping):
-        raise Rejected(f"{file}: {name}: {_kind(told)} where an object must be: {SHAPE}")
-    unknown = [key for key in told if key not in FIELDS]
-    missing = [key for key in FIELDS if key not in told]
+def _motor(name: str, entry: Any, file: str) -> LeRobotMotor:
+    if not isinstance(entry, Mapping):
+        raise Rejected(f"{file}: {name}: {_kind(entry)} where an object must be: {SHAPE}")
+    unknown = [key for key in entry if key not in FIELDS]
+    missing = [key for key in FIELDS if key not in entry]
     if unknown:
         raise Rejected(
             f"{file}: {name}.{unknown[0]} cannot be expressed: a calibration here knows {', '.join(FIELDS)}"
         )
     if missing:
         raise Rejected(f"{file}: {name}.{missing[0]} is missing")
-    values = {key: _parse_integer(f"{name}.{key}", told[key], file) for key in FIELDS}
+    values = {key: _parse_integer(f"{name}.{key}", entry[key], file) for key in FIELDS}
     motor = LeRobotMotor(name, **values)
     if not motor.range_min < motor.range_max:
         raise Rejected(

@@ -146,18 +146,18 @@ def _select_actuators(
     place: CalibrationContext,
     every: Sequence[CalibrationActuator],
     draft: drafts.CalibrationDraft,
-    swept: Mapping[str, RecordedTravel],
+    sweep: Mapping[str, RecordedTravel],
 ) -> list[CalibrationActuator]:
     """Return the selected actuators. Raises Rejected: none has a sweep, or a named one has none."""
     names = place.select_actuators(options.joints, [slot.name for slot in every])
-    unswept = [name for name in names if name not in swept]
+    unswept = [name for name in names if name not in sweep]
     if options.joints and unswept:
         raise Rejected(
             f"not swept yet: {', '.join(unswept)}: `twindctl calibrate sweep` first, then the zero"
         )
-    if not swept:
+    if not sweep:
         raise Rejected("nothing was swept yet: `twindctl calibrate sweep` first, then the zero")
-    pending = options.joints or list(swept if options.all else draft.swept)
+    pending = options.joints or list(sweep if options.all else draft.swept)
     if not pending:
         raise Rejected(
             "every joint that was swept has a zero: name those that are to get another, or --all for all; "

@@ -67,13 +67,13 @@ class ExpectedLoads:
     def _reversed(self, zeros: Floats) -> Floats:
         return self._family(zeros, lambda pose: self._body.flipped(pose, self._joint))
 
-    def _family(self, zeros: Floats, told: Callable[[Floats], Floats]) -> Floats:
+    def _family(self, zeros: Floats, own: Callable[[Floats], Floats]) -> Floats:
         rows = np.empty((len(zeros), len(self._poses)))
         for row, zero in enumerate(zeros):
             for column, pose in enumerate(self._poses):
                 shifted = pose.copy()
                 shifted[self._joint] += zero
-                rows[row, column] = told(shifted)[self._joint]
+                rows[row, column] = own(shifted)[self._joint]
         return refined(rows)
 
 

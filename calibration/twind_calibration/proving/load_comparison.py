@@ -36,7 +36,7 @@ class LoadComparison:
 
 
 def weigh(
-    body: PosedModel, joint: int, swept: MeasuredLoads, friction: float, entry: JointCalibration | None = None
+    body: PosedModel, joint: int, sweep: MeasuredLoads, friction: float, entry: JointCalibration | None = None
 ) -> LoadComparison:
     """Compare the swept joint with the model: first its sign and zero, then the place of its servo.
 
@@ -44,17 +44,17 @@ def weigh(
     from end to end.
     """
     spec = body.robot.joints[joint]
-    expected = ExpectedLoads(body, swept.poses, joint)
+    expected = ExpectedLoads(body, sweep.poses, joint)
     lsb = spec.ratio * spec.type.effort_lsb_nm
     right = expected.right()
     wrong = expected.loads_with_wrong_sign(mirror(spec, entry))
-    judged = judge(swept.up[:, joint], swept.down[:, joint], right, wrong, friction, lsb)
-    if not np.isfinite(swept.poses).all() or body.stands_on(joint):
+    judged = judge(sweep.up[:, joint], sweep.down[:, joint], right, wrong, friction, lsb)
+    if not np.isfinite(sweep.poses).all() or body.stands_on(joint):
         return LoadComparison(
             replace(judged, proof=SignProof.UNOBSERVABLE, against=ContradictionKind.NOTHING)
         )
     told = _LoadMatch(
-        joint, swept, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack)
+        joint, sweep, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack)
     )
     places = {other: told.place(other) for other in body.twins(joint)}
     there = sorted((other for other, each in places.items() if each is JointMatch.THERE), key=told.misfit)
@@ -67,9 +67,9 @@ def weigh(
             return LoadComparison(
                 judged, untold=tuple(o for o, place in places.items() if place is JointMatch.UNTOLD)
             )
-    measured = swept.effort[:, joint]
+    measured = sweep.effort[:, joint]
     room = judged.foreseen.slack
-    standing = np.flatnonzero(np.abs(swept.poses[0]) > BENT).tolist()
+    standing = np.flatnonzero(np.abs(sweep.poses[0]) > BENT).tolist()
     bent = [
         other for other in standing if other != joint and is_explained(measured, expected.bent(other), room)
     ]
@@ -88,10 +88,10 @@ class _LoadMatch:
     """
 
     def __init__(
-        self, joint: int, swept: MeasuredLoads, expected: ExpectedLoads, right: Floats, rooms: Floats
+        self, joint: int, sweep: MeasuredLoads, expected: ExpectedLoads, right: Floats, rooms: Floats
     ) -> None:
         self._joint = joint
-        self._swept = swept
+        self._swept = sweep
         self._expected = expected
         self._right = right
         self._rooms = rooms

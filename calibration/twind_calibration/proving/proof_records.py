@@ -16,9 +16,9 @@ def measurement_records(calibration: Calibration | None) -> dict[str, Any]:
     return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
 
 
-def in_force(told: Any) -> dict[str, Any]:
+def in_force(record: Any) -> dict[str, Any]:
     """Likewise of what the daemon goes by: `calibration` of GetRobot."""
-    return {} if told is None else {each["name"]: {**each, "proof": None} for each in told["joints"]}
+    return {} if record is None else {each["name"]: {**each, "proof": None} for each in record["joints"]}
 
 
 def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:

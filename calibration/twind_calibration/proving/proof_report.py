@@ -136,8 +136,8 @@ class ProofVerdict:
             **({} if weighed is None else self._numbers(weighed)),
         }
 
-    def _numbers(self, weighed: LoadComparison) -> dict[str, Any]:
-        judged = weighed.judged
+    def _numbers(self, comparison: LoadComparison) -> dict[str, Any]:
+        judged = comparison.judged
         return {
             "span_nm": null_if_nan(judged.foreseen.span),
             "flip_nm": null_if_nan(judged.foreseen.flip),
@@ -149,9 +149,9 @@ class ProofVerdict:
             "offset_residual_rad": null_if_nan(judged.offset),
             "offset_unsure_rad": null_if_nan(judged.offset_unsure),
             "friction_nm": null_if_nan(judged.friction),
-            "like": self._joint_names(weighed.like),
-            "bent": self._joint_names(weighed.bent),
-            "untold": self._joint_names(weighed.untold),
+            "like": self._joint_names(comparison.like),
+            "bent": self._joint_names(comparison.bent),
+            "untold": self._joint_names(comparison.untold),
         }
 
     def lines(self) -> list[str]:

@@ -196,18 +196,18 @@ def judge(
 
 
 def _verdict(
-    measured: Floats, right: Floats, wide: Floats, wrong: WrongSignLoads, foreseen: LoadPrediction
+    measured: Floats, right: Floats, wide: Floats, wrong: WrongSignLoads, predicted: LoadPrediction
 ) -> tuple[SignProof, ContradictionKind]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
-    room = foreseen.slack
+    room = predicted.slack
     near = is_explained(measured, wrong.near, room)
     mirrored = is_explained(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
             return SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
-        if foreseen.observable:
+        if predicted.observable:
             return SignProof.PROVED, ContradictionKind.NOTHING
-        return SignProof.PLAUSIBLE if foreseen.visible else SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
+        return SignProof.PLAUSIBLE if predicted.visible else SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
     if near:
         return SignProof.CONTRADICTED, ContradictionKind.SIGN
     if (wide <= room).any():

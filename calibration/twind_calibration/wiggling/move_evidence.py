@@ -139,10 +139,10 @@ def weigh(measured: float, model: float, reversed: float, friction: float) -> To
     return make_observation(TorqueResponse.REVERSED if fits_reversed else TorqueResponse.NEITHER)
 
 
-def alike(measured: float, model: float, elsewhere: Sequence[float], friction: float) -> tuple[int, ...]:
-    """Places in `elsewhere` (N·m, what it would measure at other joints) that fit, where its own does not."""
+def alike(measured: float, model: float, alternative: Sequence[float], friction: float) -> tuple[int, ...]:
+    """Places in `alternative` (N·m, its measurement at other joints) that fit, where its own does not."""
     if not (abs(measured - model) > friction and abs(measured) > 2.0 * friction):  # next to nothing fits many
         return ()
-    found: Floats = np.asarray(elsewhere, np.float64)
+    found: Floats = np.asarray(alternative, np.float64)
     fits = (np.abs(found - measured) <= friction) & (np.abs(found - model) > 2.0 * friction)
     return tuple(np.flatnonzero(fits).tolist())

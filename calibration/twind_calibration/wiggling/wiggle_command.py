@@ -186,12 +186,12 @@ class WiggleSession:
         return list(dict.fromkeys(joints)) if joints else self.names
 
 
-def _body(told: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
+def _body(description: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
     """The model of the daemon's robot, by the file that the daemon read; else why there is none."""
     with suppress(KeyError, TypeError):
         try:
-            robot = read_robot(Path(told["path"]))
-            if robot.text_sha256 != told["text_sha256"]:
+            robot = read_robot(Path(description["path"]))
+            if robot.text_sha256 != description["text_sha256"]:
                 return None, f"{robot.path} was changed since the daemon read it"
             return PosedModel(robot), ""
         except (ConfigError, InvalidInput) as error:

@@ -184,7 +184,7 @@ def test_an_oversized_message_is_cut_and_the_next_arrives(us: Us, peer: Peer) ->
     us.heard.clear()
 
     def send(length: int) -> bool:
-        """Whether a message has come since. Sent again: what finds no room on the way is dropped."""
+        """Send again and return True once a message has come: one without room on the way is dropped."""
         peer.ask("raw", topic=STOP.name, kind=STRING, data="00" * length, attachment=None)
         return bool(us.heard)
 

@@ -106,7 +106,7 @@ def test_the_daemon_arms_moves_stops_disarms_and_dies_without_a_bus_violation() 
 
 
 def tell_servos(relay: Relayed, virtual: Virtual) -> None:
-    """How each servo came to rest, by its own clock (W11)."""
+    """Stop of each servo, by its own clock (W11)."""
     servos = virtual.servos()
     delays = {str(servo["id"]): servo["trip_delay"] for servo in servos}
     relay.tell(told="servos", trip_delay=delays)

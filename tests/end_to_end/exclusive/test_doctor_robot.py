@@ -48,7 +48,7 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
 
 
 def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> DoctorReport:
-    """What the doctor's checks of buses and servos find."""
+    """Findings of the doctor's checks of buses and servos."""
     seen = examined(virtual, *words, running=running)
     try:
         return runner.run(seen, MINE, ROWS)
@@ -59,7 +59,7 @@ def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> Doctor
 def examined(
     virtual: Virtual, *words: str, running: Daemon | None = None, serial: bool = True
 ) -> CheckContext:
-    """What they look at; on a free port nobody above id 30 is asked, which saves a second."""
+    """Context of the checks. On a free port ids above 30 are not pinged, which saves a second."""
     given = ["--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     if running is None:
         for bus, port in virtual.ports.items():
@@ -102,7 +102,7 @@ def require(cases: tuple[Case, ...], outcome: DoctorReport) -> None:
 def mended(
     virtual: Virtual, outcome: DoctorReport, codes: set[str], running: Daemon | None = None
 ) -> dict[str, FixResult]:
-    """What `--fix` does about these, with yes said."""
+    """Results of `--fix --yes` for these findings."""
     outcome.found = [each for each in outcome.found if each.code in codes]
     done = runner.mend(outcome, lambda: examined(virtual, running=running), MINE, ROWS)
     return {each.found.code: each for each in done}
@@ -229,7 +229,7 @@ def test_each_planted_line_fault_is_found(ground: Ground, case: Case) -> None:
 def test_foreign_duplicate_outdated_and_missing_servos_are_all_found(
     tmp_path: Path,
 ) -> None:
-    """Of the robot's twelve ids five are there, some not as they should be; others answer at other rates."""
+    """Five of the robot's twelve ids answer, some with wrong settings; others answer at other rates."""
     virtual = Loose(tmp_path, str(upper_body(tmp_path)), ODD)
     try:
         with Vendor(virtual.ports["main"]) as vendor:

@@ -18,7 +18,7 @@ TRIES = 3  # on a machine that is too busy for a daemon and its servos bus error
 
 
 def replayed(file: Path, folder: Path, *options: str) -> dict[str, Any]:
-    """What `replay --json` says, of the first try for which this machine had time."""
+    """Output of `replay --json`, of the first try for which this machine had time."""
     folder.mkdir()
     before = set(Path(tempfile.gettempdir()).glob("twind-replay-*"))
     said: dict[str, Any] = {}

@@ -19,7 +19,7 @@ from tests.support.zenoh_bridge_graph import COMMAND, RESULTS, Graph
 
 
 def commands() -> dict[str, bytes]:
-    """What a mad peer sends, by name."""
+    """Messages of a faulty peer, by name."""
     from twind.ros import JOINT_TRAJECTORY, encode
 
     point = {"positions": [9.0], "velocities": [0.0], "time_from_start": {"sec": 1}}
@@ -122,7 +122,7 @@ def test_a_foreign_stop_prevents_every_trajectory_submitted_before_it(graph: Gra
 
 
 def ended(graph: Graph, frame: str) -> str:
-    """How a command ended, once it did."""
+    """Outcome of a command, once it has one."""
     phases = list[str]()
 
     def over() -> bool:

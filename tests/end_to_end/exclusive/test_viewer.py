@@ -28,7 +28,7 @@ def chromium() -> Iterator[Any]:
 
 
 def stopped(running: Daemon, page: Any) -> str:
-    """How a motion ends when Stop is pressed while it runs; anew where a busy machine ended it before."""
+    """End of a motion when Stop is pressed while it runs; repeated where a busy machine ended it before."""
     moving = None
     for _ in range(TRIES):
         until(lambda: running.status()["lease"] is None, 5.0, "who armed or moved it is done")
@@ -46,7 +46,7 @@ def stopped(running: Daemon, page: Any) -> str:
 
 
 def libraries(process: int) -> list[str]:
-    """What GL there is in a process."""
+    """GL library that a process has loaded."""
     maps = Path(f"/proc/{process}/maps").read_text().lower()
     return [name for name in ("glfw", "libgl", "libegl", "osmesa") if name in maps]
 

@@ -54,7 +54,7 @@ def delivered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Of a robot with two joints, for a user who has no daemon."""
+    """Options for a robot with two joints, for a user without a daemon."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     robot = robot_of(tmp_path, {"elbow": 1, "wrist": 7})

@@ -34,7 +34,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 
 def lerobot(known: Calibration, *names: str) -> dict[str, dict[str, int]]:
-    """What LeRobot would have written of these joints, under names of its own."""
+    """File that LeRobot would write for these joints, with its own names."""
     found = {}
     for entry in known.joints:
         moved = RESET if entry.name == "l_elbow" else 0
@@ -47,7 +47,7 @@ def lerobot(known: Calibration, *names: str) -> dict[str, dict[str, int]]:
 
 
 def at(known: Calibration) -> list[str]:
-    """Where LeRobot's counts have angle 0."""
+    """Count of LeRobot at angle 0."""
     moved = {"l_elbow": RESET}
     return [f"--zero-at={each.name}={each.zero_ticks + moved.get(each.name, 0)}" for each in known.joints]
 

@@ -48,7 +48,7 @@ def line(on: HostInspector, port: str, why: NoDaemon | None = None) -> CanBusIns
 
 
 def why(place: object) -> NoDaemon:
-    """What really comes of connecting there."""
+    """Result of a real connection attempt."""
     with pytest.raises(NoDaemon) as caught:
         Client(str(place), timeout=1.0).connect()
     return caught.value

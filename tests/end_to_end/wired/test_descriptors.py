@@ -22,7 +22,7 @@ NEEDED = needed(1, reserved_descriptors.NEEDED)
 
 
 class Limits:
-    """What setrlimit(2) was asked for, in place of the limit of this process."""
+    """Requests to setrlimit(2), recorded instead of changing this process."""
 
     def __init__(self, soft: int, hard: int) -> None:
         self.limits = (soft, hard)

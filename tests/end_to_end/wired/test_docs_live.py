@@ -108,7 +108,7 @@ def begin(line: str, folder: Path, environment: dict[str, str]) -> "subprocess.P
 
 
 def ended(process: "subprocess.Popen[str]") -> str:
-    """What it said, told to end as by Ctrl-C."""
+    """Output of the program after SIGINT, as by Ctrl-C."""
     process.send_signal(signal.SIGINT)
     return process.communicate(timeout=20.0)[0]
 

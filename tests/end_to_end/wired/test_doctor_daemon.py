@@ -116,7 +116,7 @@ def test_a_healthy_robot_with_its_daemon_gives_no_alarm_and_is_left_alone(
 def test_a_daemon_without_readings_because_of_a_latency_timer_is_reported_as_unchecked(
     healthy: tuple[Virtual, Path],
 ) -> None:
-    """What waits in the adapter past the reader's deadline is lost: the doctor says so, and what to do."""
+    """Replies that wait in the adapter past the deadline are lost: the doctor reports it with a remedy."""
     virtual, folder = healthy
     with daemon(virtual, folder, mode="mirror") as running:
         running.reach(state="connected")

@@ -64,7 +64,7 @@ def ordered(virtual: Virtual, *orders: dict[str, Any], healed: dict[str, Any]) -
 
 
 def look(virtual: Virtual, *words: str) -> list[DoctorFinding]:
-    """What the doctor finds about supplies, on the free port."""
+    """Findings of the doctor about supplies, on the free port."""
     (port,) = virtual.ports.values()
     given = ["--robot", virtual.robot, "--port", f"main={port}", *words]
     outcome = see(*given, only=list(CODES))

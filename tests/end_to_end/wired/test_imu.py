@@ -29,7 +29,7 @@ def standing() -> Iterator[tuple[Virtual, Path]]:
 
 
 def complaints(virtual: Virtual, running: Daemon | None = None) -> dict[str, str]:
-    """Of the doctor about buses and servos: code -> what it measured."""
+    """Findings of the doctor about buses and servos: code -> measured value."""
     words = ["--robot", "h24-standing", "--calibration", str(virtual.calibration)]
     words += [] if running else ["--port", str(virtual.folder / "ports/main")]
     socket = running.sockets if running else "/nowhere/at/all"

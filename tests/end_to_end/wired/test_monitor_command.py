@@ -175,7 +175,7 @@ def test_a_daemon_that_restarts_is_waited_for(tmp_path: Path) -> None:
 
 
 class Lines:
-    """What a program prints, line by line, in a thread of its own."""
+    """Lines that a program prints, read by a thread."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self.got: list[bytes] = []

@@ -102,7 +102,7 @@ def ended(recorders: dict[str, RecordProcess]) -> Iterator[None]:
 
 @dataclass
 class Story:
-    """What happened, for the tests to judge."""
+    """Result of the run, for the tests."""
 
     folder: Path
     witness: Witness
@@ -151,7 +151,7 @@ def story() -> Iterator[Story]:
 
 
 def known(path: Path, witness: Witness) -> dict[int, list[dict[str, Any]]]:
-    """What the witness heard, by log time."""
+    """Messages of the second subscriber, by log time."""
     about = open_recording(path).meta
     clocks = ClockPair(float(about["monotonic"]), int(about["wall_ns"]))
     return {clocks.wall(time): joints for time, joints in list(witness.states.items())}

@@ -68,7 +68,7 @@ def ctl(running: Daemon, *words: str) -> tuple[int, str]:
 
 
 def limits(running: Daemon) -> tuple[float, float]:
-    """Of head_yaw, in force."""
+    """Limits of head_yaw in force."""
     with running.client() as client:
         joints = client.call("GetRobot")["robot"]["joints"]
     joint = next(joint for joint in joints if joint["name"] == "head_yaw")
@@ -76,7 +76,7 @@ def limits(running: Daemon) -> tuple[float, float]:
 
 
 def refused(running: Daemon) -> list[str]:
-    """What a check of a path to 0.4 rad says."""
+    """Verdict on a path to 0.4 rad."""
     with running.client() as client:
         verdict = client.call("Check", trajectory=PATH)["verdict"]
     return [finding["code"] for finding in verdict["refusals"]]

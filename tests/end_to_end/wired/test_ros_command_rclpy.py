@@ -50,7 +50,7 @@ def peer(graph: Graph, bridge: Bridge) -> Peer:
 
 
 def at(peer: Peer, joint: str) -> float:
-    """Where a joint is, as /joint_states says."""
+    """Position of a joint on /joint_states."""
     state = peer.newest(topic="/joint_states")
     return float(state["position"][state["name"].index(joint)])
 

@@ -15,7 +15,7 @@ OF_THE_MACHINE = {row.code for row in host.ROWS}  # what this one may really lac
 
 
 def ask(machine: Machine, *words: str, user: str | None = None) -> Json:
-    """What `twindctl --json doctor` prints; nobody here has a home of his own."""
+    """Output of `twindctl --json doctor`; no user here has a home folder."""
     command = ["env", "HOME=/nonexistent", "twindctl", "--json", "doctor", *words]
     done = machine.try_run(*command, user=user, seconds=60.0)
     assert done.returncode in (0, 1) and done.stdout, done.stderr
@@ -24,7 +24,7 @@ def ask(machine: Machine, *words: str, user: str | None = None) -> Json:
 
 
 def codes(said: Json) -> set[str]:
-    """Of what counts."""
+    """Findings that are not informative only."""
     return {each["code"] for each in said["found"] if each["severity"] != "note"}
 
 

@@ -87,7 +87,7 @@ def test_an_unplugged_service_stays_active_and_a_replugged_robot_is_connected_an
 
 
 def reloaded(live: Service) -> list[str]:
-    """What was told of every reload that was done."""
+    """Reports of all completed reloads."""
     return [line["MESSAGE"] for line in live.journal() if line.get("TWIND_CODE") == "RELOADED"]
 
 
@@ -224,7 +224,7 @@ def test_given_up_while_unplugged_a_start_at_the_replug_does_not_end_the_fail_sa
 
 @pytest.fixture(scope="module")
 def uninstall(machine: Machine) -> list[str]:
-    """What `make uninstall` and the package do before they take the files away."""
+    """Steps of `make uninstall` and of the package before they remove files."""
     shutil.copy(INSTALL, machine.inside("/run/install.sh"))
     return ["sh", "/run/install.sh", "stop"]
 

@@ -31,7 +31,7 @@ def running() -> Iterator[tuple[Virtual, Daemon]]:
 
 
 def said_by(running: Daemon, words: Words, capsys: Captured, code: int) -> tuple[str, str]:
-    """What `twindctl wiggle` says; asked again where the machine had no time for the servos."""
+    """Output of `twindctl wiggle`; repeated where the machine had no time for the servos."""
     capsys.readouterr()
     deadline = time.monotonic() + 30.0
     while True:

@@ -49,7 +49,7 @@ class RemoteStop:
     def _ask(self) -> None:
         self._open = True
         self._reach.ask(
-            self._parts, self._parameters, LASTING, self._answered, self._on_silence, everybody=True
+            self._parts, self._parameters, LASTING, self._answered, self._on_silence, all_robots=True
         )
 
     def _give_up(self) -> None:

@@ -31,11 +31,11 @@ class RemoteRobotEndpoint:
         answered: TakeMessage,
         silent: Callable[[], None],
         *,
-        everybody: bool = False,
+        all_robots: bool = False,
     ) -> None:
         """Send one query. Then either `answered` gets the answer or the error, or `silent` is called.
 
-        `everybody`: query all servers of the key, and pass on each answer, so that a false server cannot hide
+        `all_robots`: query all servers of the key, pass on each answer, so that a false server cannot hide
         the robot. Else query one, and pass on the first answer.
         """
         received = False
@@ -43,7 +43,7 @@ class RemoteRobotEndpoint:
         def on_reply(reply: zenoh.Reply) -> None:
             nonlocal received
             message = as_message(reply)
-            if message is not None and (everybody or not received):
+            if message is not None and (all_robots or not received):
                 received = True
                 answered(message)
 
@@ -57,7 +57,7 @@ class RemoteRobotEndpoint:
                 zenoh.handlers.Callback(on_reply, on_query_end),
                 payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
                 timeout=patience,
-                target=zenoh.QueryTarget.ALL if everybody else zenoh.QueryTarget.BEST_MATCHING,
+                target=zenoh.QueryTarget.ALL if all_robots else zenoh.QueryTarget.BEST_MATCHING,
                 # By default answers are kept until the last has answered, or hangs.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )

@@ -91,7 +91,7 @@ class RclpyTransport:
         self,
         topics: Sequence[RosTopic],
         services: Sequence[RosService],
-        heard: MessageHandler,
+        on_message: MessageHandler,
         asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints. Raises OperationFailed."""
@@ -100,7 +100,7 @@ class RclpyTransport:
         graph = _Graph(self._discovery.domain, len(services) + read + SPARE, self._tell)
         try:
             for topic in topics:
-                graph.add(topic, kinds[topic.kind], heard)
+                graph.add(topic, kinds[topic.kind], on_message)
             for service in services:
                 graph.serve(service, kinds[service.kind], asked)
             offered = frozenset(services)
@@ -156,7 +156,7 @@ class _Graph:
         """Callbacks are served, and messages go out."""
         return self._thread.is_alive() and bool(self._context.ok())
 
-    def add(self, topic: RosTopic, kind: Any, heard: MessageHandler) -> None:
+    def add(self, topic: RosTopic, kind: Any, on_message: MessageHandler) -> None:
         """Write or read a topic, in bytes of the wire.
 
         What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
@@ -165,7 +165,7 @@ class _Graph:
         if topic.out:
             self.publishers[topic.name] = self.node.create_publisher(kind, topic.name, quality(topic))
             return
-        call = functools.partial(heard, topic)
+        call = functools.partial(on_message, topic)
         group = MutuallyExclusiveCallbackGroup()
         self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
 

@@ -21,7 +21,7 @@ class RosTransport(Protocol):
         self,
         topics: Sequence[RosTopic],
         services: Sequence[RosService],
-        heard: MessageHandler,
+        on_message: MessageHandler,
         asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints; with `refuses`, only with those that are written.

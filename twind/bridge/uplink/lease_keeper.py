@@ -56,14 +56,14 @@ class LeaseKeeper:
     def __init__(
         self,
         driving: MotionSession,
-        tenancy: RemoteLease,
+        lease: RemoteLease,
         plans: PlannedDurations,
         publish: Publish,
         tell: Callable[[str], None],
         now: Callable[[], float] = clock,
     ) -> None:
         self._driving = driving
-        self._tenancy = tenancy
+        self._tenancy = lease
         self._plans = plans
         self._publish = publish
         self._tell = tell

@@ -231,9 +231,9 @@ class RobotUplink:
         )
 
 
-def _within(lane: WorkerQueue, serve: Serve) -> Take:
+def _within(queue: WorkerQueue, serve: Serve) -> Take:
     """Answered in its turn."""
-    return lambda one: lane.put(lambda: one.answer(serve))
+    return lambda one: queue.put(lambda: one.answer(serve))
 
 
 def reported_name(client: Client) -> str:

@@ -141,12 +141,15 @@ def recorder(view: DashboardState, width: int) -> DashboardBlock:
     return DashboardBlock("recorder", (), [DashboardRow(each) for each in rows], min(len(rows), 1))
 
 
-def _stream(told: Answer, width: int) -> Line:
+def _stream(report: Answer, width: int) -> Line:
     """Build the line of one streamer, with problems first because a small terminal cuts the end of a line."""
-    wrong = [(f"! {told['error']}", "warn")] if told["error"] else []
-    lost = [(f"! {told[key]} {said}", "warn") for key, said in LOST[:2] if told[key]]
-    counts = [(f"{told['rate_hz']:.0f} Hz", ""), (f"{told['sent']} sent, {told['waiting']} waiting", "")]
-    return _labelled("stream", [*wrong, *lost, *counts, (told["endpoint"], "dim")], width)
+    wrong = [(f"! {report['error']}", "warn")] if report["error"] else []
+    lost = [(f"! {report[key]} {said}", "warn") for key, said in LOST[:2] if report[key]]
+    counts = [
+        (f"{report['rate_hz']:.0f} Hz", ""),
+        (f"{report['sent']} sent, {report['waiting']} waiting", ""),
+    ]
+    return _labelled("stream", [*wrong, *lost, *counts, (report["endpoint"], "dim")], width)
 
 
 def refusals(view: DashboardState, width: int) -> DashboardBlock:
@@ -178,10 +181,10 @@ def ago(seconds: float) -> str:
 
 
 def _make_notice_block(
-    name: str, title: str, told: Sequence[DashboardNotice], now: float, width: int
+    name: str, title: str, notices: Sequence[DashboardNotice], now: float, width: int
 ) -> DashboardBlock:
     rows = []
-    for each in told:
+    for each in notices:
         when = f"{ago(now - each.at):>7} ago  "
         rows.append(DashboardRow(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
     return DashboardBlock(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)

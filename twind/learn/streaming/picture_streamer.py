@@ -67,10 +67,10 @@ class PictureStreamer:
     """Puts a picture of the newest sample into the basket, `rate` times a second at most."""
 
     def __init__(
-        self, options: argparse.Namespace, basket: SampleBatcher, rate: float, tell: Callable[[str], None]
+        self, options: argparse.Namespace, batcher: SampleBatcher, rate: float, tell: Callable[[str], None]
     ) -> None:
         self._options = options
-        self._basket = basket
+        self._basket = batcher
         self._period = 1.0 / rate
         self._tell = tell
         self._stop = threading.Event()

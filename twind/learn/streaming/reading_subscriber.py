@@ -25,12 +25,12 @@ class ReadingSubscriber:
     def __init__(
         self,
         options: argparse.Namespace,
-        basket: SampleBatcher,
+        batcher: SampleBatcher,
         now: Callable[[], float],
         tell: Callable[[str], None],
     ) -> None:
         self._options = options
-        self._basket = basket
+        self._basket = batcher
         self._now = now
         self._tell = tell
         self._once = RepeatedFaultFilter()

@@ -19,7 +19,7 @@ class SpoolWriter:
 
     def __init__(
         self,
-        basket: SampleBatcher,
+        batcher: SampleBatcher,
         spool: Spool,
         kept: Callable[[], None],
         tell: Callable[[str], None],
@@ -29,7 +29,7 @@ class SpoolWriter:
         patience: float = 0.25,
     ) -> None:
         """`patience`: s between two looks at the age of a batch that is not full."""
-        self._basket = basket
+        self._basket = batcher
         self._spool = spool
         self._kept = kept
         self._tell = tell

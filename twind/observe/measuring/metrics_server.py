@@ -75,8 +75,8 @@ def follow(place: str | None, tell: Tell) -> None:
         time.sleep(AGAIN)
 
 
-def _changed(said: str, now: str) -> str:
-    if now != said:
+def _changed(status: str, now: str) -> str:
+    if now != status:
         print(f"twindctl: {now}", file=sys.stderr, flush=True)
     return now
 

@@ -180,15 +180,15 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
     )
 
 
-def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
+def _inertial(message: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
     """Return the IMU columns of the rows at `times` (ns); None: no IMU message was recorded."""
-    if not told.times or not times.size:
+    if not message.times or not times.size:
         return None
-    at = np.array(told.times, np.int64)
+    at = np.array(message.times, np.int64)
     rows = np.searchsorted(times, at).clip(0, times.size - 1)
     known = times[rows] == at
     numbers = np.full((times.size, 10), np.nan)
-    numbers[rows[known]] = np.array(told.numbers).reshape(-1, 10)[known]
+    numbers[rows[known]] = np.array(message.numbers).reshape(-1, 10)[known]
     return ImuColumns(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
 
 
@@ -230,18 +230,18 @@ def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None
     return _json(files[name]) if name in files else None
 
 
-def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns | None:
+def slow(message: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns | None:
     """The slow columns of messages {"joints": [Joint]}; None: there are none."""
-    if not said:
+    if not message:
         return None
-    tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in said]
+    tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in message]
 
     def column(make: Callable[[Mapping[str, Any]], Any]) -> Floats:
         rows = [[make(table.get(name, {})) for name in joints] for table in tables]
         return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
 
     return SlowColumns(
-        np.array([each.time for each in said]),
+        np.array([each.time for each in message]),
         column(lambda joint: joint.get("temperature")),
         column(lambda joint: joint.get("voltage")),
         column(lambda joint: joint.get("torque")),
@@ -249,10 +249,10 @@ def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns 
     )
 
 
-def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
+def hops(message: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
     """Build the latency columns of each hop from pairs of a time (s) and the latencies reported at it."""
     found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
-    for time, latencies in said:
+    for time, latencies in message:
         for each in latencies:
             found.setdefault(str(each.get("hop")), []).append((time, each))
     return {name: _hop(rows) for name, rows in found.items()}

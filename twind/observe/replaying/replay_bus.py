@@ -36,7 +36,7 @@ class ReplayBus:
     def __init__(
         self,
         story: BusTimeline,
-        passage: ReplayPosition,
+        recording: ReplayPosition,
         *,
         baud: int,
         period: float,
@@ -51,7 +51,7 @@ class ReplayBus:
         self.name = story.name
         self.faults = SimpleNamespace(stalled=False)
         self._story = story
-        self._passage = passage
+        self._passage = recording
         self._leads = leads
         self._now = now
         self._near = NEAR * period
@@ -60,7 +60,7 @@ class ReplayBus:
         given = specs(story, baud)
 
         def made(*arguments: Any, **more: Any) -> ReplayServos:
-            return ReplayServos(*arguments, story=story, passage=passage, armed=armed, **more)
+            return ReplayServos(*arguments, story=story, recording=recording, armed=armed, **more)
 
         self._bus = VirtualBus(story.name, given, still(len(given)), baud=baud, now=now(), made=made)
         self.servos: ReplayServos = self._bus.servos  # type: ignore[assignment]
@@ -68,11 +68,11 @@ class ReplayBus:
         self._recorded: dict[bytes, list[RecordedExchange]] = {}
         self._used: dict[bytes, int] = {}  # of those, how many cannot come any more
         for each in story.told:
-            if each.asks and each.time >= passage.begin:
+            if each.asks and each.time >= recording.begin:
                 self._times.setdefault(each.asks, []).append(each.time)
                 self._recorded.setdefault(each.asks, []).append(each)
         self._sensors = ReplaySensors(story)
-        self._first = self._usual(passage.begin)
+        self._first = self._usual(recording.begin)
         self._under_way: list[tuple[float, int, bytes]] = []  # s, number, bytes
         self._number = count()
         self._rest = b""
@@ -81,7 +81,7 @@ class ReplayBus:
             0  # questions since the beginning, answered with recorded bytes, and by the registers
         )
         self.on_plug: Callable[[bool], None] = lambda there: None
-        self._plugged = story.plugged(passage.begin)
+        self._plugged = story.plugged(recording.begin)
 
     # --------------------------------------------------------------------------------- as a port sees it
 

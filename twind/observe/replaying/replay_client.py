@@ -33,10 +33,10 @@ RENEW = 0.3  # s between two renewals of the lease
 class ReplayClient:
     """The clients of a replay. All times are those of `clock`, which is the daemon's too."""
 
-    def __init__(self, score: ReplayScript, sockets: Path, passage: ReplayPosition, clock: Clock) -> None:
+    def __init__(self, score: ReplayScript, sockets: Path, recording: ReplayPosition, clock: Clock) -> None:
         """Raises NoDaemon."""
         self._score = score
-        self._passage = passage
+        self._passage = recording
         self._clock = clock
         self._sockets = sockets
         self._lines: dict[int, ReplayConnection] = {}  # by the number of the recorded client; 0: our own

@@ -83,13 +83,13 @@ class ReplayScript:
         """Recorded commands that get an answer."""
         return tuple(each for each in self.asked if isinstance(each.command, link.Command))
 
-    def stays(self, client: int, heard: Heard) -> bool:
+    def stays(self, client: int, events: Heard) -> bool:
         """Check that a client must stay connected: it closed with its answers, and has not all of them again.
 
-        `heard`: the answers received by now.
+        `events`: the answers received by now.
         """
         then = self.heard.get(client, {})
-        return any(ticket not in heard or heard[ticket] < whole for ticket, whole in then.items())
+        return any(ticket not in events or events[ticket] < whole for ticket, whole in then.items())
 
 
 def score(flight: LoadedFlight, last: float = inf) -> ReplayScript:

@@ -72,13 +72,13 @@ class ReplayServos(VirtualServos):
         now: float = 0.0,
         keep_goal: bool = True,
         story: BusTimeline,
-        passage: ReplayPosition,
+        recording: ReplayPosition,
         armed: bool,
     ) -> None:
         """`armed`: in the recording the robot has torque at the beginning, and is given it anew."""
         super().__init__(specs, muscles, now=now, keep_goal=keep_goal)
         # next of them
-        self._passage = passage
+        self._passage = recording
         self._turns = story.turns()
         self._at = 0
         self._rows = {spec.id: row for row, spec in enumerate(specs)}
@@ -90,8 +90,8 @@ class ReplayServos(VirtualServos):
         self._clock_at = [-1 if each is None else each.address for each in clocks]
         self._ticks = np.full(len(specs), np.nan)  # s, of the recording: when each servo's clock was 0
         self.silenced[:] = True  # until the first reply
-        self._foresee(passage.begin)
-        while self._at < len(self._turns) and self._turns[self._at].time <= passage.begin:
+        self._foresee(recording.begin)
+        while self._at < len(self._turns) and self._turns[self._at].time <= recording.begin:
             self._begin_with(self._turns[self._at])
             self._at += 1
         if armed:

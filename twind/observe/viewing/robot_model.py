@@ -75,17 +75,17 @@ class BodyPoses:
 class RobotModel:
     """One robot. Arrays are (n,) in joint order, rad."""
 
-    def __init__(self, told: Mapping[str, Any]) -> None:
-        """`told`: the answer of `GetRobot`. Raises InvalidInput."""
+    def __init__(self, description: Mapping[str, Any]) -> None:
+        """`description`: the answer of `GetRobot`. Raises InvalidInput."""
         import mujoco
 
-        robot = told["robot"]
-        self.told = told
+        robot = description["robot"]
+        self.told = description
         self.name = str(robot["name"])
         self.support = str(robot["support"])
         self.base = str(robot["base"])
         self.joints = tuple(str(joint["name"]) for joint in robot["joints"])
-        self.model, self.meshes_missing = _compiled(told["mjcf"], os.path.dirname(robot["mjcf_path"]))
+        self.model, self.meshes_missing = _compiled(description["mjcf"], os.path.dirname(robot["mjcf_path"]))
         try:
             numbers = [self.model.joint(joint["model_joint"]).id for joint in robot["joints"]]
             gate = msgspec.convert(robot["gate"], GateSettings)
@@ -104,9 +104,9 @@ class RobotModel:
         self._data = mujoco.MjData(self.model)
         self._kinematics = mujoco.mj_kinematics
 
-    def same_as(self, told: Mapping[str, Any]) -> bool:
-        """Check that `told` would give the same picture: the same MJCF and the same robot."""
-        return bool(self.told["mjcf"] == told["mjcf"] and self.told["robot"] == told["robot"])
+    def same_as(self, description: Mapping[str, Any]) -> bool:
+        """Check that `description` would give the same picture: the same MJCF and the same robot."""
+        return bool(self.told["mjcf"] == description["mjcf"] and self.told["robot"] == description["robot"])
 
     def places(self, position: Floats) -> BodyPoses:
         """Return the poses of all bodies at the joint angles `position` (n,), rad; NaN (unknown) is taken as

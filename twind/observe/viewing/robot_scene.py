@@ -42,12 +42,12 @@ def ghosts(choice: str, mode: str) -> tuple[bool, bool]:
     return choice in ("goal", BOTH), choice in ("simulation", BOTH)
 
 
-def marked(now: ViewerSnapshot, likeness: RobotModel) -> dict[int, Colour]:
+def marked(now: ViewerSnapshot, model: RobotModel) -> dict[int, Colour]:
     """Colours of bodies whose joints have a problem. The joints must be known."""
     assert now.joints is not None
     faulty = np.array([bool(each) for each in now.joints.faults])
     which = ((now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD))
-    return {int(body): colour for each, colour in which for body in likeness.bodies_of[each]}
+    return {int(body): colour for each, colour in which for body in model.bodies_of[each]}
 
 
 class RobotScene:
@@ -145,18 +145,18 @@ class RobotScene:
         self._all.remove()
 
 
-def camera(likeness: RobotModel) -> tuple[Floats, Floats]:
+def camera(model: RobotModel) -> tuple[Floats, Floats]:
     """Return the camera's position and target: from the front, a little to the robot's left, all of it in
     sight."""
-    low, high = extent(likeness)
+    low, high = extent(model)
     middle = 0.5 * (low + high)
     size = max(0.3, float(np.linalg.norm(high - low)))
     return middle + size * np.array([1.45, 0.6, 0.3]), middle
 
 
-def extent(likeness: RobotModel) -> tuple[Floats, Floats]:
+def extent(model: RobotModel) -> tuple[Floats, Floats]:
     """The least and the greatest place (3,) m of the robot's bodies at rest, in its own world."""
-    places = likeness.places(likeness.rest)
-    own = likeness.model.body_rootid == likeness.model.body_rootid[likeness.model.body(likeness.base).id]
+    places = model.places(model.rest)
+    own = model.model.body_rootid == model.model.body_rootid[model.model.body(model.base).id]
     seen = places.position[own]
     return seen.min(axis=0), seen.max(axis=0)

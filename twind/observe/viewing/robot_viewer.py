@@ -67,10 +67,10 @@ class RobotViewer:
         with contextlib.suppress(Exception):
             self._page.set_html(status_html.row("picture", self._broken, status_html.RED))
 
-    def _describe(self, told: Message) -> None:
-        """Build the scene of the robot described by `told`, if the description draws another one."""
-        self._told = told
-        if self._scene is not None and self._scene.likeness.same_as(told):
+    def _describe(self, description: Message) -> None:
+        """Build the scene of the robot described by `description`, if the description draws another one."""
+        self._told = description
+        if self._scene is not None and self._scene.likeness.same_as(description):
             return
         if self._scene is not None:
             self._scene.remove()
@@ -78,19 +78,19 @@ class RobotViewer:
         self._problem = ""
         self._broken = ""
         try:
-            likeness = RobotModel(told)
+            likeness = RobotModel(description)
         except InvalidInput as error:
             self._problem = str(error)
             return
         self._scene = RobotScene(self._server.scene, likeness, "/robots/0")
         self._page.plots.set_joints(likeness.joints)
         if self._controls is not None:
-            self._controls.set_robot(told["robot"])
+            self._controls.set_robot(description["robot"])
         self._look(likeness)
 
-    def _look(self, likeness: RobotModel) -> None:
+    def _look(self, model: RobotModel) -> None:
         """Set the cameras so that all of the robot is seen."""
-        where, what = camera(likeness)
+        where, what = camera(model)
         camera_of_all = self._server.initial_camera
         camera_of_all.position = tuple(where)
         camera_of_all.look_at = tuple(what)

@@ -22,11 +22,11 @@ BASES = {
 }
 
 
-def page(now: ViewerSnapshot, likeness: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
+def page(now: ViewerSnapshot, model: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
     """Build all rows, the most urgent first."""
     rows = [*connection(now), *format_age(now), *_state(now)]
-    if likeness is not None:
-        rows += [*joints(now, likeness.joints), *_distance(near, contacts), *_base(likeness)]
+    if model is not None:
+        rows += [*joints(now, model.joints), *_distance(near, contacts), *_base(model)]
     return block([*rows, *_refusals(now), *events(now)])
 
 
@@ -113,9 +113,9 @@ def _distance(near: NearestBodies | None, contacts: int) -> list[str]:
     return [row("nearest", said + bounds, colour), *touch]
 
 
-def _base(likeness: RobotModel) -> list[str]:
-    rows = [row("base", f"{likeness.base}, {BASES.get(likeness.support, likeness.support)}")]
-    if likeness.meshes_missing:
+def _base(model: RobotModel) -> list[str]:
+    rows = [row("base", f"{model.base}, {BASES.get(model.support, model.support)}")]
+    if model.meshes_missing:
         rows.append(row("model", "mesh files cannot be read here: balls stand for them", AMBER))
     return rows
 

@@ -30,9 +30,9 @@ def stop_buttons(gui: Any, estop: StopAction, stop: StopAction, whom: str = "", 
     second.on_click(_pressed(stop, of))
 
 
-def _pressed(errand: StopAction, of: str) -> Press:
+def _pressed(action: StopAction, of: str) -> Press:
     async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
-        errand.ask(teller(event.client, of))
+        action.ask(teller(event.client, of))
 
     return press
 

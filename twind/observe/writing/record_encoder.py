@@ -57,9 +57,9 @@ def shifted(line: RecordLine, by: int) -> RecordLine:
     return line._replace(time_ns=line.time_ns + by, data=data)
 
 
-def note(clocks: ClockPair, time: float, kind: str, /, **said: Any) -> RecordLine:
+def note(clocks: ClockPair, time: float, kind: str, /, **message: Any) -> RecordLine:
     """A message of the recorder itself, at `time` (s, monotonic)."""
-    return RecordLine(NOTES, clocks.wall(time), _json.encode({"kind": kind, **said}))
+    return RecordLine(NOTES, clocks.wall(time), _json.encode({"kind": kind, **message}))
 
 
 class RecordEncoder:

@@ -39,10 +39,10 @@ class CanWire:
     `heard(sender)`: True when another controller is there to acknowledge, so that the sender may send.
     """
 
-    def __init__(self, bitrate: int, heard: Callable[[int], bool], *, timing: bool) -> None:
+    def __init__(self, bitrate: int, listener: Callable[[int], bool], *, timing: bool) -> None:
         self.bitrate = bitrate
         self.timing = timing
-        self._heard = heard
+        self._heard = listener
         self._free = -inf  # s, when the wire is idle
         self._queues: dict[int, deque[QueuedFrame]] = {}
         self._next: FrameInFlight | None = None

@@ -65,9 +65,9 @@ class SlcanText:
             self._deaf = True
         return answer
 
-    def print(self, heard: Sequence[CanMessage]) -> bytes:
+    def print(self, frames: Sequence[CanMessage]) -> bytes:
         """Frames for the host; error frames have no text."""
-        lines = [self._text(each) for each in heard if not each.id & ERROR]
+        lines = [self._text(each) for each in frames if not each.id & ERROR]
         if self._spoilt:
             lines = [self._broken(line) for line in lines]
         return b"".join(lines)

@@ -45,7 +45,7 @@ class DdsTransport:
         self,
         topics: Sequence[RosTopic],
         services: Sequence[RosService],
-        heard: MessageHandler,
+        on_message: MessageHandler,
         asked: RequestHandler,
     ) -> None:
         """Join the graph and write the outbound topics. Nothing else is created. Raises OperationFailed."""

@@ -39,7 +39,7 @@ class ZenohNode:
         self._served: list[ZenohServiceServer] = []
         self._hearing: list[threading.Thread] = []
 
-    def offer(self, topics: Sequence[RosTopic], heard: MessageHandler) -> None:
+    def offer(self, topics: Sequence[RosTopic], on_message: MessageHandler) -> None:
         """Publish the outgoing topics and subscribe to the others."""
         for topic in topics:
             token = self._token(topic)
@@ -47,7 +47,7 @@ class ZenohNode:
                 channel = _channel(self._session, self._names.key(topic), topic)
                 self._writers[topic] = ZenohWriter(channel, gid(token), labelled=self._labelled)
             else:
-                self._subscribe(topic, heard)
+                self._subscribe(topic, on_message)
             self._tokens.append(self._session.liveliness().declare_token(token))
 
     def serve(self, services: Sequence[RosService], asked: RequestHandler) -> None:
@@ -74,7 +74,7 @@ class ZenohNode:
     def _token(self, endpoint: RosTopic | RosService) -> str:
         return self._names.token(next(self._numbers), endpoint)
 
-    def _subscribe(self, topic: RosTopic, heard: MessageHandler) -> None:
+    def _subscribe(self, topic: RosTopic, on_message: MessageHandler) -> None:
         """Subscribe with KEEP_LAST `depth`: of messages faster than they are taken the oldest is dropped."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)
@@ -82,7 +82,7 @@ class ZenohNode:
         def receive_loop() -> None:
             for sample in samples:
                 try:
-                    heard(topic, _bytes(sample.payload))
+                    on_message(topic, _bytes(sample.payload))
                 except Exception as error:  # noqa: BLE001  the next message may be a stop
                     self._tell(f"zenoh: {topic.name}: a message was lost: {type(error).__name__}: {error}")
 

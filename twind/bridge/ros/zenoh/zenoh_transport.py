@@ -55,7 +55,7 @@ class ZenohTransport:
         self,
         topics: Sequence[RosTopic],
         services: Sequence[RosService],
-        heard: MessageHandler,
+        on_message: MessageHandler,
         asked: RequestHandler,
     ) -> None:
         """Join the graph. A router that is not there is looked for from then on. Raises OperationFailed."""
@@ -68,7 +68,7 @@ class ZenohTransport:
             self._watch(session)
             names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
             self._node = ZenohNode(session, names, self._tell, labelled=self._labelled)
-            self._node.offer(topics, heard)
+            self._node.offer(topics, on_message)
             self._node.serve(services, asked)
         except zenoh.ZError as error:
             self._node = None

@@ -91,14 +91,14 @@ class FleetRobotPlace:
         if robot is not None:
             robot.remove()
 
-    def _describe(self, told: Message) -> None:
+    def _describe(self, description: Message) -> None:
         """Another robot, or the same one again."""
-        self._told = told
-        if self._robot is not None and self._robot.likeness.same_as(told):
+        self._told = description
+        if self._robot is not None and self._robot.likeness.same_as(description):
             return
         self._clear("")
         try:
-            likeness = RobotModel(told)
+            likeness = RobotModel(description)
         except InvalidInput as error:
             self.problem = str(error)
             return
@@ -112,16 +112,16 @@ class FleetRobotPlace:
 class _PlacedFigure:
     """The figure over the middle of the plate; one whose model hangs below its floor is lifted onto it."""
 
-    def __init__(self, scene: Any, root: str, likeness: RobotModel) -> None:
-        self.likeness = likeness
-        low, high = extent(likeness)
+    def __init__(self, scene: Any, root: str, model: RobotModel) -> None:
+        self.likeness = model
+        low, high = extent(model)
         x, y = (-0.5 * (low + high))[:2]
         self._lift = max(0.0, -float(low[2]))
         self._root = scene.add_frame(root, show_axes=False, position=(x, y, self._lift))
-        self._solid = RobotFigure(scene, f"{root}/solid", likeness.model, alone=True)
-        self._marks = RobotFigure(scene, f"{root}/marks", likeness.model, (FADED, 0.45), alone=True)
-        self._pose = likeness.rest.copy()
-        self._solid.place(likeness.places(self._pose))
+        self._solid = RobotFigure(scene, f"{root}/solid", model.model, alone=True)
+        self._marks = RobotFigure(scene, f"{root}/marks", model.model, (FADED, 0.45), alone=True)
+        self._pose = model.rest.copy()
+        self._solid.place(model.places(self._pose))
 
     def lifted(self, height: float) -> float:
         """m above the page's floor, of a height in the model."""
