@@ -14,6 +14,7 @@ import varlink
 from tests.support.loop_stand_in import NAMES, StandIn, briefing
 from tests.support.raw_connection import CONTRACT, Raw, code
 from tests.support.scenes_front import SCENES
+from tests.support.shared_front import SharedFront
 from twind import link
 from twind.protocol import CONTROL, SERVICE
 from twind.robot.finding import ReasonCode
@@ -258,15 +259,15 @@ def test_a_slow_subscriber_loses_the_oldest_telemetry_and_receives_the_count(tmp
     assert gap == lost
 
 
-def test_a_reader_that_takes_nothing_is_closed_and_others_are_served(loop: StandIn) -> None:
+def test_a_reader_that_takes_nothing_is_closed_and_others_are_served(loop: SharedFront) -> None:
     with Raw(loop) as frozen, Raw(loop) as other:
         frozen.send("Monitor", parameters={"topics": ["state"], "rate": 100.0}, more=True)
         assert "error" not in other.call("GetStatus")
         end = time.monotonic() + 10.0
-        while "SLOW_READER" not in loop.log.read_text() and time.monotonic() < end:
+        while "SLOW_READER" not in loop.logged() and time.monotonic() < end:
             assert "error" not in other.call("GetStatus")
             time.sleep(0.05)
-        assert "SLOW_READER" in loop.log.read_text()
+        assert "SLOW_READER" in loop.logged()
         assert frozen.ended()
         assert "error" not in other.call("GetStatus")
 
