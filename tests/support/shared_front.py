@@ -21,13 +21,17 @@ class SharedFront(StandIn):
         with Raw(self, "observe") as client:
             client.call("GetStatus")
         time.sleep(0.03)  # the ends of connections reach the stand-in at its next tick
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the commands, answers and log lines until now."""
         self.commands.clear()
         self.paths.clear()
         self.answers.clear()
         self._seen = self.log.stat().st_size
 
     def logged(self) -> str:
-        """Log lines since the test began."""
+        """Log lines since `forget`: those of the running test."""
         return self.log.read_bytes()[self._seen :].decode()
 
     def submits(self) -> list[link.Submit]:

@@ -4,25 +4,20 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support.loop_stand_in import StandIn
+from tests.support.shared_front import SharedFront, shared_front
 
 
 @pytest.fixture(scope="module")
-def front(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+def front(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedFront]:
     """The front process of one file, behind it a stand-in of the loop. It lives until the end of the file."""
-    stand_in = StandIn(tmp_path_factory.mktemp("front"))
-    yield stand_in
-    alive = stand_in.front.poll() is None
-    assert stand_in.close() == 0
-    assert alive
+    with shared_front(tmp_path_factory.mktemp("front")) as made:
+        yield made
 
 
 @pytest.fixture
-def loop(front: StandIn) -> Iterator[StandIn]:
+def loop(front: SharedFront) -> Iterator[SharedFront]:
     """The shared stand-in without recorded commands and with its usual answers. No call breaks the front."""
-    front.commands.clear()
-    front.paths.clear()
-    front.answers.clear()
+    front.forget()
     yield front
-    log = front.log.read_text()
+    log = front.logged()
     assert "CALL_BROKE" not in log and "Traceback" not in log

@@ -10,6 +10,7 @@ import pytest
 
 from tests.support.loop_stand_in import StandIn
 from tests.support.raw_connection import Raw
+from tests.support.shared_front import SharedFront
 from twind import link
 from twind.protocol import CONTROL
 
@@ -46,7 +47,9 @@ def test_a_monitor_that_is_never_answered_is_not_kept(loop: StandIn) -> None:
         assert resident(loop) < before + 8.0
 
 
-def test_answers_that_are_read_too_slowly_cost_no_memory_and_the_reader_its_connection(loop: StandIn) -> None:
+def test_answers_that_are_read_too_slowly_cost_no_memory_and_the_reader_its_connection(
+    loop: SharedFront,
+) -> None:
     with Raw(loop, "observe") as client:
         client.bytes(STATUS)
         client.receive()
@@ -63,7 +66,7 @@ def test_answers_that_are_read_too_slowly_cost_no_memory_and_the_reader_its_conn
     sender.join()
     assert most < before + 16.0
     assert closed
-    assert "SLOW_READER" in loop.log.read_text()
+    assert "SLOW_READER" in loop.logged()
 
 
 @pytest.mark.parametrize("half", [False, True])

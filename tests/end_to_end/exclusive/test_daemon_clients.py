@@ -166,9 +166,10 @@ def limit(pid: int, free: int) -> None:
 
 
 def test_a_daemon_without_descriptors_goes_on_moving_and_can_be_stopped(armed: LiveRobot) -> None:
-    """The last test of the file: its daemon keeps the limit."""
+    """The daemon keeps the limit, so it ends with the test."""
     process = commanding(armed.running, FOLLOW, "follow")
     with ExitStack() as stack:
+        stack.callback(armed.running.kill)
         stack.callback(end, process)
         for pid in (armed.running.front(), armed.running.process.pid):
             limit(pid, 1)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,30 @@ ELBOW = NAMES[5]
 YAW = NAMES[4]
 
 
+@contextmanager
+def made(folder: Path) -> Iterator[SharedFront]:
+    """A front whose robot holds at zero, once it has its model."""
+    with shared_front(folder, goal=np.zeros(24).tobytes()) as front:
+        front.await_lookahead()
+        yield front
+
+
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedFront]:
-    with shared_front(tmp_path_factory.mktemp("front"), goal=np.zeros(24).tobytes()) as made:
-        made.await_lookahead()
-        yield made
+    with made(tmp_path_factory.mktemp("front")) as front:
+        yield front
 
 
 @pytest.fixture
 def front(shared: SharedFront) -> SharedFront:
     shared.begin()
     return shared
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[SharedFront]:
+    with made(tmp_path) as front:
+        yield front
 
 
 def path(*points: tuple[float, float], every: float = 1.0) -> dict[str, Any]:
@@ -44,13 +58,13 @@ CLEAR = path((-0.2, 0.0), (-0.5, 0.1))
 LONG = path(*((-0.3 * (place % 2), 0.3 * (place % 3)) for place in range(2000)), every=0.02)
 
 
-def test_the_lease_of_a_path_that_waits_is_kept_and_that_of_a_check_is_not(front: SharedFront) -> None:
-    """The first test of the file, since a process may submit only so many trajectories in a second."""
+def test_the_lease_of_a_path_that_waits_is_kept_and_that_of_a_check_is_not(fresh: SharedFront) -> None:
+    """A separate front, since a process may submit only so many trajectories in a second."""
 
     def kept() -> list[int]:
-        return [each.client for each in front.commands if isinstance(each, link.RenewLease)]
+        return [each.client for each in fresh.commands if isinstance(each, link.RenewLease)]
 
-    with Raw(front) as one, Raw(front) as other:
+    with Raw(fresh) as one, Raw(fresh) as other:
         began = time.monotonic()
         for _ in range(15):
             one.send("Check", parameters={"trajectory": LONG})  # what is asked behind them waits
@@ -58,8 +72,8 @@ def test_the_lease_of_a_path_that_waits_is_kept_and_that_of_a_check_is_not(front
         other.receive()
         waited = time.monotonic() - began
     told = kept()
-    assert set(told) == {front.submits()[-1].client}
-    assert not front.submits()[-1].check_only
+    assert set(told) == {fresh.submits()[-1].client}
+    assert not fresh.submits()[-1].check_only
     assert len(told) >= 1 + int(waited / 0.5)  # when it came, and with every heartbeat since, each 0.25 s
     time.sleep(1.0)
     assert kept() == told  # nobody waits any more

@@ -37,6 +37,7 @@ def test_a_second_daemon_on_the_same_port_is_refused_with_the_pid_of_the_first(l
 
 def test_an_unplugged_bus_is_found_again_under_its_stable_name_and_stays_disarmed(live: LiveRobot) -> None:
     away = {"positions": [0.4], "time_from_start": 3.0}
+    live.expected_faults = {"PORT_LOST"}
     with live.running.client() as client:
         arm(client)
 
