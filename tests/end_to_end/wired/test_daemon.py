@@ -93,6 +93,7 @@ def test_a_wrong_baud_rate_reports_every_device_as_missing() -> None:
         running.reach(state="identifying", armed=False)
         faults = until(lambda: running.status()["faults"], 5.0, "faults of missing devices")
         assert {fault["code"] for fault in faults} == {"DEVICE_MISSING"}
+        assert "baud" in faults[0]["message"] or "id 1" in faults[0]["message"], faults
         with running.client() as client:
             client.call("AcquireLease")
             with pytest.raises(Refused):
