@@ -154,14 +154,21 @@ class Virtual:
 class Daemon:
     """A `twind` in a folder of its own."""
 
-    def __init__(self, folder: Path, *options: str, environment: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *options: str,
+        environment: dict[str, str] | None = None,
+        stderr: int | None = None,
+    ) -> None:
+        """Start it. `stderr` None: the file `log`; else the descriptor, and `log` stays empty."""
         folder.mkdir(exist_ok=True)
         self.sockets = folder
         self.log = folder / "log"
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "twind.cli", "--socket", str(folder), *options],
-                stderr=log,
+                stderr=log if stderr is None else stderr,
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **(environment or {})},
             )
@@ -242,6 +249,23 @@ class Moving(threading.Thread):
 
 
 @contextmanager
+def unread_pipe() -> Iterator[int]:
+    """Writing end of a full pipe that is never read."""
+    reader, writer = os.pipe()
+    try:
+        os.set_blocking(writer, False)
+        for size in (4096, 1):
+            with suppress(BlockingIOError):
+                while True:
+                    os.write(writer, b"x" * size)
+        os.set_blocking(writer, True)
+        yield writer
+    finally:
+        os.close(reader)
+        os.close(writer)
+
+
+@contextmanager
 def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
     """A daemon in mode sim; killed at the end if the test did not end it."""
     running = Daemon(folder, "--mode", "sim", "--robot", robot)
@@ -284,15 +308,23 @@ def robot(name: str = "h24", *options: str) -> Iterator[tuple[Virtual, Path]]:
 
 @contextmanager
 def daemon(
-    virtual: Virtual, folder: Path, *, mode: str = "live", more: Sequence[str] = ()
+    virtual: Virtual,
+    folder: Path,
+    *,
+    mode: str = "live",
+    more: Sequence[str] = (),
+    stderr: int | None = None,
 ) -> Iterator[Daemon]:
-    """A daemon on that robot, with `more` options; killed at the end if the test did not end it."""
+    """A daemon on that robot, with `more` options and that standard error (`Daemon`).
+
+    Killed at the end if the test did not end it.
+    """
     options = ["--mode", mode, "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     kinds = {bus.name: bus.kind for bus in load_robot(virtual.robot).buses}
     for bus in virtual.ports:
         port = virtual_port(kinds[bus], str(virtual.folder / "ports" / bus))
         options += ["--port", f"{bus}={port}"]
-    running = Daemon(folder / "run", *options, *more)
+    running = Daemon(folder / "run", *options, *more, stderr=stderr)
     try:
         yield running
     finally:

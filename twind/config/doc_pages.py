@@ -1,6 +1,6 @@
 """Pages of the documentation: their paths on this machine, and tables in them that the code makes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 SOURCES = Path(__file__).parent.parent.parent
@@ -36,3 +36,8 @@ def renew_tables(page: str, tables: Mapping[str, str]) -> str:
             raise ValueError(f"the page has no {begin} … {end}: add both lines")
         page = f"{before}{begin}\n\n{table}\n\n{end}{after}"
     return page
+
+
+def rewrite_page(path: Path, renew: Callable[[str], str]) -> None:
+    """Replace the text of the page by what `renew` makes of it; its error leaves the file as it is."""
+    path.write_text(renew(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -20,7 +20,7 @@ from twind.config.can_type import CanSlotKeys, CanTypeKeys
 from twind.config.collision_config import CollisionKeys
 from twind.config.config_reader import ConfigReader, FileKey, keys_of, shape_of, type_parts
 from twind.config.daemon_settings import SettingsKeys
-from twind.config.doc_pages import renew_tables
+from twind.config.doc_pages import renew_tables, rewrite_page
 from twind.config.imu_config import SensorKeys
 from twind.config.joint_config import OF_DEFAULTS, JointKeys
 from twind.config.robot_file import RobotKeys
@@ -160,12 +160,5 @@ def _listed(keys: list[str]) -> str:
     return ", ".join((f"`{keys[0]}`", *rest))
 
 
-def main(arguments: list[str]) -> int:
-    """Write the named page. Exit code 0."""
-    path = Path(arguments[0])
-    path.write_text(renew_page(path.read_text(encoding="utf-8")), encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    rewrite_page(Path(sys.argv[1]), renew_page)

@@ -6,6 +6,7 @@ Page and doctor use the same rows. A test compares them. Why a defect matters is
 import sys
 from pathlib import Path
 
+from twind.config.doc_pages import rewrite_page
 from twind.doctor import check, runner, serial_bus
 
 BEGIN = "<!-- from the doctor's table -->"
@@ -50,12 +51,5 @@ def render_page(text: str) -> str:
     return f"{before}{BEGIN}\n\n{table_lines()}\n\n{END}{after}"
 
 
-def main(arguments: list[str]) -> int:
-    """Write the page named. Exit code 0."""
-    path = Path(arguments[0])
-    path.write_text(render_page(path.read_text(encoding="utf-8")), encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    rewrite_page(Path(sys.argv[1]), render_page)

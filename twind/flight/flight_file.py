@@ -28,6 +28,8 @@ _FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: input with endl
 
 
 class _FlightHeader(msgspec.Struct):
+    """Head of a flight file: meta and the table of its sections."""
+
     meta: dict[str, Any]
     sections: list[tuple[str, int, int]]  # name, bytes in the file, bytes unpacked
 

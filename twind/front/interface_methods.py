@@ -296,21 +296,18 @@ def _dump_recorder(front: FrontServer, call: ClientCall) -> None:
     front.flights.dump(call)
 
 
-COMMANDS: tuple[type[Any], ...] = (  # each takes the parameters of the method of its name
-    link.SetMode,
-    link.AcquireLease,
-    link.RenewLease,
-    link.ReleaseLease,
-    link.Disarm,
-    link.Reset,
-    link.Calibrate,
-    link.Cancel,
-    link.ReadRegister,
-    link.WriteRegister,
-    link.Reboot,
-)
 METHODS: dict[str, Method] = {
-    **{kind.__name__: _as_it_stands(kind) for kind in COMMANDS},
+    "SetMode": _as_it_stands(link.SetMode),
+    "AcquireLease": _as_it_stands(link.AcquireLease),
+    "RenewLease": _as_it_stands(link.RenewLease),
+    "ReleaseLease": _as_it_stands(link.ReleaseLease),
+    "Disarm": _as_it_stands(link.Disarm),
+    "Reset": _as_it_stands(link.Reset),
+    "Calibrate": _as_it_stands(link.Calibrate),
+    "Cancel": _as_it_stands(link.Cancel),
+    "ReadRegister": _as_it_stands(link.ReadRegister),
+    "WriteRegister": _as_it_stands(link.WriteRegister),
+    "Reboot": _as_it_stands(link.Reboot),
     "GetStatus": _get_status,
     "GetRobot": _get_robot,
     "GetParameters": _get_parameters,

@@ -92,7 +92,7 @@ TABLE: Mapping[RobotEvent, Mapping[RobotState, RobotState]] = MappingProxyType(
 
 
 def step(state: RobotState, event: RobotEvent) -> RobotState:
-    """Return the state after `event`. Raises InvalidInput, which lists the states that allow it."""
+    """Return the state after `event`. Raises RuntimeError, which lists the states that allow it."""
     follows = TABLE[event]
     if state not in follows:
         raise _not_allowed(state, event)
@@ -113,7 +113,7 @@ class StateLatch:
     identified: bool = False  # the bus is open and all its devices are identified
 
     def after(self, event: RobotEvent) -> "StateLatch":
-        """Return the state after `event`. Raises InvalidInput."""
+        """Return the state after `event`. Raises RuntimeError."""
         state = step(self.state, event)
         if event is RobotEvent.CALIBRATE and self.latched:  # from before the port was lost
             raise _not_allowed(RobotState.FAULT, event)

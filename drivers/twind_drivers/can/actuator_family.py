@@ -145,7 +145,6 @@ class ActuatorFamily(Protocol):
         Any other mode gives the value that the device reports, and never 1, whatever its number (see each
         family). 0: it was not read. A family whose mode is unreadable gives 1.
         """
-        return 1
 
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row that each frame commands, enables or writes; -1: none. For the last check."""

@@ -102,6 +102,10 @@ class CubeMarsCodec(MitCodec):
         """Return no answers: there are no registers."""
         return [], np.zeros(len(frames), np.bool_)
 
+    def operating_mode(self, values: Mapping[str, float]) -> int:
+        """Return 1: the mode is unreadable."""
+        return 1
+
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row of each frame on an id of this bus; a reply on the drive's own id counts, too."""
         return row_of(self._hears, frames["id"])

@@ -248,6 +248,10 @@ class ODriveCodec(ActuatorFamily):
                 answers.append(RegisterReply(row, address + SECOND, content[4:]))
         return answers, found
 
+    def operating_mode(self, values: Mapping[str, float]) -> int:
+        """Return 1: the mode is unreadable, and `gains` sets it."""
+        return 1
+
     def commanded_rows(self, frames: Frames) -> Ints:
         """Return the row of each frame on a node of this bus, remote ones too, except reports and requests.
 

@@ -102,7 +102,7 @@ class VirtualBus:
         return [int(id) for id in self.servos.registers.ids()]
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """Return the true state of each servo at `now`, independent of the bus: see `virtual.truth`."""
+        """Return the true state of each servo at `now`, independent of the bus: see `servo_ground_truth`."""
         self.advance(now)
         return truth(self.servos, now)
 

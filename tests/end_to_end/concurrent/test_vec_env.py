@@ -85,13 +85,13 @@ def test_shared_attributes_can_be_read_and_none_can_be_set() -> None:
 
 
 def test_single_environments_run_in_processes_of_their_own_too() -> None:
-    with_processes = SubprocVecEnv([single])
-    alone = DummyVecEnv([single])
+    with_processes = SubprocVecEnv([single] * 2)
+    alone = DummyVecEnv([single] * 2)
     try:
         with_processes.seed(2), alone.seed(2)
         assert np.array_equal(with_processes.reset(), alone.reset())
         for _ in range(EPISODE + 1):
-            action = np.full((1, 24), 0.1, np.float32)
+            action = np.full((2, 24), 0.1, np.float32)
             assert np.array_equal(with_processes.step(action)[0], alone.step(action)[0])
     finally:
         with_processes.close()

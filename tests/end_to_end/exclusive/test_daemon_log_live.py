@@ -5,12 +5,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.processes import favour, until
+from tests.support.processes import favour, unread_pipe, until
 from tests.support.reload_rig import files
 from twind.client import CallError, Client, ClientError
 
@@ -18,29 +18,25 @@ SECONDS = 1.5  # that the daemon is asked for without a pause
 SLOWEST = 1.0  # s that one answer may take on a busy machine; a blocked front gives none
 
 
-def full() -> tuple[int, list[int]]:
-    return os.open("/dev/full", os.O_WRONLY), []
+@contextlib.contextmanager
+def full() -> Iterator[int]:
+    """A device without room."""
+    descriptor = os.open("/dev/full", os.O_WRONLY)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
-def unread() -> tuple[int, list[int]]:
-    """A pipe without room whose reader sleeps."""
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    with contextlib.suppress(BlockingIOError):
-        while True:
-            os.write(writer, b"x" * 4096)
-    with contextlib.suppress(BlockingIOError):
-        while True:
-            os.write(writer, b"x")
-    os.set_blocking(writer, True)
-    return writer, [reader]
-
-
-def gone() -> tuple[int, list[int]]:
-    """A pipe whose reader has left."""
+@contextlib.contextmanager
+def gone() -> Iterator[int]:
+    """Writing end of a pipe without a reader."""
     reader, writer = os.pipe()
     os.close(reader)
-    return writer, []
+    try:
+        yield writer
+    finally:
+        os.close(writer)
 
 
 @contextlib.contextmanager
@@ -76,34 +72,30 @@ def _answers(folder: Path) -> bool:
     return False
 
 
-@pytest.mark.parametrize("how", ["full", "unread", "gone", "closed"])
-def test_a_full_or_closed_standard_error_delays_no_tick_and_no_reply(tmp_path: Path, how: str) -> None:
-    stderr, others = {"full": full, "unread": unread, "gone": gone, "closed": lambda: (None, [])}[how]()
-    try:
-        with daemon(tmp_path, stderr) as (process, client):
-            began = time.monotonic()
-            first = client.call("GetStatus")["status"]["loop"]
-            slowest = 0.0
-            asked = 0
-            while time.monotonic() < began + SECONDS:
-                since = time.monotonic()
-                with pytest.raises(CallError):  # a line of the log, each
-                    client.call("SubmitTrajectory", trajectory={"joint_names": ["nobody"], "points": []})
-                client.call("GetStatus")
-                slowest = max(slowest, time.monotonic() - since)
-                asked = asked + 1
-                time.sleep(0.06)  # within the trajectories that one may ask for in a second
-            last = client.call("GetStatus")["status"]["loop"]
-            took = time.monotonic() - began
-            assert slowest < SLOWEST, slowest
-            assert asked > 5
-            ticks, missed = (last[key] - first[key] for key in ("ticks", "missed"))
-            # What is seen of the loop is an overview that comes ten times a second, later on a busy machine.
-            assert ticks + missed >= 100.0 * (took - 0.5)
-            assert missed <= 0.1 * ticks, "a blocked loop misses all"
-            process.terminate()
-            assert process.wait(15.0) == 0
-    finally:
-        for each in (stderr, *others):
-            if each is not None:
-                os.close(each)
+@pytest.mark.parametrize("stderr", [full, unread_pipe, gone, contextlib.nullcontext])
+def test_a_full_or_closed_standard_error_delays_no_tick_and_no_reply(
+    tmp_path: Path, stderr: Callable[[], contextlib.AbstractContextManager[int | None]]
+) -> None:
+    with stderr() as descriptor, daemon(tmp_path, descriptor) as (process, client):
+        began = time.monotonic()
+        first = client.call("GetStatus")["status"]["loop"]
+        slowest = 0.0
+        asked = 0
+        while time.monotonic() < began + SECONDS:
+            since = time.monotonic()
+            with pytest.raises(CallError):  # a line of the log, each
+                client.call("SubmitTrajectory", trajectory={"joint_names": ["nobody"], "points": []})
+            client.call("GetStatus")
+            slowest = max(slowest, time.monotonic() - since)
+            asked = asked + 1
+            time.sleep(0.06)  # within the trajectories that one may ask for in a second
+        last = client.call("GetStatus")["status"]["loop"]
+        took = time.monotonic() - began
+        assert slowest < SLOWEST, slowest
+        assert asked > 5
+        ticks, missed = (last[key] - first[key] for key in ("ticks", "missed"))
+        # What is seen of the loop is an overview that comes ten times a second, later on a busy machine.
+        assert ticks + missed >= 100.0 * (took - 0.5)
+        assert missed <= 0.1 * ticks, "a blocked loop misses all"
+        process.terminate()
+        assert process.wait(15.0) == 0

@@ -15,6 +15,7 @@ from tests.support.calibration_bench import ROBOT, Bench, Captured, Words, bench
 from tests.support.processes import arm, go, until
 from twind.client import ClientError
 from twind.config.calibration_file import load_calibration
+from twind.ctl.ctl_main import main
 
 WELL = 3  # ticks
 
@@ -36,6 +37,7 @@ def test_an_unknown_joint_is_refused_before_any_calibration_step(bench: Bench, c
     assert bench.verb("sweep", "l_kne") == 1
     assert bench.verb("limits", "--yes") == 1
     assert "mode live alone" in capsys.readouterr().err
+    assert main(["--socket", str(bench.state), "calibrate", "sweep"]) == 3  # no daemon there
     assert not list(bench.state.glob("**/*.yaml"))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.live_robot import LiveRobot, live_robot
-from tests.support.processes import Daemon, arm, daemon, go, patiently, robot, until
+from tests.support.processes import Daemon, arm, daemon, go, patiently, robot, unread_pipe, until
 from twind.client import Refused
 
 COUNTS = 2  # what a joint may move where nothing may move
@@ -71,6 +71,26 @@ def test_sigterm_lowers_the_robot_before_torque_goes_off(live: LiveRobot) -> Non
     assert live.moved(rest) < 60
 
 
+def test_an_unread_log_pipe_delays_no_tick(shared: LiveRobot) -> None:
+    shared.running.end()
+    seconds = 3.0
+    with unread_pipe() as pipe, daemon(shared.virtual, shared.folder, stderr=pipe) as running:
+        before = running.reach(state="connected")["loop"]
+        began = time.monotonic()
+        stops = 0
+        with running.client() as client:
+            client.call("AcquireLease")
+            while time.monotonic() < began + seconds:  # a line of the log each
+                client.call("EStop", reason="x" * 200)
+                client.call("Reset")
+                stops = stops + 1
+        after = running.status()["loop"]
+        rate = (after["ticks"] - before["ticks"]) / (time.monotonic() - began)
+    assert stops > 20
+    print(f"{stops} stops, {rate:.1f} Hz")
+    assert rate > 80.0
+
+
 def test_a_daemon_without_its_robot_keeps_running_and_logs_the_missing_port(tmp_path: Path) -> None:
     running = Daemon(tmp_path / "run", "--mode", "mirror", "--port", f"main={tmp_path / 'ttyUSB0'}")
     try:
@@ -94,6 +114,7 @@ def test_a_wrong_baud_rate_reports_every_device_as_missing() -> None:
         running.reach(state="identifying", armed=False)
         faults = until(lambda: running.status()["faults"], 5.0, "faults of missing devices")
         assert {fault["code"] for fault in faults} == {"DEVICE_MISSING"}
+        assert "baud" in faults[0]["message"] or "id 1" in faults[0]["message"], faults
         with running.client() as client:
             client.call("AcquireLease")
             with pytest.raises(Refused):

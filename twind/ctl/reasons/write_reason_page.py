@@ -4,7 +4,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from twind.config.doc_pages import renew_tables
+from twind.config.doc_pages import renew_tables, rewrite_page
 from twind.ctl.reasons.reason_text import ReasonText
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
@@ -27,12 +27,5 @@ def page_with_tables(page: str) -> str:
     return renew_tables(page, {name: rows(codes) for name, codes in TABLES.items()})
 
 
-def main(arguments: list[str]) -> int:
-    """Write the named page. Exit code 0."""
-    path = Path(arguments[0])
-    path.write_text(page_with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    rewrite_page(Path(sys.argv[1]), page_with_tables)
