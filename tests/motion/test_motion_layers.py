@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.support.gate_rig import at_rest, limits, path
-from twind.motion.motion_layers import MotionLayer, ScheduledTrajectory, begun, choose, laid_over, without
+from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, laid_over, without
 from twind.robot.trajectory import Trajectory
 
 PERIOD = 0.01
@@ -10,7 +10,7 @@ PERIOD = 0.01
 
 def layer(to: list[float], joints: list[bool], start: int = 0, seconds: float = 1.0) -> MotionLayer:
     way = path([seconds], [to], [[0.0] * 3])
-    goal = ScheduledTrajectory(
+    goal = ScheduledGoal(
         "a", Trajectory(way.time, way.position, np.array(joints), way.velocity), start, None, None
     )
     return begun(goal, at_rest([0.0, 0.0, 0.0]), limits(3), PERIOD)
@@ -35,7 +35,7 @@ def test_the_tick_of_the_end_is_at_the_end_whatever_the_rounding(seconds: float)
 
 
 def test_a_path_of_one_point_at_zero_has_come_all_the_way_at_once() -> None:
-    here = ScheduledTrajectory("a", path([0.0], [[0.0, 0.0, 0.0]]), 0, None, None)
+    here = ScheduledGoal("a", path([0.0], [[0.0, 0.0, 0.0]]), 0, None, None)
     one = begun(here, at_rest([0.0, 0.0, 0.0]), limits(3), PERIOD)
     assert one.is_finished(0)
     assert one.fraction(0) == 1.0

@@ -22,7 +22,7 @@ ROUNDING = 1e-9  # s: a tick this close to the end of a curve is at its end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScheduledTrajectory:
+class ScheduledGoal:
     """Accepted trajectory with the options of its request."""
 
     id: str
@@ -42,7 +42,7 @@ class ScheduledTrajectory:
 class MotionLayer:
     """A goal that has begun, and the joints that follow it."""
 
-    goal: ScheduledTrajectory
+    goal: ScheduledGoal
     curve: Spline
     joints: Bools  # (n,)
     whole: bool  # all of them
@@ -80,7 +80,7 @@ class MotionLayer:
         return min(1.0, self.elapsed(tick) / duration) if duration > 0.0 else 1.0
 
 
-def displaced(goal: ScheduledTrajectory, reference: Reference) -> Finding | None:
+def displaced(goal: ScheduledGoal, reference: Reference) -> Finding | None:
     """Return the reason why a waiting goal cannot begin here: it was judged from another place.
 
     None: it can.
@@ -95,7 +95,7 @@ def displaced(goal: ScheduledTrajectory, reference: Reference) -> Finding | None
     return Finding(ReasonCode.START_JUMP, joint, value=float(off[joint]), bound=JUMP, message=message)
 
 
-def begun(goal: ScheduledTrajectory, reference: Reference, limits: JointLimits, period: float) -> MotionLayer:
+def begun(goal: ScheduledGoal, reference: Reference, limits: JointLimits, period: float) -> MotionLayer:
     """Return the layer of a goal that starts now, from `reference`."""
     curve = interpolate(led_in(goal.path, reference, limits, period), reference)
     joints = goal.path.commanded

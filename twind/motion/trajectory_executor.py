@@ -13,7 +13,7 @@ import numpy as np
 from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
 from twind.motion.motion_layers import (
     MotionLayer,
-    ScheduledTrajectory,
+    ScheduledGoal,
     begun,
     choose,
     displaced,
@@ -51,7 +51,7 @@ class TrajectoryExecutor:
         self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
-        self._pending: list[ScheduledTrajectory] = []  # by start
+        self._pending: list[ScheduledGoal] = []  # by start
         self._stream: SetpointStream | None = None
         self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
@@ -200,7 +200,7 @@ class TrajectoryExecutor:
             self._pending.remove(goal)
             self._end(goal, "replaced")
         foreseen = self.ahead(start_in).position if start > self._tick else None
-        self._pending.append(ScheduledTrajectory(id, left, start, tolerances, goal_time, foreseen))
+        self._pending.append(ScheduledGoal(id, left, start, tolerances, goal_time, foreseen))
         return None
 
     def setpoint(
@@ -314,7 +314,7 @@ class TrajectoryExecutor:
         assert self._floor is not None  # `ahead` has checked it
         return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
 
-    def _begin(self, goal: ScheduledTrajectory, reference: Reference) -> None:
+    def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.
 
         A goal that was judged from another place, because the motion before it was slowed since, ends here.
@@ -402,6 +402,6 @@ class TrajectoryExecutor:
         self._pending.clear()
 
     def _end(
-        self, goal: ScheduledTrajectory, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0
+        self, goal: ScheduledGoal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0
     ) -> None:
         self._ended.append((GoalOutcome(goal.id, phase, tuple(findings)), fraction))
