@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.support.gate_rig import at_rest, limits, path
-from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, laid_over, without
+from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, overlay, without
 from twind.robot.trajectory import Trajectory
 
 PERIOD = 0.01
@@ -53,9 +53,9 @@ def test_joints_leave_a_layer_and_one_that_all_have_left_is_gone() -> None:
 
 def test_each_joint_follows_its_own_layer_and_the_rest_the_base() -> None:
     layers = [layer([1, 1, 1], [True, False, False]), layer([2, 2, 2], [False, True, False])]
-    mixed = laid_over(at_rest([7.0, 7.0, 7.0]), layers, 100)
+    mixed = overlay(at_rest([7.0, 7.0, 7.0]), layers, 100)
     assert mixed.position.tolist() == [1.0, 2.0, 7.0]
-    moving = laid_over(at_rest([7.0, 7.0, 7.0]), layers, 50)
+    moving = overlay(at_rest([7.0, 7.0, 7.0]), layers, 50)
     assert moving.velocity.tolist() == pytest.approx([1.5, 3.0, 0.0])
 
 

@@ -112,7 +112,7 @@ def without(layers: Sequence[MotionLayer], joints: Bools) -> list[MotionLayer]:
     return left
 
 
-def laid_over(base: Reference, layers: Sequence[MotionLayer], tick: int) -> Reference:
+def overlay(base: Reference, layers: Sequence[MotionLayer], tick: int) -> Reference:
     """Return `base`, with the joints of each layer taken from it."""
     for layer in layers:
         base = choose(layer.joints, layer.reference_at(tick), base)

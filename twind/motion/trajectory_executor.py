@@ -11,15 +11,7 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
-from twind.motion.motion_layers import (
-    MotionLayer,
-    ScheduledGoal,
-    begun,
-    choose,
-    displaced,
-    laid_over,
-    without,
-)
+from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, displaced, overlay, without
 from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened
 from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still
@@ -312,7 +304,7 @@ class TrajectoryExecutor:
 
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
         assert self._floor is not None  # `ahead` has checked it
-        return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+        return overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.
@@ -349,7 +341,7 @@ class TrajectoryExecutor:
             return self.layers[0].reference_at(self._tick)
         reference = floor.step()
         if self.layers:
-            reference = laid_over(reference, self.layers, self._tick)
+            reference = overlay(reference, self.layers, self._tick)
         if self._stream is not None:
             reference = choose(self._stream.joints, self._stream.follower.step(self._pace), reference)
         return reference
