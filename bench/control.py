@@ -22,7 +22,7 @@ from bench.motion import armed
 from bench.pty_tap import PtyTap, tapped
 from twind.client import Client
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.loop.process.virtual_robot_process import VirtualRobotProcess
 
 CALLS = 2000  # of one round
 SETPOINTS = 120  # of one round

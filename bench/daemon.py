@@ -18,7 +18,7 @@ from bench.harness import MeasurementUnavailable
 from twind.client import Client
 from twind.config.actuator_types import CAN
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.loop.process.virtual_robot_process import VirtualRobotProcess
 from twind_drivers.can.can_ports import is_can
 
 # s that they may take

@@ -14,12 +14,12 @@ import numpy as np
 
 from twind import link, sealed_memfd
 from twind.config.robot_file import load_robot
-from twind.loop import assembly
-from twind.loop.bound_robot import BoundRobot
-from twind.loop.bus_opener import BusOpener
-from twind.loop.front_link import FrontLink
-from twind.loop.service_notify import Notifier
-from twind.loop.tick import Loop
+from twind.loop.bus.bus_opener import BusOpener
+from twind.loop.ipc.front_link import FrontLink
+from twind.loop.process.service_notify import Notifier
+from twind.loop.tick import assembly
+from twind.loop.tick.bound_robot import BoundRobot
+from twind.loop.tick.control_loop import Loop
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import GateThresholds

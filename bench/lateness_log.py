@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from twind import cli
-from twind.loop.loop_figures import LoopFigures
+from twind.loop.tick.loop_figures import LoopFigures
 
 TICKS = 1 << 17  # room for 20 minutes at 100 Hz
 HEADER = struct.Struct("<Q")

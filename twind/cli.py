@@ -22,18 +22,21 @@ from twind.flight import copy
 from twind.front import reserved_descriptors
 from twind.front.flight_folder import FAILSAFE, FlightFolder, meta_of, plain
 from twind.listening_sockets import GROUPS, NAMES, Listener, group_of, listen
-from twind.loop import assembly, bus_tap, descriptors, realtime
-from twind.loop.bound_robot import BoundRobot
-from twind.loop.bus_opener import BusOpener
-from twind.loop.bus_tap import FlightRecorder
-from twind.loop.crash_recording import CrashRecording
-from twind.loop.failsafe import FailsafeRun, HeadlessLink
-from twind.loop.front_link import ControlLink
-from twind.loop.hangup_signal import HangupSignal
-from twind.loop.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
-from twind.loop.service_notify import Notifier
-from twind.loop.tick import Loop
-from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.loop.bus import bus_tap
+from twind.loop.bus.bus_opener import BusOpener
+from twind.loop.bus.bus_tap import FlightRecorder
+from twind.loop.ipc import descriptors
+from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.front_link import ControlLink
+from twind.loop.ipc.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
+from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.process import realtime
+from twind.loop.process.hangup_signal import HangupSignal
+from twind.loop.process.service_notify import Notifier
+from twind.loop.process.virtual_robot_process import VirtualRobotProcess
+from twind.loop.tick import assembly
+from twind.loop.tick.bound_robot import BoundRobot
+from twind.loop.tick.control_loop import Loop
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds

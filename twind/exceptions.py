@@ -14,7 +14,7 @@ Programming errors are built-in exceptions.
     │   ├── NoReply           no reply from a device that must answer
     │   ├── DeviceRefused     a device reported an error, or reads back another value than was written
     │   └── WireRangeError    an encoded packet failed its last check and was not sent
-    ├── ProcedureFailed       twind.loop.procedure_runner: arming or homing ended early; see `finding`
+    ├── ProcedureFailed       twind.loop.procedures.procedure_runner: arming or homing ended early
     ├── ClientError           twind.client.errors: a call did not do what was requested
     │   ├── NoDaemon          no daemon can be reached
     │   ├── Disconnected      the daemon closed the connection

@@ -11,14 +11,9 @@ from twind.ctl.reasons import REASONS, write_reason_page
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
 from twind.front import front_server
-from twind.loop import (
-    arming,
-    damping,
-    failsafe,
-    front_process,
-    tick,
-    torque_release,
-)
+from twind.loop.ipc import front_process
+from twind.loop.procedures import arming, damping, failsafe, torque_release
+from twind.loop.tick import control_loop as tick
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety import gate, guard, latency_alarm, lease, plausibility_filter, setpoint_gate

@@ -22,7 +22,7 @@ from tests.support.doctor_rig import (
 from twind.doctor.check import DoctorFinding
 from twind.doctor.host import ROWS as HOST_ROWS
 from twind.doctor.host import is_synchronised, outdated
-from twind.loop.realtime import LIMIT, PRIORITY
+from twind.loop.process.realtime import LIMIT, PRIORITY
 
 
 def rights(word: str) -> list[DoctorFinding]:

@@ -9,8 +9,8 @@ import pytest
 from tests.support.can_driver_rig import BITRATE, CanRig
 from tests.support.daemon_rig import Rig
 from twind import link
-from twind.loop.bus_port import PATIENCE, BusPort
-from twind.loop.hardware import SPARE, SPARE_SHARE
+from twind.loop.bus.bus_port import PATIENCE, BusPort
+from twind.loop.bus.hardware import SPARE, SPARE_SHARE
 from twind_drivers.can.can_cycle_budget import budget
 from twind_drivers.can.can_models import model
 from twind_drivers.slow_read_rate import upkeep_stride

@@ -9,7 +9,7 @@ from twind import link
 from twind.exceptions import InvalidInput
 from twind.front.annotations import LONGEST, annotation
 from twind.link import Annotation
-from twind.loop.command_handlers import MARKS
+from twind.loop.procedures.command_handlers import MARKS
 
 
 def make_annotation(kind: str, **given: Any) -> Annotation:

@@ -9,7 +9,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.torque_release import SettleProfile, release
+from twind.loop.procedures.torque_release import SettleProfile, release
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
 from twind.config.robot_file import load_robot
-from twind.loop.bus_opener import BusOpener
+from twind.loop.bus.bus_opener import BusOpener
 from twind.twin.binding import bind
 from twind_drivers.bus import PortError, WireRangeError
 from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.support.two_bus_rig import PERIOD, TwoBuses
-from twind.loop.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
+from twind.loop.bus.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
 from twind_drivers.bus import (
     BusError,
     PingRequest,

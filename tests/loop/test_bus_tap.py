@@ -11,7 +11,7 @@ from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
-from twind.loop.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
+from twind.loop.bus.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
 from twind.robot.modes import Mode
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full

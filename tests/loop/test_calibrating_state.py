@@ -8,8 +8,8 @@ import pytest
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
-from twind.loop import command_handlers
-from twind.loop.procedure_runner import Priority, Procedure
+from twind.loop.procedures import command_handlers
+from twind.loop.procedures.procedure_runner import Priority, Procedure
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 

@@ -10,7 +10,7 @@ from tests.support.clearance_rig import Oracle, arm, arm_file, at, h24
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import read_robot
-from twind.loop.collision_lookahead import LEAST, CollisionLookahead
+from twind.loop.tick.collision_lookahead import LEAST, CollisionLookahead
 from twind.motion.predicted_path import along, braking
 from twind.motion.stop_profiles import StopRamp
 from twind.motion.trajectory_executor import TrajectoryExecutor

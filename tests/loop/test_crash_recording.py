@@ -2,7 +2,7 @@
 
 import os
 
-from twind.loop.crash_recording import FRONTS, CrashRecording
+from twind.loop.ipc.crash_recording import FRONTS, CrashRecording
 
 
 def wreck() -> tuple[CrashRecording, list[str]]:

@@ -14,9 +14,9 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop import failsafe
-from twind.loop.failsafe import FailsafeRun, HeadlessLink
-from twind.loop.service_notify import Notifier
+from twind.loop.procedures import failsafe
+from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.process.service_notify import Notifier
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 

@@ -11,7 +11,7 @@ import pytest
 
 from twind import link, sealed_memfd
 from twind.listening_sockets import Listener, listen
-from twind.loop.front_link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
+from twind.loop.ipc.front_link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
 
 
 class Front:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.two_bus_rig import PERIOD, TURN, TwoBuses
-from twind.loop.bus_port import PortState
+from twind.loop.bus.bus_port import PortState
 
 # ------------------------------------------------------------------------------------- raw ↔ SI
 

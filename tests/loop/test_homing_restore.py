@@ -12,8 +12,8 @@ import pytest
 
 from tests.support.homing_rig import JOINT, OTHER, Homed, codes, failed, homed
 from twind import link
-from twind.loop.joint_readings import JointReadings
-from twind.loop.reload_coordinator import at_rest
+from twind.loop.bus.joint_readings import JointReadings
+from twind.loop.procedures.reload_coordinator import at_rest
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusSample, WireRangeError
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.imu_rig import Standing
 from twind import link
-from twind.loop.imu_poller import HARMS, SILENT, TARDY
+from twind.loop.bus.imu_poller import HARMS, SILENT, TARDY
 from twind.robot.modes import Mode
 from twind_drivers.dynamixel.packet import status
 

@@ -16,7 +16,7 @@ from tests.support.imu_rig import Standing
 from twind import link
 from twind.config.robot_spec import ImuSpec, RegistersSpec
 from twind.link import Tick
-from twind.loop.imu_poller import SHOCK, SPIN, ImuPoller
+from twind.loop.bus.imu_poller import SHOCK, SPIN, ImuPoller
 from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
 from twind.twin.base_pose import BASES

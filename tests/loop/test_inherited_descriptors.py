@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from twind.loop.inherited_descriptors import InheritedDescriptors, handed_over
+from twind.loop.ipc.inherited_descriptors import InheritedDescriptors, handed_over
 
 HANDED = """
 import fcntl, json, os, socket, sys
-from twind.loop.inherited_descriptors import handed_over
+from twind.loop.ipc.inherited_descriptors import handed_over
 
 def inheritable(fd):
     return os.path.exists(f"/proc/self/fd/{fd}") and os.get_inheritable(fd)

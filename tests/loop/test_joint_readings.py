@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.two_bus_rig import JOINTS, PERIOD, TURN, TwoBuses
-from twind.loop.joint_readings import JointReadings, ticks, where
+from twind.loop.bus.joint_readings import JointReadings, ticks, where
 from twind_drivers.bus import BusSample
 
 ANGLES = st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6).map(np.array)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
-from twind.loop.bus_port import PortState
+from twind.loop.bus.bus_port import PortState
 from twind.robot.modes import Motion, RobotState
 
 HEALTH = 20  # ticks between two readings of a servo's own clock (docs/reason-codes.md)

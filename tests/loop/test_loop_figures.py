@@ -4,8 +4,8 @@ from itertools import repeat
 
 import pytest
 
-from twind.loop.loop_figures import ON_TIME, LoopFigures
-from twind.loop.realtime import Granted, denied
+from twind.loop.process.realtime import Granted, denied
+from twind.loop.tick.loop_figures import ON_TIME, LoopFigures
 
 
 def told(*late: float, missed: int = 0) -> LoopFigures:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.two_bus_rig import JOINTS, LOWER, PERIOD, UPPER, TwoBuses
-from twind.loop.joint_readings import JointReadings
+from twind.loop.bus.joint_readings import JointReadings
 from twind_drivers.bus import BusSample, WireRangeError
 
 WHOLE = 4096

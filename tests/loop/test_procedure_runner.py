@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from twind.loop.bus_port import ScriptRun
-from twind.loop.procedure_runner import Priority, Procedure, ProcedureRunner, all_of, ticks
+from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureRunner, all_of, ticks
 from twind_drivers.bus import BusError, PingRequest, Script
 
 

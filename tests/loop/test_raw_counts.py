@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.loop.raw_counts import RawCounts
+from twind.loop.bus.raw_counts import RawCounts
 from twind_drivers.bus import BusSample
 
 COUNT = 3

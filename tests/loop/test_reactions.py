@@ -10,8 +10,8 @@ from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop import damping, torque_release
-from twind.loop.reactions import react
+from twind.loop.procedures import damping, torque_release
+from twind.loop.tick.reactions import react
 from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction

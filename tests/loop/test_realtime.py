@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from twind.loop.realtime import LIMIT, PRIORITY
+from twind.loop.process.realtime import LIMIT, PRIORITY
 
 CODE = """
 import gc, json, os, resource, sys
 from pathlib import Path
-from twind.loop import realtime
+from twind.loop.process import realtime
 
 rights, before, cpu = sys.argv[1:]
 if rights == "none":
@@ -113,7 +113,7 @@ def test_memory_that_was_freed_is_not_faulted_in_again() -> None:
 LEFT = """
 import json, os
 from pathlib import Path
-from twind.loop import realtime
+from twind.loop.process import realtime
 
 got = realtime.enter()
 realtime.drop_realtime()

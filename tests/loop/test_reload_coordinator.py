@@ -13,7 +13,7 @@ from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.reload_changes import NARROW, YAW, codes, held
 from tests.support.scene_rig import move
 from twind import link
-from twind.loop.joint_readings import ticks
+from twind.loop.bus.joint_readings import ticks
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory

@@ -10,8 +10,8 @@ import pytest
 from tests.support.daemon_rig import Rig
 from tests.support.reload_changes import NARROW, codes, held
 from twind import link
-from twind.loop import reload_coordinator
-from twind.loop.service_notify import Notifier
+from twind.loop.procedures import reload_coordinator
+from twind.loop.process.service_notify import Notifier
 from twind.robot.finding import ReasonCode
 
 

@@ -12,8 +12,8 @@ import pytest
 from tests.support.daemon_rig import Rig
 from tests.support.service_notify_rig import Manager
 from twind.link import EStop, Reset
-from twind.loop.service_notify import STATUS, Notifier
-from twind.loop.torque_release import LETTING_GO
+from twind.loop.procedures.torque_release import LETTING_GO
+from twind.loop.process.service_notify import STATUS, Notifier
 
 FAR = str(os.getpid() + 1)
 

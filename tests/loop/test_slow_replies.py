@@ -6,7 +6,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
-from twind.loop.bus_port import PortState
+from twind.loop.bus.bus_port import PortState
 
 FACTORY = 250  # counts of 2 us (e-manual, "Return Delay Time (9)")
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, Rig
 from twind import link, sealed_memfd
-from twind.loop.reactions import react
+from twind.loop.tick.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard_types import GuardDecision, Reaction

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.support.daemon_rig import MakeRig
-from twind.loop.bound_robot import BoundRobot
+from twind.loop.tick.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth

@@ -11,8 +11,8 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.planar_arm import arm_in
 from twind import link
-from twind.loop.joint_readings import JointReadings
-from twind.loop.torque_release import SettleProfile, release
+from twind.loop.bus.joint_readings import JointReadings
+from twind.loop.procedures.torque_release import SettleProfile, release
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth

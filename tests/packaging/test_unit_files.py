@@ -32,8 +32,9 @@ from twind.config.daemon_settings import places
 from twind.ctl import ctl_main as ctl
 from twind.learn.streaming import stream_command
 from twind.listening_sockets import GROUPS, NAMES
-from twind.loop import failsafe, realtime
-from twind.loop.torque_release import LETTING_GO
+from twind.loop.procedures import failsafe
+from twind.loop.procedures.torque_release import LETTING_GO
+from twind.loop.process import realtime
 from twind.observe import metrics
 from twind.protocol.socket_paths import SYSTEM
 

@@ -8,7 +8,7 @@ from twind.config.calibrated_device import make_device_record
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.counts import slot_angles
 from twind.config.robot_file import load_robot
-from twind.loop.bound_robot import BoundRobot
+from twind.loop.tick.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.robot_ground_truth import RobotGroundTruth

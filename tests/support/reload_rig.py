@@ -9,8 +9,8 @@ from tests.support.doc_pages_text import ROOT
 from twind.briefing import Briefing
 from twind.config import hot_changes, reload_plan
 from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack
-from twind.loop import assembly
-from twind.loop.bound_robot import BoundRobot
+from twind.loop.tick import assembly
+from twind.loop.tick.bound_robot import BoundRobot
 from twind.sealed_memfd import unseal
 from twind.twin.binding import bind
 

@@ -20,11 +20,11 @@ from twind.config.config_files import ConfigSources, describe
 from twind.config.file_changes import fingerprints
 from twind.flight import FlightRing, LoadedFlight, read
 from twind.front.joint_naming import JointNames
-from twind.loop import assembly
-from twind.loop.bound_robot import BoundRobot
-from twind.loop.bus_opener import BusOpener
-from twind.loop.front_link import FrontLink
-from twind.loop.service_notify import Notifier
+from twind.loop.bus.bus_opener import BusOpener
+from twind.loop.ipc.front_link import FrontLink
+from twind.loop.process.service_notify import Notifier
+from twind.loop.tick import assembly
+from twind.loop.tick.bound_robot import BoundRobot
 from twind.observe.replaying.device_timeline import story
 from twind.observe.replaying.replay_bus import ReplayBus
 from twind.observe.replaying.replay_files import lay_out

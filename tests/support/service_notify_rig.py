@@ -2,7 +2,7 @@
 
 import socket
 
-from twind.loop.service_notify import Notifier
+from twind.loop.process.service_notify import Notifier
 
 
 class Manager:

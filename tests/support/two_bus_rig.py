@@ -5,8 +5,8 @@ Joints alternate between the buses, signs and gear ratios differ, so that a mixe
 
 import numpy as np
 
-from twind.loop.bus_port import BusPort, PortState
-from twind.loop.hardware import Hardware
+from twind.loop.bus.bus_port import BusPort, PortState
+from twind.loop.bus.hardware import Hardware
 from twind.robot.arrays import Floats
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState

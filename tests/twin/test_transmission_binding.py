@@ -15,7 +15,7 @@ from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
-from twind.loop.joint_readings import NOWHERE, efforts, radians, ticks, velocities
+from twind.loop.bus.joint_readings import NOWHERE, efforts, radians, ticks, velocities
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, bind, rebound
 from twind.virtual.virtual_robot_spec import calibration, specimen

@@ -24,7 +24,7 @@ from twind.doctor.check import (
 from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import BOOTED, HostInspector, is_daemon
 from twind.exceptions import OperationFailed
-from twind.loop.realtime import LIMIT, PRIORITY
+from twind.loop.process.realtime import LIMIT, PRIORITY
 from twind_drivers.dynamixel.port_holder import command
 
 CORES = 2

@@ -19,7 +19,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
-from twind.loop import realtime
+from twind.loop.process import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
 from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo, settings

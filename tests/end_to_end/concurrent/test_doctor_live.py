@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import codes, copy_h24, found, look, needs_root, run_with_own_mounts, settings
-from twind.loop.realtime import PRIORITY
+from twind.loop.process.realtime import PRIORITY
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 HOLD = (

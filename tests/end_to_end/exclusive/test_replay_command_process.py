@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.golden_captures import HERE, Hand, expected, outcome_of, record, silent
 from twind.flight import load
-from twind.loop.realtime import PRIORITY as ROBOT
+from twind.loop.process.realtime import PRIORITY as ROBOT
 from twind.observe.replaying import exec_with_priority
 
 TRIES = 3  # on a machine that is too busy for a daemon and its servos bus errors come that were not recorded

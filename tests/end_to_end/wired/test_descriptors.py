@@ -15,8 +15,8 @@ from tests.support.processes import Virtual, arm, go, robot, until
 from twind.client import Client, NoDaemon
 from twind.exceptions import InvalidInput
 from twind.front import reserved_descriptors
-from twind.loop import descriptors
-from twind.loop.descriptors import ensure, needed
+from twind.loop.ipc import descriptors
+from twind.loop.ipc.descriptors import ensure, needed
 
 NEEDED = needed(1, reserved_descriptors.NEEDED)
 

@@ -18,9 +18,9 @@ from tests.support import loop_stand_in as stand_in
 from tests.support.processes import until
 from twind import link, sealed_memfd
 from twind.listening_sockets import Listener
-from twind.loop import front_process
-from twind.loop.crash_recording import CrashRecording
-from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
+from twind.loop.ipc import front_process
+from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
 
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
 
@@ -82,7 +82,7 @@ RIGHTS = """
 import os, re, socket
 from pathlib import Path
 from twind import memfd
-from twind.loop.front_process import FrontProcess
+from twind.loop.ipc.front_process import FrontProcess
 from twind.listening_sockets import Listener
 
 def rights(pid):

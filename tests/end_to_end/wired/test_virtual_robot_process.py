@@ -13,11 +13,11 @@ from tests.support.processes import until
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
 from twind.exceptions import OperationFailed
-from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.loop.process.virtual_robot_process import VirtualRobotProcess
 
 PARENT = """
 import sys, time
-from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.loop.process.virtual_robot_process import VirtualRobotProcess
 
 child = VirtualRobotProcess("h24-split")
 child.__enter__()

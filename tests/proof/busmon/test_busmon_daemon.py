@@ -11,7 +11,7 @@ from tests.support.daemon_rig import Rig
 from tests.support.homing_rig import homed
 from tests.support.planar_arm import arm_in
 from twind import link
-from twind.loop import damping
+from twind.loop.procedures import damping
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth

@@ -12,7 +12,7 @@ import numpy as np
 from tests.proof.faults.fault import Fault
 from tests.proof.faults.world import AWAY, BRAKE, World
 from tests.support.daemon_rig import Rig
-from twind.loop.service_notify import Notifier
+from twind.loop.process.service_notify import Notifier
 from twind.robot.modes import Motion, RobotState
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 

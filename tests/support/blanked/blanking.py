@@ -95,9 +95,9 @@ def _blanked(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 PATCHES: dict[str, Patch] = {
     "twind.robot.finding": _finding,
-    "twind.loop.responder": _responder,
-    "twind.loop.realtime": _realtime,
-    "twind.loop.bus_port": _ports,
+    "twind.loop.ipc.responder": _responder,
+    "twind.loop.process.realtime": _realtime,
+    "twind.loop.bus.bus_port": _ports,
     "twind.front.joint_naming": _naming,
     "twind.front.client_calls": _calls,
     "twind_drivers.bus": _bus,

@@ -1,0 +1,1 @@
+"""Buses of the loop: ports, exchanges, and conversion between counts and radians."""

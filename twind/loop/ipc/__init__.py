@@ -1,0 +1,1 @@
+"""Inter-process communication of the loop with its front process."""

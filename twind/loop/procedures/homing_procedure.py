@@ -1,0 +1,378 @@
+"""End-stop search: drives one joint, weak and slow, against its stop; all other joints have no torque.
+
+Order: readings agree, the servo enters the mode with a current cap, torque on, the search
+(`motion/endstop_search`), torque off. However it ends, another procedure restores mode and settings. That
+procedure runs beside, starts before anything is written, and sends the reply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from twind import link
+from twind.loop.procedures.homing_request import resolve_request
+from twind.loop.procedures.homing_restore import (
+    HomingRestore,
+    answer,
+    clamped,
+    give_back,
+    release,
+    report_pending_restore,
+)
+from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureFailed
+from twind.loop.procedures.torque_switching import switch_torque_off
+from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
+from twind.robot.arrays import some
+from twind.robot.event_codes import EventCode
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind.safety.device_rules import TRIPPED
+from twind.safety.state_machine import LATCHED
+from twind_drivers.bus import BusError, Script, WireRangeError
+
+if TYPE_CHECKING:
+    from twind.loop.tick.control_loop import Loop
+    from twind_drivers.single_device import SingleDeviceControl
+
+T = TypeVar("T")
+PIN = "find stop"  # holds the lease while the search lasts
+REPORT = 0.25  # s between two reports of progress
+SWINGS = 5  # attempts of goal := present on a joint that moves; without a bound the search would never reply
+READ = 3  # ticks until readings are newer than the last write; an older one shows the state before it
+# divisor of a turn: difference from a whole turn that a mode change may cause; more is a wrong offset
+OFF_TURN = 16
+
+
+class HomingProcedure:
+    """At most one search. `owed` is set until the mode and settings of its servo are restored."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self.owed: HomingRestore | None = None
+        self._last_report = (-1.0, "")  # s and phase of the last report
+
+    def ask(self, command: link.FindStop, now: float) -> None:
+        """Begin a search, or reply with the reason why not."""
+        loop = self._loop
+        if loop.state is not RobotState.CALIBRATING and loop.state not in LATCHED:
+            allowed = [RobotState.CALIBRATING.value]
+            loop.say.error(command, "WrongState", state=loop.state.value, allowed=allowed)
+            return
+        if self.owed is not None or loop.procedures.rank is not None:
+            loop.say.error(command, "Busy", what="an end-stop search or its restoring is under way")
+            return
+        if (occupied := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
+            what = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
+            loop.say.error(command, "Busy", what=what)
+            return
+        found = resolve_request(loop, command, now)
+        if isinstance(found, list):
+            loop.say.refuse(command, found)
+            return
+        device = next(each for each in found.port.devices if each.id == found.id)
+        loop.procedures.own(Priority.HOME, lambda: self._search(HomingRestore(command, found, device)))
+
+    def findings(self) -> list[Finding]:
+        """Return the findings on the joint in `owed`: why it is not as it was calibrated."""
+        owed = self.owed
+        if owed is None:
+            return []
+        message = f"not restored after an end-stop search yet: it has {owed.left}"
+        return [Finding(ReasonCode.CALIB_MISMATCH, owed.request.joint, message=message)]
+
+    def busy(self, bus: str | None = None, id: int | None = None) -> str:
+        """Return the text on what must end before that device may be changed; empty: nothing.
+
+        Without arguments it covers all devices.
+        """
+        owed = self.owed
+        if owed is None or (bus, id) not in ((None, None), (owed.request.port.name, owed.request.id)):
+            return ""
+        return f"{self._loop.joints.names[owed.request.joint]} gets its mode and settings back"
+
+    def report_pending_restore(self) -> None:
+        """Report what is not restored yet when the daemon ends."""
+        if self.owed is not None:
+            report_pending_restore(self._loop, self.owed)
+
+    # ------------------------------------------------------------------------------- the search
+
+    def _search(self, pending: HomingRestore) -> Procedure:
+        loop = self._loop
+        loop.lease.pin(pending.command.client, PIN)
+        try:
+            pending.findings = yield from self._outcome(pending)
+            loop.hardware.clear()
+            if loop.energising:
+                pending.findings += yield from self._switch_torque_off(pending)
+        except GeneratorExit:  # the procedure that takes over switches torque off: `energising` is set
+            pending.findings = pending.findings or (_cause(loop),)
+            loop.unconfirmed = loop.unconfirmed or loop.energising
+            loop.hardware.clear()
+            raise
+        finally:
+            self._end(pending)
+
+    def _outcome(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+        """Run the search and return the findings of its failure; empty: the stop was found."""
+        loop = self._loop
+        joint = pending.request.joint
+        try:
+            yield from self._run_search(pending)
+        except ProcedureFailed as ended:
+            return (self._attach_joint(pending, ended.finding),)
+        except ValueError as error:  # its model has no such mode, or not so small a current
+            return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
+        except WireRangeError as error:
+            return (clamped(loop, pending, error),)
+        except BusError as error:
+            return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)
+        except Exception as error:  # noqa: BLE001 - any failure switches torque off
+            broken = Finding(ReasonCode.INTERNAL, joint, message=repr(error))
+            loop.fail(broken, loop.clock.now())
+            return (broken,)
+        return ()
+
+    def _switch_torque_off(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+        """Switch torque off and read it back; return the findings of a failure."""
+        loop = self._loop
+        try:
+            yield from switch_torque_off(loop)
+        except BusError as error:
+            message = f"torque could not be read back off: {error}"
+            loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
+            return (Finding(ReasonCode.TORQUE_MISMATCH, pending.request.joint, message=message),)
+        return ()
+
+    @staticmethod
+    def _attach_joint(pending: HomingRestore, finding: Finding) -> Finding:
+        """Return `finding` with the joint, where the search itself reported it."""
+        own = (
+            ReasonCode.STOP_NOT_FOUND,
+            ReasonCode.OVERCURRENT,
+            ReasonCode.STATE_STALE,
+            ReasonCode.CALIB_MISMATCH,
+        )
+        return replace(finding, joint=pending.request.joint) if finding.code in own else finding
+
+    def _end(self, pending: HomingRestore) -> None:
+        self._loop.lease.unpin(pending.command.client, PIN)
+        pending.over = True
+        if pending.kept is None:  # no restoring procedure runs
+            release(self._loop, pending)
+            answer(self._loop, pending)
+
+    def _run_search(self, pending: HomingRestore) -> Generator[None, float, None]:
+        """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
+        loop = self._loop
+        aim = pending.request
+        writer = aim.port.writer
+        command = pending.command
+        assert writer is not None
+        name = loop.joints.names[aim.joint]
+        loop.say.event("info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop")
+        pending.shift = int(loop.hardware.readings.shift[aim.joint])
+        yield from self._quiet(pending)
+        loop.hardware.clear()  # no queued request may reach the servo between its checks and torque
+        alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
+        kept = yield from self._done(pending, alone.look())
+        # What is kept is recorded before the first write: a search that ends now is still restored.
+        pending.left = alone.describe_leftovers(kept)
+        pending.watchdog = alone.watchdog
+        self.owed = pending
+        pending.kept = kept
+        loop.procedures.beside(give_back(loop, pending))
+        held = yield from self._pinned(pending, alone, kept)
+        now = yield from self._energised(pending, alone, held)
+        yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
+
+    def _quiet(self, pending: HomingRestore) -> Generator[None, float, None]:
+        now = self._loop.clock.now()
+        self._report(pending, "waiting", 0.0, now)
+        now = yield
+        quiet = StandstillCheck(now)
+        while (answer := quiet.step(self._sample(pending), now)) is not True:
+            if isinstance(answer, Finding):
+                raise ProcedureFailed(answer)
+            now = yield
+            self._require(pending, now)
+        pending.looked_after = True
+
+    def _newer(self, pending: HomingRestore) -> Generator[None, float, float]:
+        """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
+        since = self._loop.clock.now()
+        passed = 0
+        now = 0.0
+        while passed < READ or not self._sample(pending).at > since:
+            now = yield
+            self._require(pending, now)
+            passed += 1
+        return now
+
+    def _pinned(
+        self, pending: HomingRestore, alone: SingleDeviceControl, kept: Any
+    ) -> Generator[None, float, int]:
+        """Enter the other mode, set goal := present and read it back.
+
+        Return the count (calibrated) to hold.
+        """
+        aim = pending.request
+        before = self._count(pending)
+        yield from self._done(pending, alone.enter_current_mode(kept))
+        yield from self._newer(pending)
+        pending.shift = _frame(before, before_raw := self._raw(pending), aim.turn)
+        # Another mode may count from another turn: the clamp (WIRE_CLAMP) must be in its counts before any
+        # goal.
+        alone.set_goal_limits(aim.lower - pending.shift, aim.upper - pending.shift)
+        for _ in range(SWINGS):
+            held = self._count(pending)
+            if not aim.lower <= held <= aim.upper:
+                break
+            yield from self._done(pending, alone.prepare(kept, held - pending.shift))
+            yield from self._newer(pending)
+            if abs(self._count(pending) - held) <= AGREE:
+                return held
+        moved = abs(self._count(pending) - before_raw - pending.shift)
+        message = "still moving (counts): let it hang still, then try again"
+        raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, moved, AGREE, message)
+
+    def _energised(
+        self, pending: HomingRestore, alone: SingleDeviceControl, held: int
+    ) -> Generator[None, float, float]:
+        """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
+        loop = self._loop
+        aim = pending.request
+        # Set before the write: whatever ends the search from here on must switch torque off.
+        loop.energising = True
+        yield from self._done(pending, alone.energise())
+        pending.powered = loop.clock.now()
+        now = yield from self._newer(pending)
+        jump = abs(self._count(pending) - held)
+        if not jump <= aim.jump:
+            message = "counts: it jumped when torque came on"
+            raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, jump, aim.jump, message)
+        return now
+
+    def _course(
+        self, pending: HomingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
+    ) -> Generator[None, float, None]:
+        pending.looked_after = False  # the search checks the age of readings itself
+        while True:
+            self._require(pending, now)
+            goal = course.step(self._sample(pending), now)
+            if course.failed is not None:
+                raise ProcedureFailed(course.failed)
+            if course.done:
+                pending.captures = course.captures
+                return
+            alone.goal(round(goal) - pending.shift)
+            self._report(pending, course.phase.value, course.progress, now)
+            now = yield
+
+    # ------------------------------------------------------------------------------- what ends it
+
+    def _require(self, pending: HomingRestore, now: float) -> None:
+        """Raises ProcedureFailed where a condition forbids to continue."""
+        for finding in self._against(pending, now):
+            raise ProcedureFailed(finding)
+
+    def _against(self, pending: HomingRestore, now: float) -> Generator[Finding, None, None]:
+        loop = self._loop
+        joint = pending.request.joint
+        if loop.state is not RobotState.CALIBRATING or loop.latches:
+            yield _cause(loop)
+        if not loop.lease.held_by(pending.command.client, now):
+            yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
+        yield from loop.parts.guard.bars
+        if loop.unreachable is not None:
+            yield loop.unreachable
+        if not loop.hardware.connected:
+            yield Finding(
+                ReasonCode.HW_DISCONNECTED, message="a bus was lost, or its devices are identified anew"
+            )
+        if pending.looked_after and not (age := now - self._sample(pending).at) <= LOST:
+            message = "s since its last reading: check cable and power"
+            yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
+        slow = loop.hardware.slow
+        on = slow.torque == 1
+        on[joint] = False
+        if some(on):
+            other = int(np.argmax(on))
+            yield Finding(ReasonCode.TORQUE_MISMATCH, other, value=1.0, bound=0.0, message="its torque is on")
+        if pending.powered is None or not slow.status_time[joint] > pending.powered:
+            return
+        if slow.torque[joint] != 1:
+            value = float(slow.torque[joint])
+            yield Finding(
+                ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message="torque went off"
+            )
+        if slow.watchdog[joint] == TRIPPED:
+            message = "its watchdog tripped: no request on its bus for too long"
+            yield Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+        elif (watchdog := float(slow.watchdog[joint])) != pending.watchdog:
+            message = "its watchdog differs from the one set: nothing would stop it if the daemon died"
+            yield Finding(
+                ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=pending.watchdog, message=message
+            )
+        if slow.fault[joint] > 0:
+            value = float(slow.fault[joint])
+            yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
+
+    def _done(self, pending: HomingRestore, script: Script[T]) -> Generator[None, float, T]:
+        """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
+        task = pending.request.port.run(script, urgent=True)
+        while not task.done:
+            now = yield
+            self._require(pending, now)
+        if task.error is not None:
+            raise task.error
+        return task.result  # type: ignore[return-value]
+
+    # ------------------------------------------------------------------------------- reports
+
+    def _report(self, pending: HomingRestore, phase: str, progress: float, now: float) -> None:
+        at, last = self._last_report
+        if pending.command.more and (phase != last or not now - at < REPORT):
+            self._last_report = (now, phase)
+            self._loop.say.reply(pending.command, continues=True, phase=phase, progress=progress)
+
+    # ------------------------------------------------------------------------------- readings
+
+    def _raw(self, pending: HomingRestore) -> int:
+        return int(self._loop.hardware.readings.raw.ticks[pending.request.joint])
+
+    def _count(self, pending: HomingRestore) -> int:
+        return self._raw(pending) + pending.shift
+
+    def _sample(self, pending: HomingRestore) -> HomingSample:
+        raw = self._loop.hardware.readings.raw
+        joint = pending.request.joint
+        return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))
+
+
+def _frame(before: int, raw: int, turn: int) -> int:
+    """Return the whole turns (counts) between the calibrated count before and the raw one in the other mode.
+
+    Raises ProcedureFailed.
+    """
+    shift = turn * round((before - raw) / turn)
+    off = abs(before - raw - shift)
+    if off > turn / OFF_TURN:
+        message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
+        raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, off, turn / OFF_TURN, message)
+    return shift
+
+
+def _cause(loop: Loop) -> Finding:
+    """Return the reason why it was ended from outside."""
+    for finding in loop.latches.values():
+        return finding
+    if loop.stop_wanted:
+        return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
+    return Finding(
+        ReasonCode.NOT_ARMED, message=f"the robot went to {loop.state.value}: disarmed, or a bus lost"
+    )

@@ -1,0 +1,196 @@
+"""Restoring of a servo after an end-stop search: mode and settings are written back, read back, reported.
+
+Until then the joint is owed: no client arms, leaves the mode or writes to it. An interrupted attempt is
+repeated. A servo that refuses, or another one in its place, ends the restoring, which is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from twind import link
+from twind.loop.procedures.homing_request import HomingRequest
+from twind.loop.procedures.procedure_runner import Priority, Procedure, ticks
+from twind.motion.endstop_search import HomingPhase
+from twind.robot.event_codes import EventCode
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
+
+if TYPE_CHECKING:
+    from twind.loop.tick.control_loop import Loop
+
+REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
+PAUSE = 25  # ticks between two attempts, so that other requests get bus time
+ANSWER = 3.0  # s after the end of the search by which the caller gets its reply, restored or not
+ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings that identify the servo
+
+
+@dataclass(eq=False)
+class HomingRestore:
+    """One end-stop search: its request, the servo's settings before it, and its result."""
+
+    command: link.FindStop
+    request: HomingRequest
+    device: IdentifiedDevice  # as it was identified before
+    kept: Any = None  # state of the driver for the restoring; None: nothing was written
+    left: str = ""  # settings that stay changed without restoring
+    watchdog: int = 0  # value of its watchdog register while it has torque
+    shift: int = 0  # counts: calibrated count minus raw, in the present mode
+    looked_after: bool = False  # True from agreeing readings until the search begins: an old reading ends it
+    powered: float | None = None  # s, when torque was read back on
+    over: bool = False  # the search has ended, and its torque too, or another procedure takes it
+    answered: bool = False
+    captures: list[float] = field(default_factory=list)
+    findings: tuple[Finding, ...] = ()
+
+
+def give_back(loop: Loop, pending: HomingRestore) -> Procedure:
+    """Restore the servo once the search is over and torque is off, identify its bus anew, then reply."""
+    port = pending.request.port
+    while not pending.over:
+        yield
+    until = loop.clock.now() + ANSWER
+    why = yield from _returned(loop, pending, until)
+    pending.findings += why
+    _report_restore(loop, pending, why)
+    release(loop, pending)
+    port.identify()
+    while not pending.answered and not loop.hardware.connected and loop.clock.now() < until:
+        yield  # the client may go on at once after the reply
+    answer(loop, pending)
+
+
+def _returned(
+    loop: Loop, pending: HomingRestore, until: float
+) -> Generator[None, float, tuple[Finding, ...]]:
+    """Try to restore until it succeeds or never will; return the findings of the failure."""
+    refusals = 0
+    while True:
+        # Another device may have the id by now; settings of the old one must not be written to it.
+        if (strange := _stranger(pending)) is not None:
+            return (unrestored(pending, strange),)
+        if _free(loop, pending):
+            error = yield from _restored(pending)
+            if isinstance(error, WireRangeError):
+                return (clamped(loop, pending, error), unrestored(pending, str(error)))
+            if error is None:
+                return ()
+            refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
+            if refusals >= REFUSALS:
+                return (unrestored(pending, str(error)),)
+        if loop.clock.now() > until and not pending.answered:
+            waits = "torque or bus do not allow it yet; it is tried again until they do"
+            answer(loop, pending, unrestored(pending, waits))
+        yield from ticks(PAUSE)
+
+
+def _free(loop: Loop, pending: HomingRestore) -> bool:
+    """Check that no other procedure runs, no torque is on, and the device is identified."""
+    port = pending.request.port
+    calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
+    identified = port.identification is None and _now(pending) is not None
+    return calm and identified and port.writer is not None and port.reader is not None and not port.full
+
+
+def _now(pending: HomingRestore) -> IdentifiedDevice | None:
+    """Return the device with that id as last identified; None: no reply since the bus was opened."""
+    aim = pending.request
+    found = (each for each in aim.port.devices if each.id == aim.id and each.settings)
+    return next(found, None)
+
+
+def _stranger(pending: HomingRestore) -> str | None:
+    """Return the reason why the device with the id is not the one that was driven.
+
+    None: no difference is known.
+    """
+    was = pending.device
+    found = _now(pending)
+    if found is None:
+        return None
+    for name, before, after in (
+        ("model", was.model_number, found.model_number),
+        ("firmware", was.firmware, found.firmware),
+        ("unique id", was.unique_id, found.unique_id),
+        *((name, was.settings.get(name), found.settings.get(name)) for name in ITS_OWN),
+    ):
+        if before != after:
+            return f"another device has its id now ({name} was {before}, reads {after}): nothing was written"
+    return None
+
+
+def _restored(pending: HomingRestore) -> Generator[None, float, Exception | None]:
+    """Try once to write the old mode and settings back; return the error of the attempt, or None."""
+    port = pending.request.port
+    aim = pending.request
+    assert port.writer is not None
+    try:
+        alone = port.writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
+    except ValueError as error:
+        return error
+    finally:
+        port.writer.end_single_device()  # the restoring writes are checked as any others
+    task = port.run(alone.give_back(pending.kept))
+    while not task.done:
+        yield
+    return task.error
+
+
+def report_pending_restore(loop: Loop, pending: HomingRestore) -> None:
+    """Report that the daemon ends before mode and settings were written back."""
+    why = unrestored(pending, "the daemon ends")
+    _report_restore(loop, pending, (why,))
+    answer(loop, pending, why)
+
+
+def release(loop: Loop, pending: HomingRestore) -> None:
+    """End the pending; all devices on its bus are written to again."""
+    if pending.request.port.writer is not None:
+        pending.request.port.writer.end_single_device()
+    loop.homing.owed = None
+
+
+# ------------------------------------------------------------------------------------------- reports
+
+
+def answer(loop: Loop, pending: HomingRestore, *more: Finding) -> None:
+    """Send the last reply: captures, or findings; with any finding no capture is reported."""
+    if pending.answered:
+        return
+    pending.answered = True
+    findings = [*pending.findings, *more]
+    name = loop.joints.names[pending.request.joint]
+    if findings:
+        message = f"{name}: its stop was not found: {findings[0].message}"
+        loop.say.event("warning", findings[0].code, message, findings)
+        loop.say.reply(pending.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
+        return
+    counts = [round(count) for count in pending.captures]
+    loop.say.event("info", EventCode.HOMING, f"{name}: its stop is at {counts}; torque is off")
+    loop.say.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
+
+
+def _report_restore(loop: Loop, pending: HomingRestore, why: tuple[Finding, ...]) -> None:
+    """Report the result of the restoring as events, for a client answered before and for all others."""
+    name = loop.joints.names[pending.request.joint]
+    for finding in why:
+        loop.say.event("error", finding.code, f"{name}: {finding.message}", (finding,))
+    if pending.answered and not why:
+        loop.say.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
+
+
+def unrestored(pending: HomingRestore, why: str) -> Finding:
+    """Build the finding of a servo that was not restored: what it is left with, and why."""
+    message = f"its mode and settings are not as they were: {why}; it is left with {pending.left}"
+    return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
+
+
+def clamped(loop: Loop, pending: HomingRestore, error: WireRangeError) -> Finding:
+    """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
+    finding = Finding(
+        ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)
+    )
+    loop.fail(finding, loop.clock.now())
+    return finding

@@ -1,0 +1,313 @@
+"""Identification of the devices on each bus: ports that open and close, missing devices, wrong devices.
+
+A device is wrong when it is not the calibrated one. The ports are checked after each exchange, and changes
+become states and findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.loop.bus.bus_port import IDENTIFY_AGAIN, BusPort, PortState
+from twind.loop.procedures import torque_release, torque_switching
+from twind.loop.procedures.joint_verification import JointVerificationState
+from twind.loop.procedures.procedure_runner import Priority
+from twind.robot.arrays import Bools, some
+from twind.robot.event_codes import EventCode
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_map import JointBusMap
+from twind.robot.modes import Mode, RobotState
+from twind.safety.state_machine import RobotEvent
+from twind_drivers.bus import IdentifiedDevice
+
+if TYPE_CHECKING:
+    from twind.loop.tick.control_loop import Loop
+
+SILENT = 2.0  # s without a reply of any device: the bus counts as disconnected
+GONE = 0.1  # s without a reply of any device: their power may have gone (docs/safety.md, a stale state)
+UNREAD = 1.0  # s without a sound reading of a device that replies to identification
+READINGS = 5  # readings that must have been tried before that is reported; one lost reading is no fault
+DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows them; disconnect one"
+SPOKE = 0.05  # s: a device of a silent bus replied just now, so its power is back
+
+# (bus name, id) -> device, for every device that replied -> CALIB_MISMATCH findings, joints as indices
+Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
+
+
+class IdentificationState:
+    """Identified devices and findings, bus by bus."""
+
+    def __init__(self, loop: Loop, judge: Judge) -> None:
+        self._loop = loop
+        self.judge = judge
+        self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
+        self._again: dict[str, float] = {}
+        self._gone: dict[str, float] = {}  # bus -> s without a reply of any device on it
+        # bus -> devices that a patient identification has found
+        self._waited: dict[str, frozenset[tuple[int, bool]]] = {}
+        self._mute: set[str] = set()  # buses on which the last identification found no device
+        self._reported: dict[
+            str, str
+        ] = {}  # bus -> the trouble, or the warning of an open port, last reported
+        self._inherited_reported = False  # torque that was found on has been reported
+        self._found_all = False  # all devices are present: the simulation may start at their positions
+        # bus -> findings on missing devices and other models
+        self.missing: dict[str, tuple[Finding, ...]] = {}
+        self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
+        self.verified = JointVerificationState(loop)
+
+    @property
+    def troubles(self) -> list[Finding]:
+        """All findings that prevent arming, for the status."""
+        missing = [finding for findings in self.missing.values() for finding in findings]
+        return [*missing, *self.mismatches, *self.verified.findings()]
+
+    def watch(self, now: float) -> None:
+        """Process the result of the exchange; called once per tick."""
+        loop = self._loop
+        for lost in loop.hardware.lost:
+            self._on_bus_lost(lost.bus, str(lost.error), now)
+        loop.hardware.lost.clear()
+        for port, bus in loop.hardware.pairs:
+            self._step_port(port, bus, now)
+        self.verified.watch(now)
+        self._place(loop)
+        self.settle_state(now)
+        if loop.inherited and not self._inherited_reported:
+            message = "torque was found on; nothing is written until an operator arms or disarms"
+            loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
+        self._inherited_reported = loop.inherited
+
+    def settle_state(self, now: float) -> None:
+        """Bring the robot's state in line with its ports."""
+        loop = self._loop
+        ports = loop.hardware.ports
+        if loop.mode is Mode.SIM or loop.state is RobotState.INHIBITED:
+            return
+        identified = loop.hardware.connected
+        if not identified and loop.state is RobotState.CONNECTED:
+            loop.change(RobotEvent.PORT_LOST, now)  # a latched state keeps its own state until a reset
+        if loop.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
+            loop.change(RobotEvent.PORT_OPENED, now)
+        waits = loop.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
+        if identified and not loop.condition.identified and waits:
+            loop.change(RobotEvent.IDENTIFIED, now)
+        if loop.torque_off:
+            loop.owed = loop.unconfirmed = False
+        idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
+        if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
+            torque_release.stop(
+                loop, loop.stop_level, now
+            )  # it came back with torque on under a latched stop
+        elif loop.unconfirmed and idle and loop.inherited:
+            loop.procedures.own(Priority.DISARM, lambda: torque_switching.retry_torque_off(loop))
+
+    def restarted(self, findings: Sequence[Finding]) -> None:
+        """Process servos that restarted (SERVO_REBOOTED).
+
+        Settings and turns may be gone, so their buses are identified anew.
+        """
+        joints = {finding.joint for finding in findings}
+        self.verified.restarted(findings)
+        for port, bus in self._loop.hardware.pairs:
+            if not joints.isdisjoint(bus.joints.tolist()):
+                port.identify()
+
+    # ----------------------------------------------------------------------------- coming
+
+    def _step_port(self, port: BusPort, bus: JointBusMap, now: float) -> None:
+        loop = self._loop
+        if port.link is PortState.CLOSED:
+            if port.trouble and self._reported.get(port.name) != port.trouble:
+                self._reported[port.name] = port.trouble
+                loop.say.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
+            return
+        warning = port.warning
+        if self._reported.get(port.name, "") != warning:
+            self._reported[port.name] = warning
+            if warning:
+                loop.say.event("warning", EventCode.PORT_WARNING, f"{port.name}: {warning}")
+        if port.link is PortState.CONNECTED:
+            self._listen(port, loop.hardware.readings.silence(bus, now))
+        if port.link is PortState.IDENTIFYING:
+            self._identify(port, bus, now)
+
+    def _listen(self, port: BusPort, silence: float) -> None:
+        """Identify a silent bus anew, also after a short silence.
+
+        A servo that lost its power may have lost its settings and its turns.
+        """
+        before = self._gone.pop(port.name, 0.0)
+        if silence > SILENT:
+            message = f"{port.name}: no device answers any more: check power; all are identified anew"
+        elif silence > GONE and not self._loop.inhibited:  # inhibited, the daemon itself is silent
+            self._gone[port.name] = silence
+            return
+        elif before:
+            message = (
+                f"{port.name}: no device answered for {before:.2f} s: check power; all are identified anew"
+            )
+        else:
+            return
+        self._loop.say.event("error", ReasonCode.HW_DISCONNECTED, message)
+        port.identify()
+
+    def _identify(self, port: BusPort, bus: JointBusMap, now: float) -> None:
+        task = port.identification
+        if task is None:
+            spoke = port.name in self._mute and self._loop.hardware.readings.silence(bus, now) < SPOKE
+            if spoke or now >= self._again.get(port.name, 0.0):
+                port.identify()
+            return
+        if not task.done:
+            return
+        port.devices = task.result or ()
+        slow = port.reader is not None and port.reader.lags
+        unread = () if slow else tuple(self._unread(port, bus))
+        if unread and port.readings < READINGS:
+            return
+        port.identification = None
+        (self._mute.discard if port.devices else self._mute.add)(port.name)
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
+        self._devices |= {(port.name, device.id): device for device in port.devices}
+        findings = (*self._unfit(port, bus), *unread)
+        if findings or slow:
+            if self._again_patiently(port):
+                return
+            findings += tuple(self._slow(bus)) if slow else ()
+        if findings != self.missing.get(port.name, ()):
+            self._report_findings("error", findings)
+        self.missing[port.name] = findings
+        port.tape.identified(whole=not findings)
+        self.verified.identified(port, bus, self._fits(port, bus, findings))
+        if findings:
+            self._again[port.name] = now + IDENTIFY_AGAIN
+            return
+        port.link = PortState.CONNECTED
+        self._found()
+
+    def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
+        """Return the mask (m,) of the devices of this bus that are identified and match the robot file."""
+        present = {device.id for device in port.devices}
+        wrong = {finding.joint for finding in findings}
+        rows = zip(bus.ids, bus.joints.tolist(), strict=True)
+        return np.array([id in present and joint not in wrong for id, joint in rows], np.bool_)
+
+    def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
+        """Yield a finding for each device of this bus that is silent, or does not match the robot file."""
+        mine = set(bus.joints.tolist())
+        for finding in self.judge(self._devices).refusals:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
+                yield finding
+            elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
+                hint = f"; but bytes arrive that are no valid reply: {DOUBLE}" if port.strays else ""
+                yield replace(finding, message=finding.message + hint)
+
+    def _again_patiently(self, port: BusPort) -> bool:
+        """Identify again at once where a device is missing or was not read; return whether this was begun.
+
+        It allows for the slowest setting of a servo (return delay 508 us). Where a patient identification
+        found no more devices, it is not repeated.
+        """
+        found = frozenset((device.id, bool(device.settings)) for device in port.devices)
+        if port.patient or self._waited.get(port.name) == found:
+            if port.patient:
+                self._waited[port.name] = found
+            return False
+        port.identify(patient=True)
+        return True
+
+    def _slow(self, bus: JointBusMap) -> Iterator[Finding]:
+        """Yield the mismatches of a return delay that is longer than described.
+
+        They count where the reading of the bus so takes longer than a tick.
+        """
+        mine = set(bus.joints.tolist())
+        for finding in self.judge(self._devices).warnings:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
+                yield finding
+
+    def _unread(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
+        """Yield a finding for each device that is identified but gives no sound reading.
+
+        Two of one model identify themselves alike, and show different positions (fault matrix row 12).
+        """
+        present = {device.id for device in port.devices}
+        age = self._loop.measured.age[bus.joints]
+        for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
+            if id in present and unheard:
+                message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
+                yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
+
+    def _found(self) -> None:
+        """Process a bus whose devices are all present; with the last such bus, the robot is connected."""
+        loop = self._loop
+        if not loop.hardware.connected:
+            return
+        verdict = self.judge(self._devices)
+        self.mismatches = verdict.refusals
+        self._report_findings("warning", (*verdict.refusals, *verdict.warnings))
+        self._found_all = True
+
+    def _place(self, loop: Loop) -> None:
+        """Start the simulation from the measured pose, once that is known."""
+        if self._found_all and np.isfinite(loop.measured.position).all():
+            self._found_all = False
+            if loop.mode is Mode.MIRROR and loop.untouched:
+                loop.enter(loop.mode)
+
+    def _report_findings(self, level: str, findings: Sequence[Finding]) -> None:
+        """Report one event per code, however many joints it concerns."""
+        for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
+            group = tuple(same)
+            self._loop.say.event(level, code, group[0].message, group)
+
+    # ----------------------------------------------------------------------------- going
+
+    def _on_bus_lost(self, bus: str, error: str, now: float) -> None:
+        loop = self._loop
+        finding = Finding(ReasonCode.PORT_LOST, message=f"{bus}: {error}")
+        loop.say.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
+        self.missing.pop(bus, None)
+        self._gone.pop(bus, None)
+        held = loop.armed or loop.energising or loop.procedures.rank is Priority.ARM
+        if held:
+            loop.owed = True
+            loop.latch(finding)
+            loop.change(RobotEvent.FAULT, now)
+        if held and loop.hardware.writers:
+            loop.executor.stop("aborted", (finding,))
+            self._others(now)
+        elif not any(port.reader for port in loop.hardware.ports):
+            loop.procedures.abandon()  # no bus is left to write to
+            loop.armed = loop.energising = False
+            # devices that come back may be stiff and elsewhere: they are lowered as any others
+            loop.soft_since = None
+            if loop.mode is Mode.LIVE:
+                loop.executor.stop("aborted", (finding,))
+                loop.executor.idle()
+            loop.change_if(RobotEvent.PORT_LOST, now)
+
+    def _others(self, now: float) -> None:
+        """Handle the joints on the remaining buses after a bus was lost.
+
+        On a supported robot (fixed or gantry) they hold until an operator disarms (fault matrix rows 1 and
+        2). Otherwise they are lowered, or damped, and torque goes off; the same where a procedure runs or the
+        robot is not armed completely.
+        """
+        loop = self._loop
+        if loop.inhibited:
+            return  # torque stays, and nothing is written
+        if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
+            loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now))
+        elif not some(
+            loop.hardware.energised_joints
+        ):  # a bus that was lost before is back, but takes no goals of itself
+            loop.executor.idle()
+            loop.armed = False

@@ -1,0 +1,113 @@
+"""Torque: take-over of goals, torque off with read-back, and its retry.
+
+Torque off that a device did not confirm is pending: it is sent again when the device replies.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.loop.procedures.procedure_runner import Procedure, all_of
+from twind.robot.finding import ReasonCode
+from twind.safety.guard import GuardThresholds
+from twind_drivers.bus import BusError, NoReply
+
+if TYPE_CHECKING:
+    from twind.loop.tick.control_loop import Loop
+    from twind.robot.arrays import Bools, Floats
+
+# s that torque off is repeated to devices that do not confirm it; one lost packet must not leave torque on
+INSIST = 1.0
+EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that count as encoder error (OUT_OF_LIMIT)
+
+
+def beyond_hard_limit(loop: Loop) -> Bools:
+    """Return joints (n,) measured beyond a hard limit: no goal may be there, and one inside is a step.
+
+    Joints with unknown position (NaN) are not among them.
+    """
+    position = loop.measured.position
+    limits = loop.limits
+    return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
+
+
+def joint_names(loop: Loop, which: Bools) -> str:
+    """Return the names of the joints of the mask (n,); of many the first ones."""
+    names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
+
+
+def error_text(loop: Loop, error: Exception) -> str:
+    """Return the text of a bus error, with the joints whose devices did not reply."""
+    which = np.zeros(len(loop.joints), np.bool_)
+    if isinstance(error, NoReply):
+        for bus in loop.joints.buses:
+            if bus.name == error.port:
+                which[bus.joints[np.isin(bus.ids, error.ids)]] = True
+    return f"{error} ({joint_names(loop, which)})" if which.any() else str(error)
+
+
+def say_unconfirmed(loop: Loop, error: BusError) -> None:
+    """Report torque off that a device did not confirm."""
+    message = f"torque could not be read back off: {error_text(loop, error)}"
+    loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
+
+
+def take(loop: Loop, held: Floats) -> None:
+    """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
+    loop.armed = True
+    loop.energising = False
+    loop.owed = False
+    loop.unconfirmed = False
+    loop.hardware.hold(True)
+    loop.executor.begin(held)
+    loop.written = held
+
+
+def switch_torque_off(loop: Loop) -> Procedure:
+    """Switch torque off and read it back. Raises BusError that names the devices without confirmation.
+
+    `retry_torque_off` sends it again later.
+    """
+    loop.executor.idle()
+    loop.hardware.clear()
+    # Goals stop first, or the next one would follow the cut. The cut goes out with whatever packet is next,
+    # before the script below that reads it back.
+    loop.hardware.hold(False)
+    for writer in loop.hardware.writers:
+        # sent a second time with the next packet of any kind, as a sync write is not acknowledged
+        writer.cut()
+    loop.hardware.quiet_until = -inf  # torque off does not wait for device watchdogs
+    # not known to be off until it is read back
+    loop.armed = False
+    loop.energising = True
+    loop.soft_since = None
+    loop.unconfirmed = True
+    until = loop.clock.now() + INSIST
+    while True:
+        try:
+            yield from all_of(loop.hardware.torque(False))
+        except BusError:
+            if loop.clock.now() < until and loop.hardware.writers:
+                yield
+                continue
+            # devices that are still on show it in their registers, and are reported as inherited
+            loop.energising = False
+            raise
+        loop.energising = loop.unconfirmed = False
+        return
+
+
+def retry_torque_off(loop: Loop) -> Procedure:
+    """Switch torque off once more after a device that did not confirm it replies with torque on."""
+    loop.say.event(
+        "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
+    )
+    try:
+        yield from switch_torque_off(loop)
+    except BusError as error:
+        say_unconfirmed(loop, error)

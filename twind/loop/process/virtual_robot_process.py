@@ -1,0 +1,81 @@
+"""`--virtual`: a `twind-virtual` of the same robot as a child process with its own calibration.
+
+It never touches a real robot's files. It ends with the daemon: its standard input is a pipe of the daemon.
+"""
+
+import select
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+from twind.exceptions import OperationFailed
+from twind.loop.ipc.front_process import child_environment
+
+START = 30.0  # s it may take to be ready
+
+
+class VirtualRobotProcess:
+    """Context manager: the virtual robot is ready inside, and ended outside. `ports` by bus name."""
+
+    def __init__(self, robot: str, *options: str) -> None:
+        """`options`: for `twind-virtual`, besides its robot and its files."""
+        self._folder = tempfile.TemporaryDirectory(prefix="twind-virtual-")
+        self.calibration = Path(self._folder.name) / "calibration.yaml"
+        self.faults = Path(self._folder.name) / "faults.sock"
+        self.ports: dict[str, str] = {}
+        # -P: no module of the folder that the daemon happened to be started in.
+        command = [sys.executable, "-P", "-m", "twind.virtual", "--robot", robot]
+        command += ["--calibration", str(self.calibration), "--faults", str(self.faults), *options]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env=child_environment(),
+        )
+
+    def __enter__(self) -> "VirtualRobotProcess":
+        try:
+            self._await_ready()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def _await_ready(self) -> None:
+        output = self._process.stdout
+        assert output is not None
+        text = b""
+        while not text.endswith(b"ready\n"):
+            ready, _, _ = select.select([output], [], [], START)
+            more = output.read1(4096) if ready else b""  # type: ignore[attr-defined]
+            if not more:
+                raise OperationFailed("the virtual robot did not start; its own messages are above")
+            text += more
+        for line in text.decode().splitlines():
+            word, _, rest = line.partition(" ")
+            if word == "bus":
+                name, _, path = rest.partition(" ")
+                self.ports[name] = path
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End it: end-of-file on its input, then a wait, then SIGKILL."""
+        with suppress(OSError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._folder.cleanup()

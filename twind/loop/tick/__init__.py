@@ -1,0 +1,1 @@
+"""The tick of the loop: its state, what the guard is given, reactions and reports."""

@@ -1,0 +1,215 @@
+"""Assembly of a loop from robot, calibration, ports and sockets, and the briefing for its front."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind.briefing import Briefing, JointInfo
+from twind.config.file_changes import texts
+from twind.config.robot_file import RobotFile
+from twind.listening_sockets import Listener
+from twind.loop.bus.bus_port import BusPort, Enabler, Opener
+from twind.loop.bus.bus_tap import BusTap, FlightRecorder
+from twind.loop.bus.hardware import Hardware
+from twind.loop.bus.imu_poller import ImuPoller
+from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.front_link import ControlLink, FrontLink
+from twind.loop.ipc.front_process import FrontProcess
+from twind.loop.process.realtime import Granted
+from twind.loop.process.service_notify import Notifier
+from twind.loop.tick.bound_robot import BoundRobot
+from twind.loop.tick.collision_lookahead import NEAR, CollisionLookahead
+from twind.loop.tick.control_loop import Loop, LoopParts
+from twind.motion.trajectory_executor import TrajectoryExecutor
+from twind.robot.finding import Finding
+from twind.robot.modes import Mode
+from twind.safety.gate import GateThresholds
+from twind.safety.guard import Guard
+from twind.safety.guard import GuardThresholds as Bounds
+from twind.safety.lease import Lease
+from twind.sealed_memfd import seal
+from twind.telemetry.timing_monitor import TimingMonitor
+from twind.twin.binding import Binding
+from twind.twin.binding_transfer import packed
+from twind.twin.collision_model import CollisionModel
+from twind.twin.twin import Twin
+from twind.version import __version__
+from twind_drivers.clock import Clock
+
+NO_TAPES: Mapping[str, BusTap] = MappingProxyType({})
+
+
+def build(
+    robot: BoundRobot,
+    *,
+    mode: Mode,
+    rate_hz: float,
+    clock: Clock,
+    where: Mapping[str, str | None],
+    opener: Opener,
+    enabler: Enabler,
+    link: ControlLink,
+    notifier: Notifier,
+    thresholds: GateThresholds,
+    realtime: Mapping[str, Granted],
+    live_denied: Finding | None = None,
+    rewire: Callable[[BoundRobot], Enabler] | None = None,
+    tapes: Mapping[str, BusTap] = NO_TAPES,
+) -> Loop:
+    """Return a loop ready to run.
+
+    `rewire` makes the `enabler` for the same robot with other limits or gains. `tapes` are the recorders of
+    the buses that the flight recorder covers.
+    """
+    binding = robot.binding
+    period = 1.0 / rate_hz
+    ports = [
+        BusPort(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, BusTap()))
+        for bus in binding.joint_map.buses
+    ]
+    parts = LoopParts(
+        clock=clock,
+        period=period,
+        joints=binding.joint_map,
+        limits=binding.limits,
+        ratings=binding.ratings,
+        rest=np.array(binding.rest),
+        support=robot.file.support,
+        hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
+        twin=Twin(binding, period),
+        executor=TrajectoryExecutor(binding.limits, period),
+        guard=Guard(
+            binding.limits,
+            _bounds(robot.file, period),
+            buses=[bus.name for bus in binding.joint_map.buses],
+            can=_can(robot.file, binding),
+            support=robot.file.support,
+            ratings=binding.ratings,
+            linked=binding.joint_map.linked,
+        ),
+        lease=Lease(),
+        health=TimingMonitor(len(ports), thresholds.latency_warn),
+        thresholds=thresholds,
+        link=link,
+        notifier=notifier,
+        realtime=realtime,
+        judge=robot.judge,
+        live_denied=live_denied,
+        one=robot,
+        rewire=rewire,
+        outlook=_outlook(binding, period),
+    )
+    return Loop(parts, mode)
+
+
+def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:
+    """Return the poller of the IMU; None: the robot has none."""
+    if robot.imu is None or binding.mount is None:
+        return None
+    names = [bus.name for bus in binding.joint_map.buses]
+    return ImuPoller(robot.imu, binding.mount, names.index(robot.imu.bus))
+
+
+def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
+    """Return the joint indices of each CAN bus, by bus name."""
+    maps = binding.joint_map.buses
+    return {bus.name: bus.joints.tolist() for bus in maps if robot.bus(bus.name).kind == "can"}
+
+
+def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
+    """Return the look-ahead, or None without body pairs that can collide.
+
+    Raises InvalidInput for names in `collision:` that the model lacks.
+    """
+    bodies = CollisionModel(binding, NEAR)
+    return CollisionLookahead(bodies, binding.limits, period) if bodies.pairs else None
+
+
+def _bounds(robot: RobotFile, period: float) -> Bounds:
+    """Return the bounds of the guard for a tick of `period` s.
+
+    At a low rate every reading is older than the usual 30 ms; the bound grows, as this is no fault.
+    """
+    usual = Bounds(setpoint_age=robot.command_timeout_ms / 1e3)
+    return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
+
+
+def make_briefing(
+    robot: BoundRobot,
+    rate_hz: float,
+    parameters: dict[str, Any],
+    log_level: str,
+    files: Mapping[str, str] | None = None,
+    described: bytes = b"",
+) -> int:
+    """Return a sealed memfd with the briefing for the front, so that both processes judge the same robot.
+
+    `files`: sha256 by path, of the files as they were read. `described`: the content of these files.
+    """
+    made = briefing(robot, rate_hz, parameters, log_level, files, described)
+    return seal("twind-briefing", msgspec.msgpack.encode(made))
+
+
+def briefing(
+    robot: BoundRobot,
+    rate_hz: float,
+    parameters: dict[str, Any],
+    log_level: str = "info",
+    files: Mapping[str, str] | None = None,
+    described: bytes = b"",
+) -> Briefing:
+    """Return the briefing, not packed; arguments as for `make_briefing`."""
+    binding = robot.binding
+    limits = binding.limits
+    joint_map = binding.joint_map
+    at = {int(place): (bus, i) for bus in joint_map.buses for i, place in enumerate(bus.joints)}
+    joints = [
+        JointInfo(
+            name=name,
+            bus=at[place][0].name,
+            id=at[place][0].ids[at[place][1]],
+            actuator=robot.file.joints[place].actuator,
+            calibrated=joint_map.calibrated[place],
+            lower=float(limits.lower[place]),
+            upper=float(limits.upper[place]),
+        )
+        for place, name in enumerate(joint_map.names)
+    ]
+    return Briefing(
+        version=__version__,
+        robot=robot.file.name,
+        joints=joints,
+        description=msgspec.to_builtins(robot.file, enc_hook=str),
+        calibration=None
+        if robot.calibration is None
+        else msgspec.to_builtins(robot.calibration, enc_hook=str),
+        mjcf=binding.mjcf,
+        binding=packed(binding),
+        rate_hz=rate_hz,
+        parameters=parameters,
+        log_level=log_level,
+        files=dict(files or {}),
+        texts=texts(files or {}),
+        described=described,
+    )
+
+
+def front(
+    briefing: int,
+    listeners: Mapping[str, Listener],
+    recorder: FlightRecorder | None,
+    folder: Path,
+    crash_recording: CrashRecording | None = None,
+) -> FrontLink:
+    """Return the link to a front that starts with the first tick.
+
+    `folder`: where the recordings of `recorder` and of a former daemon, `crash_recording`, are written.
+    """
+    flight = None if recorder is None else recorder.fd
+    process = FrontProcess(briefing, listeners, flight, folder, crash_recording)
+    return FrontLink(process) if recorder is None else FrontLink(process, recorder.link)
