@@ -46,9 +46,10 @@ class Rig:
         end = self.clock.now() + PERIOD
         sample = self.read()
         query = self.reader.upkeep(self.clock.now())
-        self.reader.begin(query, self.clock.now())
-        self._await()
-        self.reader.answer(self.clock.now())
+        if query is not None:
+            self.reader.begin(query, self.clock.now())
+            self._await()
+            self.reader.answer(self.clock.now())
         self.clock.sleep_until(end)
         return sample
 

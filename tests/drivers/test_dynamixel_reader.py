@@ -162,6 +162,8 @@ def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second(fast: boo
     for tick in range(100):
         clock.sleep_until(tick * 0.01)
         query = reader.upkeep(clock.now())
+        if query is None:
+            continue
         spans.append(reader.span(query))
         reader.begin(query, clock.now())
         assert reader.feed(clock.now())
@@ -197,7 +199,7 @@ def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_nex
     wire.holds = True
     wire.backlog = lambda: 1000
     with pytest.raises(PortError, check=is_output_full):
-        reader.begin(reader.upkeep(0.0), 0.0)
+        reader.begin(ReadRequest((1,), 64, 7), 0.0)
     wire.holds = False
     writer = DynamixelWriter(reader, lower=np.array([0]), upper=np.array([4095]))
     writer.begin(WriteRequest({1: b"\1"}, 65), 0.01)

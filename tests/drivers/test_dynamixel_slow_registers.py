@@ -14,10 +14,10 @@ TICK = 0.01  # s
 HEALTH = 120  # the first register of a health slice
 
 
-def registers(fast: bool) -> DynamixelSlowRegisters:
+def registers(fast: bool, *, roomy: bool = False) -> DynamixelSlowRegisters:
     tables = [table(1020)] * len(IDS)
     made = DynamixelSlowRegisters(IDS, tables, [layout_of(each) for each in tables])
-    made.schedule(IDS, upkeep([len(IDS)], 100.0, fast=fast))
+    made.schedule(IDS, upkeep([len(IDS)], 100.0, fast=fast, fits=lambda count, _size: roomy))
     return made
 
 
@@ -25,29 +25,34 @@ def answer(slow: DynamixelSlowRegisters, query: ReadRequest, ids: tuple[int, ...
     slow.update_from_replies(query, ids, np.zeros((len(ids), query.size), np.uint8), now)
 
 
+@pytest.mark.parametrize("roomy", [True, False])
 @pytest.mark.parametrize("fast", [True, False])
 @pytest.mark.parametrize("phase", range(20))
-def test_a_periodic_loss_leaves_no_servo_with_stale_health(fast: bool, phase: int) -> None:
+def test_a_periodic_loss_leaves_no_servo_with_stale_health(fast: bool, phase: int, roomy: bool) -> None:
     """Health has a round of a fifth of a second: else it would be the same slice that is lost each time."""
-    slow = registers(fast)
+    slow = registers(fast, roomy=roomy)
     for tick in range(400):
         now = tick * TICK
         query = slow.next()
-        if tick % 20 != phase:
+        if query is not None and tick % 20 != phase:
             answer(slow, query, query.ids, now)
         if tick > 60:
             assert (now - slow.registers.health_time).max() <= 0.46
 
 
+@pytest.mark.parametrize("roomy", [True, False])
 @pytest.mark.parametrize("fast", [True, False])
-def test_a_dead_servo_delays_the_health_of_others_by_one_turn_and_their_status_by_none(fast: bool) -> None:
-    slow = registers(fast)
+def test_a_dead_servo_delays_the_health_of_others_by_one_turn_and_their_status_by_none(
+    fast: bool, roomy: bool
+) -> None:
+    slow = registers(fast, roomy=roomy)
     dead = 7
     others = np.array(IDS) != dead
     for tick in range(200):
         now = tick * TICK
         query = slow.next()
-        answer(slow, query, tuple(id for id in query.ids if id != dead), now)
+        if query is not None:
+            answer(slow, query, tuple(id for id in query.ids if id != dead), now)
         if tick > 50:
             assert (now - slow.registers.status_time)[others].max() <= 0.051
             assert (now - slow.registers.health_time)[others].max() <= 0.251
@@ -59,8 +64,20 @@ def test_a_slice_that_was_never_sent_is_asked_again_in_the_next_round_and_once_o
     asked = []
     for tick in range(40):
         query = slow.next()
+        assert query is not None
         if query.address == HEALTH:
             asked.append(query.ids[0])
             continue  # no answer of anybody
         answer(slow, query, query.ids, tick * TICK)
     assert asked == [1, 1, 7, 7, 13, 13, 19, 19]
+
+
+def test_narrow_slices_are_read_while_replies_are_missing_and_wide_ones_else() -> None:
+    slow = registers(True)
+    narrow = upkeep([len(IDS)], 100.0, fast=True)
+    slow.schedule(IDS, upkeep([len(IDS)], 100.0, fast=True, fits=lambda count, size: size < 35), narrow)
+    rounds = [
+        [None if each is None else len(each.ids) for each in (slow.next(narrow=few) for _ in range(5))]
+        for few in (False, True)
+    ]
+    assert rounds == [[24, 24, None, None, 6], [8, 8, 8, 24, 6]]

@@ -70,10 +70,16 @@ def test_the_longest_upkeep_and_the_adapter_are_in_the_sum(fast: bool, longest: 
 
 
 @pytest.mark.parametrize("fast", [True, False])
-@given(groups=st.lists(st.integers(1, 30), min_size=1, max_size=2), rate=st.integers(40, 1000))
+@given(
+    groups=st.lists(st.integers(1, 30), min_size=1, max_size=2),
+    rate=st.integers(40, 1000),
+    room=st.integers(0, 1200),
+)
 @examples(100)
-def test_the_upkeep_plan_reaches_its_refresh_rates(fast: bool, groups: list[int], rate: int) -> None:
-    plan = upkeep(groups, rate, fast=fast)
+def test_the_upkeep_plan_reaches_its_refresh_rates(
+    fast: bool, groups: list[int], rate: int, room: int
+) -> None:
+    plan = upkeep(groups, rate, fast=fast, fits=lambda count, size: count * size <= room)
 
     def slices(size: int) -> int:
         return sum(ceil(count / size) for count in groups)
@@ -82,6 +88,9 @@ def test_the_upkeep_plan_reaches_its_refresh_rates(fast: bool, groups: list[int]
     assert turns <= max(plan.slots - 1, len(groups))
     assert rate / plan.slots >= 20.0
     assert slices(plan.health) <= max(4, len(groups))
+    least = upkeep(groups, rate, fast=fast)
+    assert plan == least or all(count * size <= room for count, size in plan.status_rows)
+    assert turns <= slices(least.state) + (slices(least.watch) if least.watch else 0)
 
 
 @pytest.mark.parametrize("fast", [True, False])

@@ -31,13 +31,23 @@ from twind_drivers.dynamixel.dynamixel_identification import identify
 from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
-from twind_drivers.dynamixel.serial_cycle_budget import CYCLIC, plain_reply, sync_request, upkeep, wire
+from twind_drivers.dynamixel.serial_cycle_budget import (
+    CYCLIC,
+    budget,
+    plain_reply,
+    slice_bytes,
+    sync_request,
+    upkeep,
+    wire,
+)
 from twind_drivers.slow_read_rate import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
 # s that a reply may take beyond its wire time: an adapter's timer adds up to 1 ms, so with less than that
 # every reply would be late. At most half a period of the loop, else the next tick would start late.
 SLACK = 0.002
+SPARE = 0.25  # share of a cycle that the slow reads leave free: the loop needs it to start the next one in time
+ADAPTER = 0.001  # s that a USB adapter may add to the cyclic reading (latency timer of 1 ms)
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 
 
@@ -158,11 +168,25 @@ class DynamixelReader:
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
         groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
-        queries = self.slow.schedule(ids, upkeep(groups, self._upkeep_hz, fast=self.fast))
+        wide = upkeep(groups, self._upkeep_hz, fast=self.fast, fits=self._has_room)
+        # While replies are missing, slices are read plainly, which takes longer.
+        narrow = upkeep(groups, self._upkeep_hz, fast=self.fast)
+        queries = self.slow.schedule(ids, wide, narrow)
         self._plain: dict[Query, SerialTransaction] = {query: self._exchange(query) for query in queries}
         self._fast: dict[Query, SerialTransaction] = {
             query: _fast(query) for query in queries if len(query.ids) > 1
         }
+
+    def _has_room(self, count: int, size: int) -> bool:
+        """Check that a read of `size` bytes of `count` devices takes at most half of a cycle's free time."""
+        delay = self.line.return_delay_s
+        cyclic = budget(
+            len(self.ids), self.line.baud, fast=self.fast, return_delay_us=delay * 1e6, usb_s=ADAPTER
+        )
+        free = (1.0 - SPARE) * self._period - cyclic.seconds
+        delays = 1 if self.fast else count
+        slow = wire(slice_bytes(count, size, fast=self.fast), self.line.baud) + delays * delay
+        return slow <= min(self.slice, 0.5 * free)
 
     # --------------------------------------------------------------------------- the rare path
 
@@ -210,14 +234,16 @@ class DynamixelReader:
         ids = tuple(id for id, ok in zip(reply.ids, sound.tolist(), strict=True) if ok)
         self.slow.update_from_replies(query, ids, reply.data[sound], self.line.received)
 
-    def upkeep(self, now: float) -> Query:
-        """Return the next slice of the slow registers, round robin (arithmetic: `SlowReadSchedule`).
+    def upkeep(self, now: float) -> Query | None:
+        """Return the next slice of the slow registers, round robin (arithmetic: `SlowReadSchedule`), or None.
 
         Or the probe of a parked device, in the end once a second: a read of its cyclic block.
         """
         place = self.cyclic.attendance.due(now)
         return (
-            self.slow.next() if place is None else ReadRequest((self.ids[place],), *self.cyclic.block(place))
+            self.slow.next(narrow=self.cyclic.trouble)
+            if place is None
+            else ReadRequest((self.ids[place],), *self.cyclic.block(place))
         )
 
     def span(self, query: Request) -> float:

@@ -69,7 +69,8 @@ class DynamixelSlowRegisters:
             (state.health_time, (voltage, temperature, tick)),
         )
         self._plans: dict[tuple[DeviceLayout, int, int], BlockDecodePlan] = {}  # of the blocks read so far
-        self._status: list[ReadRequest] = []
+        self._wide: list[ReadRequest] = []
+        self._narrow: list[ReadRequest] = []
         self._health: list[ReadRequest] = []
         # next slot and number of slots of a round; next slice of health
         self._slot = 0
@@ -78,8 +79,13 @@ class DynamixelSlowRegisters:
         self._first: list[ReadRequest] = []  # before all turns
         self._open: ReadRequest | None = None  # health slice with replies missing
 
-    def schedule(self, ids: Sequence[int], plan: SlowReadSchedule) -> list[ReadRequest]:
-        """Schedule the slices of these `ids` round robin; return all slices."""
+    def schedule(
+        self, ids: Sequence[int], wide: SlowReadSchedule, narrow: SlowReadSchedule | None = None
+    ) -> list[ReadRequest]:
+        """Schedule the slices of these `ids` round robin; return all slices.
+
+        `narrow`: the schedule while replies are missing, with the same health slices; None: as `wide`.
+        """
         kinds: dict[DeviceLayout, list[int]] = {}
         for id in ids:
             kinds.setdefault(self._layouts[self._index[id]], []).append(id)
@@ -88,16 +94,21 @@ class DynamixelSlowRegisters:
             """Split the reads of `block` into slices of `size` devices, layout by layout."""
             return [read for layout, own in kinds.items() for read in _slices(own, size, block(layout))]
 
-        state = slices(plan.state, lambda layout: layout.state if plan.watch else layout.status)
-        watch = slices(plan.watch, lambda layout: layout.watchdog) if plan.watch else []
-        health = slices(plan.health, lambda layout: layout.health)
-        self._status = [*state, *watch]
-        self._health = health
+        def status(plan: SlowReadSchedule) -> list[ReadRequest]:
+            """Return the status slices of a round."""
+            if not plan.watch:
+                return slices(plan.state, lambda layout: layout.status)
+            watched = slices(plan.watch, lambda layout: layout.watchdog)
+            return [*slices(plan.state, lambda layout: layout.state), *watched]
+
+        self._health = slices(wide.health, lambda layout: layout.health)
+        self._wide = status(wide)
+        self._narrow = self._wide if narrow is None else status(narrow)
         self._open = None
         self._slot = 0
-        self._slots = max(plan.slots - 1, len(self._status)) + 1
+        self._slots = max(wide.slots - 1, len(self._wide), len(self._narrow)) + 1
         self._turn = 0
-        return [*state, *watch, *health]
+        return list(dict.fromkeys((*self._wide, *self._narrow, *self._health)))
 
     def ask_first(self, id: int) -> None:
         """Schedule all slow registers of a returned device first: it may have restarted."""
@@ -106,17 +117,20 @@ class DynamixelSlowRegisters:
             ReadRequest((id,), block.address, block.size) for block in (layout.status, layout.health)
         ]
 
-    def next(self) -> ReadRequest:
-        """Return the next slice.
+    def next(self, *, narrow: bool = False) -> ReadRequest | None:
+        """Return the next slice; None: nothing is due in this turn.
 
         A round consists of all status slices that fit, then one health slice. It begins with the first status
-        slice, so each device has its turn once a round.
+        slice, so each device has its turn once a round. A round with less slices than turns rests in between.
         """
         if self._first:
             return self._first.pop(0)
         slot = self._slot
         self._slot = (self._slot + 1) % self._slots
-        return self._status[slot % len(self._status)] if slot < self._slots - 1 else self._next_health()
+        if slot == self._slots - 1:
+            return self._next_health()
+        status = self._narrow if narrow else self._wide
+        return status[slot] if slot < len(status) else None
 
     def _next_health(self) -> ReadRequest:
         """Return the next health slice; one with missing replies is repeated in the next round.

@@ -4,7 +4,7 @@
 status, so N times for a plain sync read and once for a fast one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 
@@ -60,44 +60,65 @@ class SlowReadSchedule:
     """Round robin of the slow registers: in `slots` calls the status of all devices, one slice of health.
 
     Called f times a second, `slots = floor(f / 20 Hz)`; one call in a round reads the health of `health`
-    devices (all of them in 4 rounds, 1/5 s), the others the status of all. Below 40 Hz two slots are the
-    least, and the refresh is half the call rate.
+    devices (all of them in 4 rounds, 1/5 s), the others the status of all, in as few slices as have room. The
+    calls left over read nothing. Below 40 Hz two slots are the least, and the refresh is half the call rate.
 
     A plain read costs a return delay and 11 bytes a device, so status is one block (torque .. watchdog, 35
-    bytes) of `state` devices a call. A fast read costs 4 bytes, so the 27 bytes between the hardware error
-    and the watchdog are not worth it: the first 7 of `state` devices, and in other calls the watchdog of
-    `watch` devices. At 100 Hz and 24 devices: 4 x 6 plainly; fast 3 x 8 and 1 x 24.
+    bytes) of `state` devices a call. A fast read costs 4 bytes, so for many devices the 27 bytes between the
+    hardware error and the watchdog are not worth it: the first 7 of `state` devices, and in other calls the
+    watchdog of `watch` devices. At 100 Hz and 24 devices, with the least room: 4 x 6 plainly; fast 3 x 8 and
+    1 x 24.
     """
 
     slots: int
     state: int  # devices in a slice of the (first) status block
     watch: int  # devices in a slice of the watchdog; 0: it stands in the status block
     health: int  # devices in a health slice
+    fast: bool  # slices are fast reads
+
+    @property
+    def status_rows(self) -> list[tuple[int, int]]:
+        """Devices and bytes of each device in the slices of the status."""
+        split = [(self.state, STATE_BLOCK), (self.watch, WATCHDOG)]
+        return split if self.watch else [(self.state, STATUS_BLOCK)]
 
     @property
     def most(self) -> int:
         """Bytes of the longest slice, both directions."""
-        fast = self.watch > 0
-        rows = [(self.state, STATE_BLOCK if fast else STATUS_BLOCK), (self.health, HEALTH_BLOCK)]
-        rows += [(self.watch, WATCHDOG)] if fast else []
-        return max(slice_bytes(count, size, fast=fast) for count, size in rows)
+        rows = [*self.status_rows, (self.health, HEALTH_BLOCK)]
+        return max(slice_bytes(count, size, fast=self.fast) for count, size in rows)
 
 
-def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> SlowReadSchedule:
+def upkeep(
+    groups: Sequence[int],
+    rate_hz: float,
+    *,
+    fast: bool = False,
+    fits: Callable[[int, int], bool] = lambda _count, _size: False,
+) -> SlowReadSchedule:
     """Make the round robin that refreshes all registers at STATUS_HZ and HEALTH_HZ with `rate_hz` calls.
 
-    `groups`: devices of each register layout; one slice holds devices of one layout.
+    `groups`: devices of each register layout; one slice holds devices of one layout. `fits(count, size)`:
+    a read of `size` bytes of `count` devices has room beside the cyclic reading. The status takes as few
+    slices as fit, since each transaction costs the processor as much as a short one. Where none fits, or
+    without `fits`, the slices are as short as the refresh rates allow.
     """
     slots = max(2, floor(rate_hz / STATUS_HZ + 1e-9))
-    rounds = max(1, round(STATUS_HZ / HEALTH_HZ))
+    health = _cut(groups, max(1, round(STATUS_HZ / HEALTH_HZ)))
     turns = slots - 1
+    for status in range(len(groups), turns):
+        for watching in range(status - len(groups) + 1 if fast else 1):
+            if 0 < watching < len(groups):
+                continue
+            watch = _cut(groups, watching) if watching else 0
+            plan = SlowReadSchedule(slots, _cut(groups, status - watching), watch, health, fast)
+            if all(fits(count, size) for count, size in plan.status_rows):
+                return plan
     if not fast or turns < 2 * len(groups):
-        return SlowReadSchedule(slots, _cut(groups, turns), 0, _cut(groups, rounds))
+        return SlowReadSchedule(slots, _cut(groups, turns), 0, health, fast)
     each = (STATE_BLOCK + 4, WATCHDOG + 4)  # bytes of a device in either block
     watching = min(turns - len(groups), max(len(groups), round(turns * each[1] / sum(each))))
-    return SlowReadSchedule(
-        slots, _cut(groups, turns - watching), _cut(groups, watching), _cut(groups, rounds)
-    )
+    return SlowReadSchedule(slots, _cut(groups, turns - watching), _cut(groups, watching), health, fast)
 
 
 def _cut(groups: Sequence[int], turns: int) -> int:
