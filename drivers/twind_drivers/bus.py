@@ -142,6 +142,12 @@ class SlowRegisterValues:
     tick: NDArray[np.int32]  # ms, the device's own clock modulo 32768; -1 unknown; of `health_time`
     status_time: Floats  # s, when torque, fault and watchdog were read; -inf never
     health_time: Floats  # s, when voltage, temperature and tick were read; -inf never
+    version: int = 0  # counts the changes: whoever writes to an array increments it
+
+    def expire_torque(self, rows: int | slice | Bools) -> None:
+        """Set torque to unknown: an earlier reading must not pass for the new state."""
+        self.torque[rows] = -1
+        self.version += 1
 
     @classmethod
     def unknown(cls, count: int) -> "SlowRegisterValues":

@@ -6,19 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twind_drivers.flags import every as every
+from twind_drivers.flags import some as some
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-
-def every(flags: Bools) -> bool:
-    """Check that all flags are set. With a few dozen this is five times as fast as `flags.all()`."""
-    return bool(np.count_nonzero(flags) == flags.size)
-
-
-def some(flags: Bools | NDArray[np.integer[Any]]) -> bool:
-    """Check that at least one flag is set, or one number is not 0; as fast as `every`."""
-    return bool(np.count_nonzero(flags))
 
 
 def spread_over_groups(flags: Bools, groups: Sequence[Ints]) -> Bools:

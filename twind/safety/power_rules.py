@@ -11,7 +11,7 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.robot.actuator_ratings import ActuatorRatings
-from twind.robot.arrays import Bools, Floats, every, same
+from twind.robot.arrays import Bools, Floats, every, same, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
 from twind.safety.guard_types import (
@@ -173,7 +173,7 @@ class VoltageRules:
             return
         read = self._read > -inf
         high = read & (volts > self._high)
-        if np.count_nonzero(high):
+        if some(high):
             joint = int(np.argmax(np.where(high, volts, -inf)))
             yield RuleResult(
                 _volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears")
@@ -181,7 +181,7 @@ class VoltageRules:
         # NaN is low too. An old reading does not confirm a servo that reads low now.
         old = facts.now - facts.health_time > self._bounds.unread + ROUNDING
         low = read & ~old & self._has_bound & ~(volts > self._low)
-        self._suspect = bool(np.count_nonzero(low))
+        self._suspect = some(low)
         begun = np.minimum(self._since, facts.health_time)
         self._since = np.where(low, np.where(fresh, begun, self._since), inf)
         if self._suspect:

@@ -10,7 +10,7 @@ from math import isfinite
 
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, every
+from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_state import JointState
@@ -62,7 +62,7 @@ class TrackingRules:
             self._forget()
             return
         velocity = measured.velocity
-        if not velocity.dot(velocity) <= self._slowest or np.count_nonzero(self._fast):
+        if not velocity.dot(velocity) <= self._slowest or some(self._fast):
             yield from self._speeding(facts, measured)
         if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing valid
             self._off_since[:] = NEVER
@@ -177,7 +177,7 @@ class TrackingRules:
         """Yield MIRROR_DRIFT: robot and simulation apart for a while. It is reported only."""
         apart = np.abs(measured.position - simulated.position)
         bad = ~(apart <= self._bounds.drift)
-        if not np.count_nonzero(bad):
+        if not some(bad):
             self._drift_since[:] = NEVER
             return
         self._drift_since = _since(self._drift_since, bad, measured.heard, facts.now)

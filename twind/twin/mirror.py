@@ -1,7 +1,8 @@
 """The measured robot in the model: pose, and the torque that the model needs to be there. No physics.
 
 A pose is written and evaluated with `mj_inverse`, never `mj_forward`. Measured poses jump, which defeats the
-solver, and a foot a millimetre inside the floor would cause forces that do not exist.
+solver, and a foot a millimetre inside the floor would cause forces that do not exist. The model is evaluated
+when somebody reads a result: a tick only writes the pose.
 """
 
 import copy
@@ -25,17 +26,24 @@ class TwinMirror:
         self.model = copy.copy(binding.model)  # its own copy: contacts and joint stops are off here
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-        self.data = mujoco.MjData(self.model)
+        self._data = mujoco.MjData(self.model)
         self.refused = 0  # fresh readings that were not believable
         self._place = index(binding.qpos)
         self._speed = index(binding.dof)
-        self._qpos = self.data.qpos
-        self._qvel = self.data.qvel
-        self._force = self.data.qfrc_inverse
+        self._qpos = self._data.qpos
+        self._qvel = self._data.qvel
         self._seen = np.zeros(len(binding.qpos), np.bool_)
         self._whole = False  # every joint has been read
         self._qpos[self._place] = binding.rest
-        mujoco.mj_inverse(self.model, self.data)  # qacc is zero and stays zero
+        self._evaluated = False  # the results in `_data` are of the present pose
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's data of the present pose, evaluated."""
+        if not self._evaluated:
+            mujoco.mj_inverse(self.model, self._data)  # qacc is zero and stays zero
+            self._evaluated = True
+        return self._data
 
     @property
     def position(self) -> Floats:
@@ -45,7 +53,7 @@ class TwinMirror:
     @property
     def effort(self) -> Floats:
         """Torque (n,), N·m, that keeps the measured pose at its speed; NaN for joints never read."""
-        force = np.array(self._force[self._speed])
+        force: Floats = np.array(self.data.qfrc_inverse[self._speed])
         if not self._whole:
             force[~self._seen] = np.nan
         return force
@@ -54,20 +62,19 @@ class TwinMirror:
         """Take a reading. Joints that are not fresh, or not believable, keep their last."""
         position = measured.position
         velocity = measured.velocity
-        fresh = believable(position, velocity)
-        if not (every(fresh) and every(measured.heard)):
-            self.refused += int(np.count_nonzero(measured.heard & ~fresh))
-            fresh &= measured.heard
+        believed = believable(position, velocity)
+        if not (self._whole and every(believed) and every(measured.heard)):
+            fresh = believed & measured.heard
+            self.refused += int(np.count_nonzero(measured.heard & ~believed))
             if not some(fresh):
                 return
             position = np.where(fresh, position, self._qpos[self._place])
             velocity = np.where(fresh, velocity, self._qvel[self._speed])
-        if not self._whole:
             self._seen |= fresh
-            self._whole = bool(self._seen.all())
+            self._whole = every(self._seen)
         self._qpos[self._place] = position
         self._qvel[self._speed] = velocity
-        mujoco.mj_inverse(self.model, self.data)
+        self._evaluated = False
 
 
 def believable(position: Floats, velocity: Floats) -> Bools:

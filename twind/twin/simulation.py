@@ -5,7 +5,7 @@ import copy
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, Ints, every
+from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joint_state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
@@ -96,7 +96,7 @@ class Simulation:
             fit: Bools = np.abs(goal) < MAX_ANGLE
             self._ctrl[self._goal] = goal if every(fit) else np.where(fit, goal, self._ctrl[self._goal])
         mujoco.mj_step(self.model, self.data, nstep=self._substeps)
-        if np.count_nonzero(self._warned):
+        if some(self._warned):
             self._warning()
         else:
             self._good[0][:], self._good[1][:] = self._qpos, self._ctrl

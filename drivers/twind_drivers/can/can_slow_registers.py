@@ -65,6 +65,7 @@ class CanSlowRegisters:
         if self._barred is not None:
             self._settle(self._barred)
             self._barred = None
+            self._state.version += 1
         return self._state
 
     # --------------------------------------------------------------------------- schedule
@@ -149,12 +150,13 @@ class CanSlowRegisters:
 
     def doubt(self, rows: Bools) -> None:
         """Set the torque of `rows` (m,) to unknown: an earlier reading must not pass for the new state."""
-        self._state.torque[rows] = -1
+        self._state.expire_torque(rows)
 
     def assume(self, rows: Bools, on: bool) -> None:
         """Set the torque of `rows` (m,), which acknowledged an order and never report it (CubeMars)."""
         self._mute |= rows
         self._state.torque[rows] = on
+        self._state.version += 1
 
     def forget(self, row: int) -> None:
         """Reset the values of a restarted actuator to unknown."""

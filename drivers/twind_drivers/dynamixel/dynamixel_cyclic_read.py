@@ -31,6 +31,7 @@ from twind_drivers.dynamixel.device_layout import DeviceLayout
 from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import CAPACITY, STATUS_OVERHEAD
 from twind_drivers.dynamixel.replies import FastSyncReadReply, Octets, StatusReply
+from twind_drivers.flags import some
 
 ROW = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 T = TypeVar("T", bound=np.generic)
@@ -203,7 +204,7 @@ class DynamixelCyclicRead:
         reply = request.reply
         could = self.attendance.asked
         if reply.whole:
-            if not np.count_nonzero(could & ~self.proven):
+            if not some(could & ~self.proven):
                 self.attendance.record_complete_reply()
                 self._calm -= 1
                 self.trouble = self._calm > 0
@@ -213,7 +214,7 @@ class DynamixelCyclicRead:
         if reply.size > ROW.itemsize:
             # Repeated refusals only: one bit error can make such a reply, too.
             refusing = reply.answered & ~reply.heard & np.isin(reply.error & 0x7F, REFUSALS)
-            self._refused = self._refused + 1 if np.count_nonzero(refusing) else 0
+            self._refused = self._refused + 1 if some(refusing) else 0
             if self._refused >= REFUSED:
                 self._wider = []  # without longer blocks late replies cannot be recognised by their length
         if request.fast:  # the chain ends at the first missing device: those behind it cannot reply

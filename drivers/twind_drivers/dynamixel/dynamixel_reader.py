@@ -46,7 +46,9 @@ LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Dela
 # s that a reply may take beyond its wire time: an adapter's timer adds up to 1 ms, so with less than that
 # every reply would be late. At most half a period of the loop, else the next tick would start late.
 SLACK = 0.002
-SPARE = 0.25  # share of a cycle that the slow reads leave free: the loop needs it to start the next one in time
+SPARE = (
+    0.25  # share of a cycle that the slow reads leave free: the loop needs it to start the next one in time
+)
 ADAPTER = 0.001  # s that a USB adapter may add to the cyclic reading (latency timer of 1 ms)
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 

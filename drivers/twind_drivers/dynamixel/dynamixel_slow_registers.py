@@ -151,6 +151,7 @@ class DynamixelSlowRegisters:
         """Store the registers from the replies of `ids` (k) to `query`, `data` (k, size) bytes."""
         if query is self._open and len(ids) == len(query.ids):
             self._open = None
+        self.registers.version += 1
         for layout, rows in self._kinds(ids):
             plan = self._plan(layout, query.address, query.size)
             if not plan.parts:
@@ -200,6 +201,7 @@ class DynamixelSlowRegisters:
         """Reset the values of a restarted device to unknown."""
         place = self._index[id]
         state = self.registers
+        state.version += 1
         for store in (state.torque, state.fault, state.watchdog, state.tick):
             store[place] = -1
         for values in (state.voltage, state.temperature):

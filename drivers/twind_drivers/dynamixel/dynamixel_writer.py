@@ -302,7 +302,7 @@ class DynamixelWriter:
                 rows(resting, lambda each: (each.goal, each.word(0))), "needs"
             )
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
-        self._reader.registers.torque[:] = -1  # unknown until read back: an old reading must not pass for it
+        self._reader.registers.expire_torque(slice(None))
         yield GroupWriteBatch(writes(wanted) if on else writes(wanted) * 2)
         yield from self._readback.verify("torque enable", wanted)
 

@@ -9,6 +9,7 @@ from twind_drivers.bus import Ints, WireRangeError
 from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
+from twind_drivers.flags import some
 
 BODY = 7  # where INST begins
 FIRST = 12  # where the first row begins
@@ -59,8 +60,8 @@ class GoalPacket:
         # Below the lower bound a difference is negative, so as an unsigned number beyond every span.
         outside = (words - self.lower).view(np.uint64) > self._span
         if (
-            not np.count_nonzero(outside)
-            and not np.count_nonzero(words != ticks)
+            not some(outside)
+            and not some(words != ticks)
             and plain[FIRST : -2 : self._row.itemsize] == self._ids
             and plain[BODY:FIRST] == self._head[BODY:]
         ):

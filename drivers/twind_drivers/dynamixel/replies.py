@@ -22,6 +22,7 @@ from twind_drivers.dynamixel.packet import (
     Framer,
     Packet,
 )
+from twind_drivers.flags import some
 
 Octets = NDArray[np.uint8]
 FAILED = 0x7F  # bits of the error byte: number of the reason of a failure; bit 7 is the alert (e-manual)
@@ -145,12 +146,12 @@ class StatusReply:
 
     def _is_complete(self) -> bool:
         """Return True if all rows are present, in order and intact; bytes behind them are stray."""
-        if np.count_nonzero(self._heads != self._head) or self._bytes.find(STUFFED, 0, self.expected) >= 0:
+        if some(self._heads != self._head) or self._bytes.find(STUFFED, 0, self.expected) >= 0:
             return False
-        if np.count_nonzero(self._crcs != self._crc(self._checked)):
+        if some(self._crcs != self._crc(self._checked)):
             return False
         error = self._errors.copy()
-        if self.size and np.count_nonzero(error) and np.count_nonzero(error & FAILED):
+        if self.size and some(error) and some(error & FAILED):
             return False
         if self._got > self.expected:
             self._take_rest()
@@ -336,7 +337,7 @@ class FastSyncReadReply:
         if not self.whole:
             self._rows[count:] = 0
         self.error = self._errors.copy()
-        if np.count_nonzero(self.error):
+        if some(self.error):
             self._leave_out_failed()
         return True
 

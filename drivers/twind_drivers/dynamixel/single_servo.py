@@ -170,7 +170,7 @@ class SingleServoControl:
         """
         mode = {"operating_mode": CURRENT_BASED}
         yield from self._verify_register(mode)
-        self._reader.registers.torque[self._reader.ids.index(self.id)] = -1
+        self._reader.registers.expire_torque(self._reader.ids.index(self.id))
         yield from self._write("torque_enable", 1)
         cap = {"goal_current": self._cap, "bus_watchdog": self.watchdog}
         yield from self._verify_register({"torque_enable": 1} | mode | cap)

@@ -50,21 +50,33 @@ def collect(
     first = inf
     while waiting:
         if poll_first:
+            poll_first = False
             ready: Collection[int] = range(len(waiting))
+        elif len(waiting) == 1:
+            ready = _ripe_alone(waiting[0][0], clock)
         else:
             ready = ripe([reader for reader, _ in waiting], clock)
-        poll_first = False
         now = clock.now()
         first = min(first, now)
         still = []
         for place, (reader, pair) in enumerate(waiting):
+            late = now >= reader.deadline
             try:
-                done = (place in ready or now >= reader.deadline) and reader.feed(now)
+                done = (late or place in ready) and reader.feed(now)
             except PortError as error:
                 lose(pair, error)
                 requested.remove(pair)
                 continue
-            if not done and now < reader.deadline:
+            if not (done or late):
                 still.append((reader, pair))
         waiting = still
-    return min(first, clock.now())
+    return first if first < inf else clock.now()
+
+
+def _ripe_alone(reader: BusReader, clock: Clock) -> Collection[int]:
+    """Wait for a single reader, as `ripe` does."""
+    earliest = reader.earliest
+    if earliest > clock.now():
+        clock.sleep_until(earliest)
+        return (0,)
+    return clock.wait((reader.transport,), reader.deadline)

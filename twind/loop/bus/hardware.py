@@ -61,6 +61,7 @@ class Hardware:
         self.skew = nan  # s, of the last exchange: between the replies of the first and the last bus
         self.worst_skew = nan  # s, of the run
         self._access = (False, False)
+        self._spare = min(SPARE, period * SPARE_SHARE)
         self._stride = upkeep_stride(1.0 / period)
         self._turn = 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
@@ -228,8 +229,9 @@ class Hardware:
 
         Afterwards `left` is True if the goals went out, and `clamped` is why they may not (WIRE_CLAMP).
         """
-        end = now + self.period - min(SPARE, self.period * SPARE_SHARE)
-        self._open(now)
+        end = now + self.period - self._spare
+        if self._access[0]:
+            self._open(now)
         self.clamped = None
         self.left = False
         if goal is not None:
@@ -251,8 +253,8 @@ class Hardware:
                 writer.clear()
 
     def _open(self, now: float) -> None:
-        for number, port in enumerate(self.ports if self._access[0] else ()):
-            if port.open(now):
+        for number, port in enumerate(self.ports):
+            if port.reader is None and port.open(now):
                 self._enable(number)
 
     def _enable(self, number: int) -> None:
@@ -272,30 +274,26 @@ class Hardware:
         self._begin()
         # No request while quiet: any instruction packet feeds the watchdogs (e-manual, Bus Watchdog).
         quiet = now < self.quiet_until
-        awake = [] if quiet else [pair for pair in self.pairs if not pair[0].resting]
-        requested = [pair for pair in awake if self._try(pair, "request")]
+        requested = []
+        if not quiet:
+            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair)]
         sent = self.sent = self.clock.now()
         first = collect(requested, self.clock, self._lose)
         received = sent
-        fresh = np.zeros(len(self.joints), np.bool_)
+        fresh: Bools = np.zeros(len(self.joints), np.bool_)
         # s, when the first and the last bus had replied
         earliest = inf
         latest = -inf
-        self.trips = [nan] * len(self.ports)
-        for port, bus in requested:
-            sample = port.finish(self.clock.now())
-            if sample is not None:
-                number = self._place[port.name]
-                fresh[bus.joints] = self.readings.take(number, sample)
-                self._count(number, port, sample)
-                self._listen(number, bus, sample)
-                if self.traffic[number].answered:
-                    received = max(received, sample.received)
-                    self.trips[number] = sample.received - sample.sent
-                    earliest = min(earliest, sample.received)
-                    latest = max(latest, sample.received)
+        answered = 0
+        for pair in requested:
+            sample = pair[0].finish(self.clock.now())
+            if sample is not None and self._take(pair, sample, fresh):
+                answered += 1
+                latest = max(latest, sample.received)
+                earliest = min(earliest, sample.received)
+        received = max(received, latest)
         self.hops = (first - sent, received - first) if some(fresh) else (nan, nan)
-        self._keep_skew(latest - earliest)
+        self._keep_skew(latest - earliest, answered)
         # The IMU is read after the servos: its late answer must not delay their readings.
         if self.inertial is not None and not quiet:
             self._sense(self.inertial, end)
@@ -304,22 +302,37 @@ class Hardware:
         time, trip = (received, received - sent) if some(fresh) else (self.clock.now(), nan)
         return self.readings.state(fresh, time, trip, None if self.inertial is None else self.inertial.imu)
 
-    def _keep_skew(self, skew: float) -> None:
+    def _take(self, pair: Pair, sample: BusSample, fresh: Bools) -> bool:
+        """Take the reading of one bus: mark its joints in `fresh` (n,); True when a device replied."""
+        port, bus = pair
+        number = self._place[port.name]
+        fresh[self.readings.places[number]] = self.readings.take(number, sample)
+        self._count(number, port, sample)
+        self._listen(number, bus, sample)
+        answered = self.traffic[number].answered
+        if answered:
+            self.trips[number] = sample.received - sample.sent
+        return answered
+
+    def _keep_skew(self, skew: float, answered: int) -> None:
         """Keep the skew; NaN where fewer than two buses replied."""
-        several = sum(traffic.answered for traffic in self.traffic) > 1
-        self.skew = skew if several else nan
-        if several and not skew <= self.worst_skew:
+        if answered < 2:
+            self.skew = nan
+            return
+        self.skew = skew
+        if not skew <= self.worst_skew:
             self.worst_skew = skew
 
     def _begin(self) -> None:
         """Reset the results of the last exchange."""
         self.discarded = 0
         self.readings.begin()
-        some_hold = any(port.holding for port in self.ports)
-        for traffic, port in zip(self.traffic, self.ports, strict=True):
-            traffic.left_out = some_hold and not port.holding
-            traffic.asked = traffic.bad = traffic.answered = False
-            traffic.foreign = traffic.full = 0
+        some_hold = False
+        for port in self.ports:
+            some_hold = some_hold or port.holding
+        for number, port in enumerate(self.ports):
+            self.traffic[number].reset(left_out=some_hold and not port.holding)
+            self.trips[number] = nan
 
     def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
         """Count the exchange for BUS_ERRORS, unless an IMU spoilt it.
@@ -348,49 +361,67 @@ class Hardware:
     def _sense(self, inertial: ImuPoller, end: float) -> None:
         """Read the IMU after the servos, which never wait for it."""
         pair = self.pairs[inertial.bus]
-        if self._try(pair, "sense", end):
+        if pair[0].reader is None:
+            return
+        try:
+            begun = inertial.begin(pair[0], self.clock.now(), end)
+        except PortError as error:
+            self._handle_port_error(pair, error)
+            return
+        if begun:
             collect([pair], self.clock, self._lose)
             inertial.end(pair[0], self.clock.now())
 
     def _rare(self, end: float, last: float) -> None:
         """Run one further transaction per bus in the rest of the tick, which ends at `last` (s)."""
         self._turn += 1  # the buses take turns where not every tick is needed
-        requested = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
-        polls = not all(port.querying for port, _ in requested)
-        collect(requested, self.clock, self._lose, poll_first=polls)
-        for port, _ in requested:
-            port.end_rare(self.clock.now())
-        ended = [port for port, _ in requested]
+        requested = [pair for number, pair in enumerate(self.pairs) if self._begin_rare(number, end, last)]
+        ended = [port.name for port, _ in requested]
+        if requested:
+            polls = not all([port.querying for port, _ in requested])
+            collect(requested, self.clock, self._lose, poll_first=polls)
+            for port, _ in requested:
+                port.end_rare(self.clock.now())
         # a driver may update slow registers from the cyclic reading alone
         for number, port in enumerate(self.ports):
-            if port.reader is not None and (port in ended or self._is_turn_of(number)):
+            if port.reader is not None and (self._is_turn_of(number) or port.name in ended):
                 self.readings.keep(number, port.reader.registers)
 
     def _is_turn_of(self, number: int) -> bool:
         """Check whether that bus has its upkeep in this tick."""
         return (self._turn + number) % self._stride == 0
 
-    def _try(self, pair: Pair, what: str, end: float = inf, last: float = inf) -> bool:
-        """Begin a transaction on an open port; False without one, or when the port was lost."""
-        port, _ = pair
-        if port.reader is None:
+    def _begin_rare(self, number: int, end: float, last: float) -> bool:
+        """Begin the further transaction of a bus; False without one, or when the port was lost."""
+        pair = self.pairs[number]
+        if pair[0].reader is None:
             return False
         try:
-            if what == "rare":
-                mine = self._is_turn_of(self._place[port.name])
-                return port.begin_rare(self.clock.now(), end, last, upkeep=mine)
-            if what == "sense":
-                return self.inertial is not None and self.inertial.begin(port, self.clock.now(), end)
-            port.reader.request(self.clock.now())
+            return pair[0].begin_rare(self.clock.now(), end, last, upkeep=self._is_turn_of(number))
         except PortError as error:
-            if error.lost:
-                self._lose(pair, error)
-            else:  # the output is full: this packet is not sent, and the reading is missed
-                port.counts.errors += 1
-                self.traffic[self._place[port.name]].full += 1
-                self.left = self.left and not port.holding
+            self._handle_port_error(pair, error)
+            return False
+
+    def _request(self, pair: Pair) -> bool:
+        """Begin the cyclic reading of an open port; False when it was not sent, or the port was lost."""
+        reader = pair[0].reader
+        if reader is None:
+            return False
+        try:
+            reader.request(self.clock.now())
+        except PortError as error:
+            self._handle_port_error(pair, error)
             return False
         return True
+
+    def _handle_port_error(self, pair: Pair, error: PortError) -> None:
+        port, _ = pair
+        if error.lost:
+            self._lose(pair, error)
+        else:  # the output is full: this packet is not sent, and the reading is missed
+            port.counts.errors += 1
+            self.traffic[self._place[port.name]].full += 1
+            self.left = self.left and not port.holding
 
     def _lose(self, pair: Pair, error: PortError) -> None:
         port, _ = pair

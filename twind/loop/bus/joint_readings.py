@@ -31,8 +31,11 @@ def ticks(bus: JointBusMap, position: Floats) -> Ints:
     for each in bus.linked:
         each.angles(angles)
     exact = np.rint(bus.zero + angles / bus.scale)
-    # The integer that a CPU makes of NaN is undefined (0 on ARM, which may be a valid goal).
-    wanted: Ints = np.where(np.abs(exact) < NOWHERE, exact, NOWHERE).astype(np.int64)
+    there = np.abs(exact) < NOWHERE
+    if not every(there):
+        # The integer that a CPU makes of NaN is undefined (0 on ARM, which may be a valid goal).
+        exact = np.where(there, exact, NOWHERE)
+    wanted: Ints = exact.astype(np.int64)
     return wanted
 
 
@@ -172,7 +175,9 @@ class JointReadings:
         self._maps = joints.buses
         self._period = period
         self._buses = list(joints.buses)  # the same, their zeros less the shift
-        self._where = [where(bus) for bus in joints.buses]
+        self.places = [where(bus) for bus in joints.buses]  # of each bus: its joints, as an index
+        # of each bus: the slow registers that were stored last, and their version
+        self._stored: list[tuple[SlowRegisterValues | None, int]] = [(None, 0)] * len(joints.buses)
         self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
         self._senses = [PlausibilityFilter(bus.fastest, period) for bus in joints.buses]
 
@@ -186,7 +191,7 @@ class JointReadings:
         heard = sample.heard
         senses = self._senses[number]
         bus = self._buses[number]
-        places = self._where[number]
+        places = self.places[number]
         self.raw.take(places, sample)
         usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
         if not usual:
@@ -215,7 +220,7 @@ class JointReadings:
 
         Stored positions change with them.
         """
-        places = self._where[number]
+        places = self.places[number]
         moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
         self._shift(number, shift)
         anew = radians(self._buses[number], self.raw.ticks[places])
@@ -227,12 +232,12 @@ class JointReadings:
     def rejoin(self, joints: JointMap) -> None:
         """Take over the same joints with other ranges; zeros and devices stay."""
         self._maps = joints.buses
-        for number, places in enumerate(self._where):
+        for number, places in enumerate(self.places):
             self._shift(number, self.shift[places])
 
     def alert(self, number: int, sample: BusSample) -> list[int]:
         """Keep the error bytes; return the places on the bus that begin to report an error (SERVO_ALERT)."""
-        places = self._where[number]
+        places = self.places[number]
         if not some(sample.error):
             self.alerts[places] = 0
             return []
@@ -242,13 +247,17 @@ class JointReadings:
         return np.flatnonzero(new).tolist()
 
     def keep(self, number: int, registers: SlowRegisterValues) -> None:
-        """Store the slow registers of one bus."""
-        self.slow.keep(self._where[number], registers)
+        """Store the slow registers of one bus, if a value is new."""
+        before, version = self._stored[number]
+        if registers is not before or registers.version != version:
+            self._stored[number] = (registers, registers.version)
+            self.slow.keep(self.places[number], registers)
 
     def forget(self, number: int) -> None:
         """Reset a lost bus: its registers are unknown, and its joints may be anywhere when it is back."""
-        self.slow.forget(self._where[number])
-        self.alerts[self._where[number]] = 0
+        self.slow.forget(self.places[number])
+        self._stored[number] = (None, 0)
+        self.alerts[self.places[number]] = 0
         self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
 
     def silence(self, bus: JointBusMap, now: float) -> float:
@@ -281,14 +290,14 @@ class JointReadings:
         return state
 
     def _shift(self, number: int, shift: Ints) -> None:
-        self.shift[self._where[number]] = shift
+        self.shift[self.places[number]] = shift
         self._buses[number] = self._maps[number].turned(shift)
 
     def _believe(self, number: int, sample: BusSample) -> Bools:
         """Drop impossible positions; without torque a hand may move a joint faster than its motor."""
         senses = self._senses[number]
         bus = self._buses[number]
-        places = self._where[number]
+        places = self.places[number]
         limp = self.slow.torque[places] == 0
         believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
         self.jumps[places] = senses.jumps
