@@ -6,14 +6,13 @@ from collections.abc import Iterator, Sequence
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.guard_types import (
+    NOTHING,
     BusTraffic,
     GuardInput,
     GuardThresholds,
     Reaction,
     RuleResult,
     hold,
-    is_torque_held,
-    is_torque_ours,
 )
 
 WINDOW = 1.0  # s of the window in which errors count; a single bad exchange must not stop a motion
@@ -73,8 +72,18 @@ class BusRules:
         self._bounds = bounds
         self._records = tuple(BusErrorHistory() for _ in names)
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield the faults of the buses. `facts.traffic` is in the order of their names."""
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return the faults of the buses. `facts.traffic` is in the order of their names."""
+        traffic = facts.traffic
+        if not facts.discarded and len(traffic) == len(self._records):
+            for record, each in zip(self._records, traffic, strict=True):
+                if each.bad or each.foreign or each.full or record.blemished:
+                    break
+            else:
+                return NOTHING
+        return tuple(self._found(facts))
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         if facts.discarded:
             message = f"{facts.discarded} bytes that belong to no request were dropped"
             yield RuleResult(Finding(ReasonCode.RX_SHAPE, value=float(facts.discarded), message=message))
@@ -95,7 +104,7 @@ class BusRules:
         The fault changes no torque. On such a bus arming is refused.
         """
         bounds = self._bounds
-        held = is_torque_held(facts)
+        held = facts.torque_held
         reaction = hold(facts) if held else Reaction.NONE
         row = record.bad_in_a_row
         # share of as many exchanges as a second has
@@ -136,7 +145,7 @@ class BusRules:
             "disconnect the other master, or the second servo with one id"
         )
         finding = Finding(ReasonCode.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
-        if is_torque_ours(facts) and facts.state is not RobotState.INHIBITED:
+        if facts.torque_ours and facts.state is not RobotState.INHIBITED:
             yield RuleResult(finding, Reaction.INHIBIT, latches=True, bars=True, bus=bus)
         else:
             yield RuleResult(finding, bars=True, bus=bus)
@@ -151,5 +160,5 @@ class BusRules:
             "check whether the adapter is stuck, or slower than its baud rate"
         )
         finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=float(bound), message=message)
-        fault = many and is_torque_held(facts)
+        fault = many and facts.torque_held
         return RuleResult(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)

@@ -7,13 +7,13 @@ from collections.abc import Collection, Iterator, Sequence
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.guard_types import (
+    NOTHING,
     BusTraffic,
     GuardInput,
     GuardThresholds,
     Reaction,
     RuleResult,
     hold,
-    is_torque_ours,
 )
 
 # values of `BusTraffic.line`: many errors; off the wire, or without acknowledgement
@@ -35,8 +35,11 @@ class LineRules:
         self._judged = tuple(place for place, name in enumerate(names) if name in can)
         self._unanswered = [0] * len(self._names)
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield the faults of the CAN lines. `facts.traffic` is in the order of the bus names."""
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return the faults of the CAN lines. `facts.traffic` is in the order of the bus names."""
+        return tuple(self._found(facts)) if self._judged else NOTHING
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         for bus in self._judged:
             traffic = facts.traffic[bus]
             if traffic.line >= OFF:
@@ -96,4 +99,4 @@ def _holds_actuator(facts: GuardInput, traffic: BusTraffic) -> bool:
 
     A bus given up before is lost already: to give it up again would stop the others on their way down.
     """
-    return is_torque_ours(facts) and not traffic.left_out
+    return facts.torque_ours and not traffic.left_out

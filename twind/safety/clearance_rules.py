@@ -3,11 +3,12 @@
 Between `warn` and `block` a motion slows down in proportion; at `block` it is held.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.guard_types import (
     MOVING,
+    NOTHING,
     REACTING,
     ClearanceAhead,
     GuardInput,
@@ -17,22 +18,28 @@ from twind.safety.guard_types import (
 )
 
 
-def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
-    """Yield LOOKAHEAD_COLLISION for a motion only, never for a hold, a stop or the way to the rest pose.
+class ClearanceRules:
+    """Rule LOOKAHEAD_COLLISION, without memory."""
 
-    A pair that comes no nearer than it is already is not in the outlook, so a motion may lead out of a bad
-    place.
-    """
-    outlook = facts.outlook
-    if outlook is None or outlook.clearance > outlook.warn:
-        return
-    if facts.motion not in MOVING or facts.state in REACTING:
-        return
-    if not outlook.clearance > outlook.block:  # NaN too
-        yield RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD)
-        return
-    room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
-    yield RuleResult(_near(outlook, outlook.warn, "slower"), pace=max(bounds.least_pace, room))
+    def __init__(self, bounds: GuardThresholds) -> None:
+        self._bounds = bounds
+
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return LOOKAHEAD_COLLISION for a motion only, never for a hold, a stop or the way to the rest pose.
+
+        A pair that comes no nearer than it is already is not in the outlook, so a motion may lead out of a
+        bad place.
+        """
+        outlook = facts.outlook
+        if outlook is None or outlook.clearance > outlook.warn:
+            return NOTHING
+        if facts.motion not in MOVING or facts.state in REACTING:
+            return NOTHING
+        if not outlook.clearance > outlook.block:  # NaN too
+            return (RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD),)
+        room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
+        pace = max(self._bounds.least_pace, room)
+        return (RuleResult(_near(outlook, outlook.warn, "slower"), pace=pace),)
 
 
 def _near(outlook: ClearanceAhead, bound: float, what: str) -> Finding:

@@ -1,6 +1,6 @@
 """Rules SERVO_ALERT to WATCHDOG_TRIPPED: the states that the servos report. Pure."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from math import inf
 
 import numpy as np
@@ -8,15 +8,7 @@ import numpy as np
 from twind.robot.arrays import Bools, same, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.guard_types import (
-    GuardInput,
-    GuardThresholds,
-    Reaction,
-    RuleResult,
-    hold,
-    is_torque_held,
-    is_torque_ours,
-)
+from twind.safety.guard_types import NOTHING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
 
 ALERT = 0x80  # of a status packet's error byte: a hardware error, whose bits are in register 70
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
@@ -62,13 +54,27 @@ class DeviceRules:
         self._dogs = b""  # the watchdogs, as bytes, and the joints with a tripped one
         self._tripped: list[int] = []
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield the faults of the servos."""
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return the faults of the servos."""
+        return NOTHING if self._is_usual(facts) else tuple(self._found(facts))
+
+    def _is_usual(self, facts: GuardInput) -> bool:
+        """Check that torque is held, no device reports an error, and no register was read anew."""
+        return (
+            facts.torque_held
+            and facts.torque_settled
+            and not (self._suspect or self._tripped or some(facts.alerts))
+            and same(facts.health_time, self._ticked)
+            and same(facts.status_time, self._seen)
+            and same(facts.watchdog, self._dogs)
+        )
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         if some(facts.alerts) and facts.mode is not Mode.SIM:
             yield from self._alerts(facts)
         if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
-        if not is_torque_held(facts):
+        if not facts.torque_held:
             self._taken = facts.now
             self._tripped = []
             self._forget(facts.now)
@@ -106,8 +112,8 @@ class DeviceRules:
             message += ", or switch its power off and on" if joint in self._can else ""
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
-            if is_torque_ours(facts):
-                shut_down = is_torque_held(facts) and facts.torque[joint] == 0  # it shut itself down
+            if facts.torque_ours:
+                shut_down = facts.torque_held and facts.torque[joint] == 0  # it shut itself down
                 reaction = self._limp(facts, joint) if shut_down else self._rest(facts)
                 yield RuleResult(finding, reaction, latches=True, bars=True)
             else:
@@ -120,7 +126,7 @@ class DeviceRules:
             finding = Finding(
                 ReasonCode.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
             )
-            if is_torque_ours(facts):
+            if facts.torque_ours:
                 yield RuleResult(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
                 yield RuleResult(finding, bars=True)

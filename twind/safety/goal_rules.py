@@ -1,6 +1,6 @@
 """Rules on motion sources and written goals: ESTOP to STREAM_STALE, STEP_LIMIT, finite numbers. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isfinite
 
 import numpy as np
@@ -9,7 +9,17 @@ from twind.robot.arrays import Floats, every
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.guard_types import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
+from twind.robot.trajectory import Reference
+from twind.safety.guard_types import (
+    MOVING,
+    NOTHING,
+    REACTING,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+)
 from twind.safety.state_machine import LATCHED
 
 UNWRITABLE = (
@@ -30,6 +40,35 @@ class GoalRules:
         # s; rad in one such tick
         self._period = 0.0
         self._most = 0.0 * limits.velocity
+
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return the results of all rules on goals and their source."""
+        if self._is_usual(facts):
+            return NOTHING
+        return (*self.timing(facts), *self.authority(facts), *self.goal(facts))
+
+    def _is_usual(self, facts: GuardInput) -> bool:
+        """Check for a tick in time with a small step of a goal that may be written; no rule applies to it."""
+        bounds = self._bounds
+        if not facts.lateness <= bounds.late or facts.missed_in_a_row or not facts.lease_ok:
+            return False
+        goal = facts.goal
+        if facts.motion is Motion.STREAMING or (goal is not None and facts.state in UNWRITABLE):
+            return False
+        previous = facts.previous
+        if goal is None or previous is None:
+            return goal is None
+        step = self._step(facts, goal, previous)
+        return every(step <= self._most)
+
+    def _step(self, facts: GuardInput, goal: Reference, previous: Floats) -> Floats:
+        """Return the distance (n,), rad, of the goal from the last one that was sent."""
+        if facts.period != self._period:
+            self._period = facts.period
+            # A larger step would drive the servo faster than the joint's limit (docs/proof.md).
+            self._most = self._limits.velocity * facts.period + ROUNDING
+        step: Floats = np.abs(goal.position - previous)
+        return step
 
     def timing(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Yield LOOP_LATE: late ticks are reported, too many missed ones hold.
@@ -79,11 +118,7 @@ class GoalRules:
             )
             yield RuleResult(finding, Reaction.HOLD, refuses=True)
         elif facts.previous is not None:
-            if facts.period != self._period:
-                self._period = facts.period
-                # A larger step would drive the servo faster than the joint's limit (docs/proof.md).
-                self._most = self._limits.velocity * facts.period + ROUNDING
-            step = np.abs(goal - facts.previous)
+            step = self._step(facts, facts.goal, facts.previous)
             fits = step <= self._most
             if not every(fits):
                 yield self._too_far(facts, int(np.argmin(fits)), step)

@@ -15,7 +15,7 @@ from twind.robot.modes import RobotState
 from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
-from twind.safety.clearance_rules import ahead
+from twind.safety.clearance_rules import ClearanceRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.guard_types import (
@@ -27,6 +27,7 @@ from twind.safety.guard_types import (
     GuardThresholds,
     Key,
     Reaction,
+    Rule,
     RuleResult,
 )
 from twind.safety.heat_rules import HeatRules
@@ -76,21 +77,26 @@ class Guard:
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
-        self._gaps = TimeGapRules(bounds)
-        self._holds = HoldRules(free, bounds)
-        self._goals = GoalRules(limits, bounds)
-        self._readings = ReadingRules(limits, bounds, free)
         lines = can if can is not None else {}
-        self._buses = BusRules(buses, bounds)
-        self._lines = LineRules(buses, lines, free, bounds)
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
-        self._devices = DeviceRules(rated.leg, free, bounds, on_can)
-        self._tracking = TrackingRules(limits, bounds, linked)
-        self._heat = HeatRules(rated, bounds)
-        self._currents = CurrentRules(rated, bounds)
-        self._volts = VoltageRules(rated, bounds)
         self._free = free
         self._linked = linked
+        goals, readings, tracking = self._limited(limits)
+        # All rules of every tick, in the order of their findings; a new rule is added here.
+        self._rules: tuple[Rule, ...] = (
+            TimeGapRules(bounds),
+            goals,
+            ClearanceRules(bounds),
+            readings,
+            tracking,
+            BusRules(buses, bounds),
+            LineRules(buses, lines, free, bounds),
+            DeviceRules(rated.leg, free, bounds, on_can),
+            CurrentRules(rated, bounds),
+            HeatRules(rated, bounds),
+            VoltageRules(rated, bounds),
+        )
+        self._holds = HoldRules(free, bounds)  # judges the results of the others
         self._present: set[Key] = set()  # present in the last tick, and reported then or before
         self._reported_at: dict[Key, float] = {}  # s, when each was last reported
         self.bars: tuple[Finding, ...] = ()  # findings of the last tick that prevent arming
@@ -101,24 +107,31 @@ class Guard:
         return self._bounds
 
     def limit(self, limits: JointLimits) -> None:
-        """Use these limits from now on, for a robot at rest. The memory of all rules is kept."""
-        self._goals = GoalRules(limits, self._bounds)
-        self._readings = ReadingRules(limits, self._bounds, self._free)
-        self._tracking = TrackingRules(limits, self._bounds, self._linked)
+        """Use these limits from now on, for a robot at rest. The memory of all other rules is kept."""
+        anew = {type(rule): rule for rule in self._limited(limits)}
+        self._rules = tuple(anew.get(type(rule), rule) for rule in self._rules)
+
+    def _limited(self, limits: JointLimits) -> tuple[Rule, Rule, Rule]:
+        """Return the rules that depend on the limits of the joints."""
+        return (
+            GoalRules(limits, self._bounds),
+            ReadingRules(limits, self._bounds, self._free),
+            TrackingRules(limits, self._bounds, self._linked),
+        )
 
     def judge(self, facts: GuardInput) -> GuardDecision:
         """Return the reaction to this tick's input, and the findings to report.
 
         Never raises for bad numbers.
         """
-        results = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
-        results += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
-        results += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._lines.judge(facts)]
-        results += [*self._devices.judge(facts), *self._currents.judge(facts)]
-        results += [*self._heat.judge(facts), *self._volts.judge(facts)]
+        results: list[RuleResult] = []
+        for rule in self._rules:
+            if found := rule.judge(facts):
+                results += found
         results += self._holds.judge(facts, results)
         if not results:
-            self._present.clear()
+            if self._present:
+                self._present.clear()
             self.bars = ()
             return FINE
         self.bars = tuple(one.finding for one in results if one.bars)

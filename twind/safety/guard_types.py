@@ -1,8 +1,9 @@
 """Input and output of the per-tick gate (docs/safety.md). Pure data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,10 @@ class ClearanceAhead:
 
 @dataclass(slots=True)
 class GuardInput:
-    """Input of one guard decision. Arrays are (n,). Not frozen: that makes its construction three times slower."""
+    """Input of one guard decision. Arrays are (n,).
+
+    Not frozen: a frozen one takes three times as long to make.
+    """
 
     now: float  # s
     mode: Mode
@@ -176,6 +180,15 @@ class GuardInput:
     # (n,) share of the current limit, NaN unknown; None: unknown for all joints (OVERCURRENT)
     load: Floats | None = None
     suspended: float = 0.0  # s that the machine has slept since it started (TIME_GAP)
+    # torque of this daemon holds the robot: a fault of it is a fault of the robot
+    torque_held: bool = field(init=False)
+    # torque of this daemon is on, or about to be: a fault must end the arming
+    torque_ours: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        live = self.mode is Mode.LIVE
+        self.torque_held = live and self.torque_expected
+        self.torque_ours = live and (self.torque_expected or self.state is RobotState.ARMING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +207,13 @@ class GuardDecision:
     here: tuple[int, ...] = ()
     # buses on which no device receives requests (CAN_BUS_STATE): to be emptied and begun anew
     gone: tuple[int, ...] = ()
+
+
+class Rule(Protocol):
+    """One rule of the guard, or several on one subject. Its memory is counters and hysteresis only."""
+
+    def judge(self, facts: GuardInput) -> "Sequence[RuleResult]":
+        """Return the results of a tick; empty in the usual case, which must cost little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,17 +242,8 @@ def hold_here(facts: GuardInput) -> Reaction:
     return Reaction.NONE if down else Reaction.HOLD
 
 
+NOTHING: tuple[RuleResult, ...] = ()
 Key = tuple[ReasonCode, int | None, float | None, int]
-
-
-def is_torque_held(facts: GuardInput) -> bool:
-    """Check that torque of this daemon holds the robot: a fault of it is a fault of the robot."""
-    return facts.mode is Mode.LIVE and facts.torque_expected
-
-
-def is_torque_ours(facts: GuardInput) -> bool:
-    """Check that torque of this daemon is on, or about to be: a fault must end the arming."""
-    return facts.mode is Mode.LIVE and (facts.torque_expected or facts.state is RobotState.ARMING)
 
 
 def hold(facts: GuardInput) -> Reaction:

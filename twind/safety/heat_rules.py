@@ -4,7 +4,7 @@ Readings count five times a second, each once. A joint's temperature is one that
 readings reach. A reading that no other agrees with is reported, but not used.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
 
 import numpy as np
@@ -15,12 +15,12 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
 from twind.safety.guard_types import (
     MOVING,
+    NOTHING,
     REACTING,
     GuardInput,
     GuardThresholds,
     Reaction,
     RuleResult,
-    is_torque_held,
 )
 
 EVERY = 0.2  # s between two counts: more frequent readings bring nothing new, as a case warms slowly
@@ -49,15 +49,18 @@ class HeatRules:
         self._cooling: Bools = np.zeros(count, np.bool_)
         self._hot: list[int] = []  # joints that are warm, or must cool down
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield OVERTEMP: a warning, then slower, then lowered.
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return OVERTEMP: a warning, then slower, then lowered.
 
         A hot motor prevents arming until it is cool.
         """
-        if (
-            not same(facts.health_time, self._seen)
-            and not 0.0 <= facts.now - self._counted < EVERY - ROUNDING
-        ):
+        counted = 0.0 <= facts.now - self._counted < EVERY - ROUNDING
+        if not self._hot and (counted or same(facts.health_time, self._seen)):
+            return NOTHING
+        return tuple(self._found(facts, counted=counted))
+
+    def _found(self, facts: GuardInput, *, counted: bool) -> Iterator[RuleResult]:
+        if not counted and not same(facts.health_time, self._seen):
             self._counted = facts.now
             yield from self._refresh(facts)
         for joint in self._hot:
@@ -88,15 +91,15 @@ class HeatRules:
             finding = _heat(joint, value, ratings.shut[joint], "°C: lowered, and not armed before it is cool")
             return RuleResult(
                 finding,
-                Reaction.SETTLE if is_torque_held(facts) else Reaction.NONE,
-                latches=is_torque_held(facts),
+                Reaction.SETTLE if facts.torque_held else Reaction.NONE,
+                latches=facts.torque_held,
                 bars=True,
             )
         if value >= ratings.hot[joint]:
             finding = _heat(joint, value, ratings.hot[joint], "°C: it moves slower")
             moves = facts.motion in MOVING and facts.state not in REACTING
             return RuleResult(
-                finding, bars=cooling, pace=self._bounds.hot_pace if moves and is_torque_held(facts) else 1.0
+                finding, bars=cooling, pace=self._bounds.hot_pace if moves and facts.torque_held else 1.0
             )
         if value >= ratings.warm[joint]:
             return RuleResult(_heat(joint, value, ratings.warm[joint], "°C: let it rest"), bars=cooling)

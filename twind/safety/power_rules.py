@@ -5,7 +5,7 @@ OVERCURRENT counts shares of the current limit. The square of the load heats a m
 motion before the servo shuts itself down for overload.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf, isfinite
 
 import numpy as np
@@ -15,13 +15,13 @@ from twind.robot.arrays import Bools, Floats, every, same, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
 from twind.safety.guard_types import (
+    NOTHING,
     GuardInput,
     GuardThresholds,
     Reaction,
     RuleResult,
     hold,
     hold_here,
-    is_torque_held,
 )
 
 LONGEST = 0.5  # s: the longest tick that is summed up: a longer gap has no measured load
@@ -39,13 +39,18 @@ class CurrentRules:
         self._high = False  # a joint is above a bound
         self._last = inf  # s, of the last check
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield OVERCURRENT, where the load is known. Motors recover at rest; a tired one prevents arming."""
-        load = facts.load
-        bounds = self._bounds
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return OVERCURRENT, where the load is known.
+
+        Motors recover at rest; a tired one prevents arming.
+        """
         span = facts.now - self._last
-        if load is None or (not self._high and 0.0 <= span < bounds.look - ROUNDING):
-            return
+        if facts.load is None or (not self._high and 0.0 <= span < self._bounds.look - ROUNDING):
+            return NOTHING
+        return tuple(self._found(facts, facts.load, span))
+
+    def _found(self, facts: GuardInput, load: Floats, span: float) -> Iterator[RuleResult]:
+        bounds = self._bounds
         self._last = facts.now
         if not isfinite(load.dot(load)):
             load = np.where(np.isfinite(load), load, 0.0)  # unknown for this joint, so not judged
@@ -57,7 +62,7 @@ class CurrentRules:
                 self._high = False
             return
         self._high = True
-        if is_torque_held(facts):
+        if facts.torque_held:
             yield from self._loaded(facts, load)
             yield from self._wearied(facts, load)
         else:
@@ -139,13 +144,22 @@ class VoltageRules:
         self._suspect = False  # a supply is low
         self._held = inf  # s, since when torque of this daemon holds the robot; inf: it does not
         self._results: list[RuleResult] = []
+        self._checked_at = -inf  # s, when the age of the readings was checked
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield VOLTAGE: the lowest and the highest supply of a robot under torque.
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return VOLTAGE: the lowest and the highest supply of a robot under torque.
 
         One report for all joints.
         """
-        if not is_torque_held(facts):
+        if not facts.torque_held and self._held == inf:
+            return NOTHING
+        checked = 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING
+        if facts.torque_held and checked and not self._results and same(facts.health_time, self._seen):
+            return NOTHING
+        return tuple(self._found(facts))
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
+        if not facts.torque_held:
             if self._held < inf:
                 self._since[:] = inf
                 self._read[:] = -inf
@@ -159,7 +173,9 @@ class VoltageRules:
             self._results = list(self._refresh(facts))
         yield from self._results
         unread = self._bounds.unread
-        if facts.now - self._held > unread and not every(facts.now - facts.health_time <= unread):
+        old = facts.now - self._held > unread and not every(facts.now - facts.health_time <= unread)
+        self._checked_at = -inf if old else facts.now
+        if old:
             yield self._unread(facts)
 
     def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:

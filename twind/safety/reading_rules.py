@@ -1,6 +1,6 @@
 """Readings of the joints: rules STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -8,15 +8,7 @@ from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.safety.goal_rules import ROUNDING
-from twind.safety.guard_types import (
-    MOVING,
-    GuardInput,
-    GuardThresholds,
-    Reaction,
-    RuleResult,
-    hold,
-    is_torque_held,
-)
+from twind.safety.guard_types import MOVING, NOTHING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
 
 
 class ReadingRules:
@@ -30,14 +22,24 @@ class ReadingRules:
         self._hard_lower = limits.hard_lower - bounds.beyond_hard
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT."""
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT."""
+        measured = facts.measured
+        if measured is not None and not some(facts.jumps):
+            position = measured.position
+            fresh = every(measured.age <= self._bounds.stale_warn - (facts.now - measured.time))
+            limits = self._limits
+            if fresh and every((position >= limits.lower) & (position <= limits.upper)):
+                return NOTHING
+        return tuple(self._found(facts))
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured = facts.measured
         limits = self._limits
         if measured is None:
-            if is_torque_held(facts):
+            if facts.torque_held:
                 yield RuleResult(
                     Finding(ReasonCode.STATE_STALE, message="no reading at all: holding"), hold(facts)
                 )
@@ -61,7 +63,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
             )
-            yield RuleResult(finding, hold(facts) if many and is_torque_held(facts) else Reaction.NONE)
+            yield RuleResult(finding, hold(facts) if many and facts.torque_held else Reaction.NONE)
 
     def _stale(self, facts: GuardInput, age: Floats) -> Iterator[RuleResult]:
         """Yield STATE_STALE.
@@ -83,7 +85,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since its last reading"
             )
-            if is_torque_held(facts):
+            if facts.torque_held:
                 yield RuleResult(finding, reaction, latches=gone)
             else:
                 yield RuleResult(finding)
@@ -101,7 +103,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
             )
-            if is_torque_held(facts):
+            if facts.torque_held:
                 yield RuleResult(finding, hold(facts), latches=True)
             else:
                 yield RuleResult(finding)

@@ -1,20 +1,12 @@
 """Rules on time: TIME_GAP between ticks, and the length of a hold of a free-standing robot. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind.safety.guard_types import (
-    GuardInput,
-    GuardThresholds,
-    Reaction,
-    RuleResult,
-    hold,
-    is_torque_held,
-    is_torque_ours,
-)
+from twind.safety.guard_types import NOTHING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
 from twind.safety.state_machine import LATCHED
 
 
@@ -29,8 +21,8 @@ class TimeGapRules:
         self._last: float | None = None  # s
         self._suspended = 0.0  # s
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield TIME_GAP after a gap longer than the servos' watchdogs, which may have stopped them.
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return TIME_GAP after a gap longer than the servos' watchdogs, which may have stopped them.
 
         The last goal is repeated, and the fault makes an operator disarm, which sets the goals to the present
         positions.
@@ -39,19 +31,18 @@ class TimeGapRules:
         asleep = facts.suspended - self._suspended
         self._last = facts.now
         self._suspended = facts.suspended
-        if last is None or not is_torque_ours(facts):
-            return
+        if last is None or not facts.torque_ours:
+            return NOTHING
         gap = facts.now - last - facts.period
         bound = self._bounds.gap
         if gap + asleep < bound:
-            return
+            return NOTHING
         what = "s that the machine slept" if asleep >= bound else "s without a tick"
         message = f"{what}: the servos have stopped by themselves: disarm, reset, arm"
         finding = Finding(ReasonCode.TIME_GAP, value=gap + asleep, bound=bound, message=message)
         stop = hold(facts)
-        yield RuleResult(
-            finding, stop, latches=True, refuses=facts.goal is not None and stop is Reaction.HOLD
-        )
+        refuses = facts.goal is not None and stop is Reaction.HOLD
+        return (RuleResult(finding, stop, latches=True, refuses=refuses),)
 
 
 class HoldRules:
@@ -64,17 +55,17 @@ class HoldRules:
         self._why = Finding(ReasonCode.INTERNAL)
         self._ended = False  # the hold ended a motion
 
-    def judge(self, facts: GuardInput, results: list[RuleResult]) -> Iterator[RuleResult]:
+    def judge(self, facts: GuardInput, results: Sequence[RuleResult]) -> Sequence[RuleResult]:
         """Lower a robot after a hold that a rule requested and that did not end.
 
         Where the robot held anyway, and nothing is latched, the hold ends with its cause.
         """
         if not self._free:
-            return
-        if not is_torque_held(facts) or not facts.torque_settled:
+            return NOTHING
+        if not facts.torque_held or not facts.torque_settled:
             self._since = inf
             self._ended = False
-            return
+            return NOTHING
         holds = next((one.finding for one in results if one.reaction is Reaction.HOLD), None)
         rests = facts.motion is Motion.HOLDING
         if holds is None and not (rests and (self._ended or facts.state in LATCHED)):
@@ -86,7 +77,8 @@ class HoldRules:
                 self._since = facts.now
                 self._why = holds
         most = self._bounds.hold_most
-        if facts.now - self._since >= most:
-            message = f"held for {most:g} s without support: lowered ({self._why.message})"
-            finding = replace(self._why, value=facts.now - self._since, bound=most, message=message)
-            yield RuleResult(finding, Reaction.SETTLE, latches=True)
+        if not facts.now - self._since >= most:
+            return NOTHING
+        message = f"held for {most:g} s without support: lowered ({self._why.message})"
+        finding = replace(self._why, value=facts.now - self._since, bound=most, message=message)
+        return (RuleResult(finding, Reaction.SETTLE, latches=True),)

@@ -19,13 +19,13 @@ from twind.safety.device_rules import ALERT, TRIPPED
 from twind.safety.goal_rules import ROUNDING
 from twind.safety.guard_types import (
     MOVING,
+    NOTHING,
     GuardInput,
     GuardThresholds,
     Reaction,
     RuleResult,
     hold,
     hold_here,
-    is_torque_held,
 )
 
 STILL = 1e-9  # rad, less than any count: no change, computed from joints
@@ -53,17 +53,38 @@ class TrackingRules:
         self._turned = np.zeros(count)  # s, ... and when
         self._turning = np.zeros(count, np.bool_)  # at the last check the servo reported that it turns
         self._checked_at = -NEVER  # s
+        self._suspect = False  # a joint is off its goal or too fast, or was so in its last reading
+        self._forgotten = False  # nothing is remembered
 
-    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT, for a robot under torque of this daemon."""
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return FOLLOW_ERR, SENSE_FROZEN, OVERSPEED and MIRROR_DRIFT, for a robot under own torque."""
+        if not facts.torque_held and self._forgotten:
+            return NOTHING
+        return NOTHING if self._is_usual(facts) else tuple(self._found(facts))
+
+    def _is_usual(self, facts: GuardInput) -> bool:
+        """Check for joints that follow their goals, between two checks of slow conditions."""
         measured = facts.measured
         goal = facts.previous
-        if measured is None or not is_torque_held(facts):
+        if measured is None or goal is None or not facts.torque_held or self._suspect:
+            return False
+        if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
+            return False
+        velocity = measured.velocity
+        error = measured.position - goal
+        return bool(velocity.dot(velocity) <= self._slowest and error.dot(error) <= self._bounds.follow**2)
+
+    def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
+        measured = facts.measured
+        goal = facts.previous
+        if measured is None or not facts.torque_held:
             self._forget()
             return
+        self._forgotten = False
         velocity = measured.velocity
         if not velocity.dot(velocity) <= self._slowest or some(self._fast):
             yield from self._speeding(facts, measured)
+        self._suspect = some(self._fast)
         if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing valid
             self._off_since[:] = NEVER
             self._place = None
@@ -71,6 +92,7 @@ class TrackingRules:
         error = measured.position - goal
         if not error.dot(error) <= self._bounds.follow**2 or self._off_since.min() < NEVER:
             yield from self._following(facts, measured, np.abs(error))
+        self._suspect = self._suspect or bool(self._off_since.min() < NEVER)
         if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
             self._checked_at = facts.now
             yield from self._frozen(facts, measured, goal)
@@ -195,6 +217,8 @@ class TrackingRules:
         self._drift_since[:] = NEVER
         self._fast[:] = 0
         self._place = None
+        self._forgotten = True
+        self._suspect = False
 
 
 def _since(since: Floats, bad: Bools, fresh: Bools, now: float) -> Floats:

@@ -39,6 +39,7 @@ class RollingStats:
         self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
         self._least = nan
         self._figures: _RollingFigures | None = None
+        self._quantiles = (-1, nan, nan)  # values added when they were computed; p50 and p99 of the run
         # Written one number at a time, which `array` does several times as fast; read through numpy.
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
         self._values = np.frombuffer(self._ring)
@@ -109,9 +110,12 @@ class RollingStats:
         return self._figures
 
     def _work_out(self) -> "_RollingFigures":
-        seen = self._counts.cumsum()
-        p50 = self._quantile(seen, 0.5)
-        p99 = self._quantile(seen, 0.99)
+        p50, p99 = self._of_run()
+        total = sum(self._ring)
+        if 0.0 <= total < inf:  # all are known
+            mean = total / SIZE
+            std = sqrt(max(0.0, float(self._values.dot(self._values)) / SIZE - mean * mean))
+            return _RollingFigures(self.count, mean, std, min(self._ring), max(self._ring), p50, p99)
         valid = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
         if not len(valid):
             return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
@@ -119,6 +123,19 @@ class RollingStats:
         off = valid - mean
         std = sqrt(float(off @ off) / len(valid))
         return _RollingFigures(self.count, mean, std, float(valid.min()), float(valid.max()), p50, p99)
+
+    def _of_run(self) -> tuple[float, float]:
+        """Return p50 and p99 of the run.
+
+        They are computed anew when the run has grown by a hundredth: less hardly changes them.
+        """
+        counted, p50, p99 = self._quantiles
+        if counted < 0 or self.count > counted * 1.01:
+            seen = self._counts.cumsum()
+            p50 = self._quantile(seen, 0.5)
+            p99 = self._quantile(seen, 0.99)
+            self._quantiles = (self.count, p50, p99)
+        return p50, p99
 
     def _quantile(self, seen: Ints, share: float) -> float:
         """Return the quantile `share` of the run. `seen`: values of the run up to each bin."""

@@ -378,7 +378,7 @@ class Hardware:
         requested = [pair for number, pair in enumerate(self.pairs) if self._begin_rare(number, end, last)]
         ended = [port.name for port, _ in requested]
         if requested:
-            polls = not all([port.querying for port, _ in requested])
+            polls = not all(port.querying for port, _ in requested)
             collect(requested, self.clock, self._lose, poll_first=polls)
             for port, _ in requested:
                 port.end_rare(self.clock.now())

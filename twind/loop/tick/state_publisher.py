@@ -39,10 +39,11 @@ class StatePublisher:
         loop = self._loop
         loop.link.supervise_front(now)
         if self.urgent or now >= self._next:
+            if self.urgent or now >= self._whole:
+                loop.parts.notifier.status(self.status(), now)
             self.urgent = False
             self._next = now + OVERVIEW
             loop.link.state(self.overview(now))
-            loop.parts.notifier.status(self.status(), now)
         loop.link.state(self.tick(now))
         loop.link.flush()
 
