@@ -183,6 +183,14 @@ class Hardware:
             port.holding = on and port.writer is not None and usable
 
     @property
+    def is_whole(self) -> bool:
+        """True when every joint gets goals."""
+        for port in self.ports:
+            if not port.holding:
+                return False
+        return not some(self.left_out)
+
+    @property
     def energised_joints(self) -> Bools:
         """Joints (n,) that get goals: on a bus that was armed and not lost since, and not left out."""
         found = np.zeros(len(self.joints), np.bool_)

@@ -172,6 +172,7 @@ class JointReadings:
         self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
         self.placed: Bools = np.ones(count, np.bool_)  # False: the position of the joint is unknown
         self.heard_at = np.full(count, -inf)  # s
+        self._whole_at = -inf  # s, when every joint had been heard since
         self._maps = joints.buses
         self._period = period
         self._buses = list(joints.buses)  # the same, their zeros less the shift
@@ -269,6 +270,8 @@ class JointReadings:
 
         NaN: unknown, or without a fresh reading.
         """
+        if self._whole_at > now - SILENT:
+            return self.load
         recent = now - self.heard_at <= SILENT
         return self.load if every(recent) else np.where(recent, self.load, nan)
 
@@ -284,10 +287,12 @@ class JointReadings:
         position = self.where()
         velocity = self.velocity.copy()
         effort = self.effort.copy()
-        state = JointState(time, position, velocity, effort, time - self.heard_at, fresh, trip, imu)
-        for array in (position, velocity, effort, state.age, fresh):
+        age = time - self.heard_at
+        if every(fresh):
+            self._whole_at = time - trip
+        for array in (position, velocity, effort, age, fresh):
             array.setflags(write=False)
-        return state
+        return JointState(time, position, velocity, effort, age, fresh, trip, imu)
 
     def _shift(self, number: int, shift: Ints) -> None:
         self.shift[self.places[number]] = shift

@@ -34,7 +34,7 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         lateness=loop.lateness,
         missed_in_a_row=loop.missed_in_a_row,
         # None before the first reading
-        measured=_mask_without_goals(loop, target) if np.isfinite(target.age).any() else None,
+        measured=_mask_without_goals(loop, target) if _was_read(target) else None,
         goal=reference,
         previous=loop.written if reference is not None else None,
         lease_ok=held or loop.procedures.rank is not None,
@@ -62,6 +62,11 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
     )
 
 
+def _was_read(state: JointState) -> bool:
+    """Check that a joint has been read since the start."""
+    return some(state.heard) or bool(np.isfinite(state.age).any())
+
+
 def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
     """Return `target` with joints that get no goals marked as without a fresh reading.
 
@@ -69,7 +74,6 @@ def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
     be damped for it (FOLLOW_ERR).
     """
     hardware = loop.hardware
-    whole = all(port.holding for port in hardware.ports) and not some(hardware.left_out)
-    if not loop.armed or whole:
+    if not loop.armed or hardware.is_whole:
         return target
     return replace(target, heard=target.heard & hardware.energised_joints)
