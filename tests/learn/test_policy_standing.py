@@ -64,7 +64,7 @@ def test_a_silent_imu_holds_and_ends_the_drive(rig: StandingRig, tmp_path: Path)
     why = rig.drive(3.0)
     assert why is not None and "the IMU was read" in why
     assert np.abs(rig.loop.executor.reference.position - before).max() < 0.2  # braked, not on
-    assert rig.loop.armed and rig.loop.executor.motion == "holding"
+    assert rig.loop.torque.armed and rig.loop.executor.motion == "holding"
     assert not rig.base()["held"] and rig.base()["position"][2] > 0.4
 
 
@@ -107,7 +107,7 @@ def test_a_policy_that_stops_sending_leaves_the_robot_holding_within_the_gate_bo
     rig.seconds(0.18)  # 0.25 s after the last setpoint
     assert not rig.loop.lease.holds(rig.clock.now())
     rig.seconds(2.0)
-    assert rig.loop.armed and rig.base()["position"][2] > 0.4
+    assert rig.loop.torque.armed and rig.base()["position"][2] > 0.4
 
 
 # ------------------------------------------------------------------------------------------ what was learnt

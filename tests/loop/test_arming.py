@@ -104,7 +104,7 @@ def test_a_stall_before_goals_are_chosen_ends_arming_before_torque() -> None:
         rig.ticks(30)
         assert refusal(rig.replies(ticket)[-1])["code"] == "HW_DISCONNECTED"
         assert not rig.register("torque_enable").any()
-        assert not rig.loop.energising
+        assert not rig.loop.torque.energising
 
 
 def test_register_writes_that_wait_are_dropped_when_arming_begins() -> None:
@@ -170,7 +170,7 @@ def test_a_joint_that_jumps_at_torque_on_ends_arming_with_torque_off(monkeypatch
         finding = refusal(rig.call(link.Arm))
         assert (finding["code"], finding["joint"], finding["bound"]) == ("ARM_FAILED", 0, 0.05)
         assert not rig.register("torque_enable").any()
-        assert (rig.loop.armed, rig.loop.energising) == (False, False)
+        assert (rig.loop.torque.armed, rig.loop.torque.energising) == (False, False)
         assert rig.loop.state is RobotState.CONNECTED
 
 
@@ -183,7 +183,7 @@ def test_a_robot_found_energised_that_fails_to_arm_keeps_its_torque() -> None:
         rig.seconds(2.0)
         assert refusal(rig.replies(ticket)[-1])["code"] == "ARM_FAILED"
         assert rig.register("torque_enable").all()
-        assert not rig.loop.energising
+        assert not rig.loop.torque.energising
 
 
 def test_a_servo_that_falls_silent_during_arming_ends_it_with_torque_off() -> None:
@@ -196,7 +196,7 @@ def test_a_servo_that_falls_silent_during_arming_ends_it_with_torque_off() -> No
         rig.virtual["main"].faults.silence(5, False)
         rig.seconds(1.0)
         assert not rig.register("torque_enable").any()
-        assert (rig.loop.armed, rig.loop.energising) == (False, False)
+        assert (rig.loop.torque.armed, rig.loop.torque.energising) == (False, False)
 
 
 def test_arming_holds_every_joint_where_it_is_with_its_watchdog_set() -> None:
@@ -281,7 +281,7 @@ def test_torque_goes_off_when_the_arming_client_is_gone_before_arming_has_ended(
         rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(20)
         assert not rig.register("torque_enable").any()
-        assert (rig.loop.armed, rig.loop.energising) == (False, False)
+        assert (rig.loop.torque.armed, rig.loop.torque.energising) == (False, False)
         assert rig.loop.state is RobotState.CONNECTED
 
 
@@ -291,7 +291,7 @@ def test_a_robot_found_energised_keeps_its_torque_when_the_arming_client_is_gone
         rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(20)
         assert rig.register("torque_enable").all()
-        assert (rig.loop.armed, rig.loop.energising, rig.loop.inherited) == (False, False, True)
+        assert (rig.loop.torque.armed, rig.loop.torque.energising, rig.loop.inherited) == (False, False, True)
 
 
 def test_a_fault_that_is_latched_before_torque_ends_arming_without_torque() -> None:
@@ -312,7 +312,7 @@ def test_a_fault_that_is_latched_after_torque_came_on_ends_arming_with_torque_of
         rig.ticks(60)
         assert refusal(rig.replies(ticket)[-1])["code"] == "ARM_FAILED"
         assert not rig.register("torque_enable").any()
-        assert not rig.loop.energising
+        assert not rig.loop.torque.energising
 
 
 def test_a_servo_that_does_not_confirm_torque_off_after_a_failed_arming_is_reported() -> None:

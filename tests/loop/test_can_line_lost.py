@@ -84,7 +84,7 @@ def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(make_rig: MakeR
     rig.seconds(3.0)
     assert rig.goals("upper") == told  # one tick's step at most, and no more
     assert np.abs(np.subtract(told, before)).max() < 40
-    assert rig.loop.armed is True
+    assert rig.loop.torque.armed is True
     assert all(rig.virtual["lower"].servos["torque_enable"])
     assert rig.loop.hardware.connected  # opened anew, everybody identified, nothing moves by itself
     assert not rig.port.holding
@@ -109,7 +109,7 @@ def test_a_robot_that_stands_freely_is_lowered_by_the_others_and_let_go(make_rig
     rig = make_rig("free", kind=Can)
     rig.line = OFF
     rig.seconds(10.0)
-    assert rig.loop.armed is False
+    assert rig.loop.torque.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     assert "CAN_BUS_STATE" in latched(rig)
 
@@ -165,5 +165,5 @@ def test_a_line_that_goes_off_while_arming_ends_the_arming(make_rig: MakeRig) ->
     assert "CAN_BUS_STATE" in latched(rig)
     rig.line = ACTIVE
     rig.seconds(12.0)
-    assert rig.loop.armed is False
+    assert rig.loop.torque.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])

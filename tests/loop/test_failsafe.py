@@ -39,7 +39,7 @@ def given_up(
     rig = Rig(robot, start=start, support=support, rate_hz=50.0)
     if killed:
         rig.arm()
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         # what the kernel does for a process that was killed
         rig.loop.hardware.access(read=False, write=False)
         rig.front.end(0.0)
@@ -213,7 +213,7 @@ def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
         safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(2.0)
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         rig.virtual["main"].faults.unplug()
         rig.seconds(1.0)
         rig.virtual["main"].faults.replug()
@@ -251,7 +251,7 @@ def test_a_bus_lost_twice_leaves_torque_on_and_is_reported(support: str) -> None
         safe.begin()
         for there, gone in ((8.0, 9.0), (1.5, 2.0)):
             rig.seconds(there)
-            assert rig.loop.armed
+            assert rig.loop.torque.armed
             rig.virtual["main"].faults.unplug()
             rig.seconds(gone)
             rig.virtual["main"].faults.replug()
@@ -275,12 +275,12 @@ def test_the_worst_sequence_of_delays_ends_within_the_longest_time() -> None:
         rig.seconds(failsafe.WAIT - 1.0)
         faults.replug()
         rig.seconds(1.5)
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         faults.unplug()
         rig.seconds(began + failsafe.AGAIN - 1.5 - rig.clock.now())
         faults.replug()
         rig.seconds(28.0)
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         faults.unplug()
         while not rig.loop.finished:
             rig.ticks(1)
@@ -326,7 +326,7 @@ def test_a_stop_on_the_way_down_does_not_interrupt_the_fail_safe() -> None:
         safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(1.5)
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         rig.loop.stop_wanted = True
         rig.seconds(6.0)
         assert rig.loop.finished
@@ -354,7 +354,7 @@ def test_an_inhibit_ends_the_way_down_and_torque_stays() -> None:
         safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(1.5)
-        assert rig.loop.armed
+        assert rig.loop.torque.armed
         rig.loop.inhibit(Finding(ReasonCode.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
         rig.seconds(1.0)
         assert rig.loop.finished

@@ -134,7 +134,7 @@ def recover(rig: Rig, code: ReasonCode) -> None:
     assert "FAULT_LATCHED" in codes(rig.call(link.Arm))
     assert rig.call(link.Reset, codes=[code.value]).error is None
     assert code not in rig.loop.latches
-    assert not rig.loop.armed
+    assert not rig.loop.torque.armed
     rig.ticks(50)
     assert not torques(rig).any(), "a reset never arms"
     before = rig.counts.copy()
@@ -239,7 +239,7 @@ def test_commands_queued_before_an_unplug_are_dropped_before_the_replug(armed: R
     places = armed.counts.copy()
     armed.seconds(3.0)
     assert armed.loop.state == "fault"
-    assert not armed.loop.armed
+    assert not armed.loop.torque.armed
     assert np.array_equal(armed.register("goal_position"), goals)
     assert np.abs(armed.counts - places).max() <= 2
     assert np.array_equal(armed.register("profile_velocity"), written)

@@ -103,7 +103,7 @@ def test_only_its_servo_has_torque_and_it_is_weak_slow_and_watched() -> None:
         assert abs(after[made.row] - before[made.row]) == pytest.approx(
             endstop_search.USUAL_SPEED * RAD, abs=3
         )
-        assert made.loop.state == "calibrating" and not made.loop.armed
+        assert made.loop.state == "calibrating" and not made.loop.torque.armed
         assert made.loop.torque_off is False
 
 

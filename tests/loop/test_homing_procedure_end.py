@@ -91,7 +91,7 @@ def test_homing_ends_with_torque_off_and_registers_restored_after_any_interrupti
             made.bus.faults.silence(made.spec.id, False)
         found = failed(made, ticket)
         assert set(found) & expected, found
-        assert made.loop.homing.owed is None and not made.loop.energising
+        assert made.loop.homing.owed is None and not made.loop.torque.energising
 
 
 @pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])

@@ -229,7 +229,7 @@ def test_changes_of_the_robot_wait_for_it() -> None:
     with homed() as made:
         made.ready()
         ticket = owed(made)
-        until(made, lambda: not made.loop.energising)
+        until(made, lambda: not made.loop.torque.energising)
         found: tuple[Finding, ...] = at_rest(made.loop)
         assert [each.code for each in found] == [ReasonCode.BUSY] and JOINT in found[0].message
         made.bus.faults.silence(made.spec.id, False)

@@ -132,7 +132,7 @@ def test_a_silent_imu_costs_no_servo_a_reading_and_keeps_its_last_with_its_time(
     assert rig.loop.hardware.ports[0].counts.errors == errors
     assert rig.loop.hardware.ports[0].counts.exchanges - exchanges == 500
     assert rig.loop.figures.missed == missed
-    assert rig.loop.measured.heard.all() and rig.loop.armed and not rig.loop.latches
+    assert rig.loop.measured.heard.all() and rig.loop.torque.armed and not rig.loop.latches
     assert rig.loop.hardware.inertial.parked
     bus.faults.silence(rig.spec.id, on=False)
     rig.seconds(1.2)
@@ -154,7 +154,7 @@ def test_a_noisy_imu_costs_no_servo_a_reading(fault: str, rigs: Made) -> None:
         assert rig.imu.acceleration == pytest.approx([0.0, 0.0, G], abs=0.005)
         assert rig.loop.measured.heard.all()
     assert rig.loop.hardware.ports[0].counts.errors == errors
-    assert rig.loop.armed and rig.loop.state == "armed"
+    assert rig.loop.torque.armed and rig.loop.state == "armed"
 
 
 def test_an_answer_that_comes_late_never_passes_for_a_fresh_one(rigs: Made) -> None:
@@ -232,7 +232,7 @@ def test_torque_goes_before_the_imu(rigs: Made) -> None:
         waits = port.hurried
         rig.ticks(1)
         hurried += waits and port.hurried and rig.loop.hardware.inertial.asked > before
-    assert hurried == 0 and rig.loop.armed and rig.loop.hardware.inertial.asked > asked
+    assert hurried == 0 and rig.loop.torque.armed and rig.loop.hardware.inertial.asked > asked
 
 
 def test_an_imu_without_free_time_in_any_tick_is_still_polled_occasionally(rigs: Made) -> None:

@@ -198,7 +198,7 @@ def test_a_restart_while_armed_changes_no_turn_until_torque_is_off(arm: Rig) -> 
     others = []
     for _ in range(300):
         arm.ticks(1)
-        if arm.loop.armed:
+        if arm.loop.torque.armed:
             assert arm.loop.hardware.readings.shift.tolist() == before.tolist()
             others.append(arm.loop.measured.position[[SINGLE, CAPPED]])
     assert len(others) > 20

@@ -42,7 +42,7 @@ def test_arming_at_once_waits_for_the_first_reading(live: Rig) -> None:
     assert not np.isfinite(live.loop.hardware.slow.health_time).any()
     live.call(link.AcquireLease)
     assert live.call(link.Arm).error is None
-    assert live.loop.armed
+    assert live.loop.torque.armed
 
 
 def test_an_e_stop_ends_the_wait_of_arm_with_a_refusal(live: Rig) -> None:

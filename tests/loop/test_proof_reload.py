@@ -100,5 +100,5 @@ def test_the_loop_takes_it_while_the_robot_has_torque(armed: Rig) -> None:
     reply = armed.adopt({PROOF: {"l_knee": SHOWN}})
     assert reply.error is None
     assert reply.parameters == {"applied": [PROOF], "needs_restart": []}
-    assert armed.loop.armed
+    assert armed.loop.torque.armed
     assert armed.call(link.RenewLease).error is None

@@ -77,7 +77,7 @@ def test_nothing_softer_ends_an_inhibit(armed: Rig, reaction: Reaction) -> None:
     assert torques(armed).all()
     assert np.array_equal(armed.register("goal_position"), goals)
     assert (armed.register("position_p_gain") == P).all()
-    assert armed.loop.soft_since is None
+    assert armed.loop.torque.soft_since is None
 
 
 def test_a_damping_whose_buses_are_lost_does_not_make_the_next_way_down_a_drop(armed: Rig) -> None:
@@ -92,7 +92,7 @@ def test_a_damping_whose_buses_are_lost_does_not_make_the_next_way_down_a_drop(a
     armed.seconds(7.0)
     bus.faults.replug()
     armed.seconds(2.0)
-    assert armed.loop.soft_since is None
+    assert armed.loop.torque.soft_since is None
     armed.call(link.Reset)
     armed.lease()
     assert armed.call(link.Arm).error is None

@@ -53,7 +53,7 @@ def test_a_damped_robot_is_soft_with_torque_on_then_off(armed: Rig) -> None:
     armed.seconds(damping.SLOW_FOR + 0.3)
     assert (armed.register("torque_enable") == 0).all()
     assert armed.loop.torque_off
-    assert (armed.loop.soft_since, armed.loop.armed) == (None, False)
+    assert (armed.loop.torque.soft_since, armed.loop.torque.armed) == (None, False)
     assert [event.level for event in armed.events("DAMP")] == ["error"]
 
 
@@ -62,7 +62,7 @@ def test_a_robot_that_never_rests_is_let_go_after_five_seconds(armed: Rig) -> No
         armed.ticks(1)
     began = armed.clock.now()
     shake = armed.loop.hardware.readings
-    while armed.loop.armed:
+    while armed.loop.torque.armed:
         shake.velocity[:] = 0.2
         state = armed.loop.measured
         armed.loop.measured = replace(state, velocity=state.velocity * 0.0 + 0.2)
@@ -111,7 +111,7 @@ def test_a_hold_does_not_end_a_damping(armed: Rig) -> None:
     with injected_findings(armed, reaction=Reaction.HOLD, here=(3,)):
         armed.ticks(20)
     assert soft(armed)
-    assert armed.loop.soft_since is not None
+    assert armed.loop.torque.soft_since is not None
     armed.seconds(2.0)
     assert armed.loop.torque_off
 
@@ -213,7 +213,7 @@ def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(ar
     armed.virtual["main"].faults.lock(3)
     armed.send(link.EStop, level="settle", reason="test")
     began = armed.clock.now()
-    while armed.loop.soft_since is None:
+    while armed.loop.torque.soft_since is None:
         armed.ticks(1)
         assert armed.clock.now() <= began + torque_release.SETTLE + 0.05
     assert armed.clock.now() - began > 3.0
@@ -250,9 +250,9 @@ def test_a_way_that_is_interrupted_is_damped(armed: Rig, support: str) -> None:
     for _ in range(40):
         armed.ticks(10)
         armed.loop.executor.stop()  # as a HOLD in the middle of it
-        if armed.loop.soft_since is not None:
+        if armed.loop.torque.soft_since is not None:
             break
-    assert armed.loop.soft_since is not None
+    assert armed.loop.torque.soft_since is not None
     armed.ticks(20)
     assert soft(armed)
     armed.seconds(2.0)
@@ -285,7 +285,7 @@ def test_a_settle_that_latches_nothing_ends_disarmed(armed: Rig) -> None:
     assert armed.loop.state == "settling"
     armed.seconds(torque_release.SETTLE)
     assert armed.loop.state == "connected"
-    assert not armed.loop.armed
+    assert not armed.loop.torque.armed
 
 
 # ------------------------------------------------------------------------------------------- HOLD, pace
@@ -375,7 +375,7 @@ def test_a_hold_of_thirty_seconds_lowers_what_stands_freely_alone(
     rig.seconds(2.0)
     assert rig.events("LEASE_LOST"), "nobody renewed it: held"
     rig.seconds(29.0)
-    assert rig.loop.armed
+    assert rig.loop.torque.armed
     assert rig.loop.executor.motion is Motion.HOLDING
     rig.seconds(6.0)
     assert rig.loop.torque_off is lowered

@@ -135,7 +135,7 @@ def test_thresholds_change_at_any_time_and_the_log_level_is_nothing_to_the_loop(
     assert armed.loop.parts.thresholds.latency_warn == 0.02
     health = armed.loop.health
     assert {health.total.threshold, health.hops["reply"].threshold} == {0.02}
-    assert armed.loop.armed
+    assert armed.loop.torque.armed
 
 
 def test_a_simulated_robot_is_changed_too_and_holds_where_it_was(make_rig: MakeRig) -> None:

@@ -37,11 +37,11 @@ class Watched(Rig):
             super().ticks(1)
             loop = self.loop
             settled = loop.hardware.connected and loop.identity.verified.joints.all()
-            if loop.armed or settled:
+            if loop.torque.armed or settled:
                 assert np.abs(loop.measured.position - self.truth).max() < 0.1, self.truth
                 if self.last is not None:
                     assert np.abs(loop.measured.position - self.last).max() < 0.1
-            self.last = loop.measured.position.copy() if loop.armed or settled else None
+            self.last = loop.measured.position.copy() if loop.torque.armed or settled else None
 
 
 @st.composite

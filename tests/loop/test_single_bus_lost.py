@@ -29,7 +29,7 @@ def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(
     make_rig: MakeRig, support: str
 ) -> None:
     rig = one_bus_lost(make_rig, support)
-    assert rig.loop.armed is False
+    assert rig.loop.torque.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     rig.virtual["upper"].faults.replug()
     rig.seconds(3.0)
@@ -53,7 +53,7 @@ def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(
     assert 0.1 < rig.truth[knee] < 0.5  # where it came to rest on its way
     held = np.asarray(lower.servos["goal_position"]).copy()
     rig.seconds(12.0)
-    assert rig.loop.armed is True
+    assert rig.loop.torque.armed is True
     assert all(lower.servos["torque_enable"])
     assert (np.asarray(lower.servos["bus_watchdog"]) == 5).all()
     assert np.array_equal(lower.servos["goal_position"], held)
@@ -82,7 +82,7 @@ def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold(
     upper.faults.replug()
     rig.seconds(3.0)
     assert rig.loop.hardware.connected
-    assert rig.loop.soft_since is None
+    assert rig.loop.torque.soft_since is None
     assert "FOLLOW_ERR" not in rig.loop.latches
     assert all(lower.servos["torque_enable"])
 
@@ -95,7 +95,7 @@ def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned(ma
     goals = np.asarray(upper["goal_position"]).copy()
     rig.virtual["lower"].faults.unplug()
     rig.seconds(8.0)
-    assert rig.loop.armed is False
+    assert rig.loop.torque.armed is False
     assert rig.loop.inherited is True
     assert rig.loop.state is RobotState.FAULT
     assert all(upper["torque_enable"])

@@ -116,7 +116,7 @@ def test_a_bug_while_arming_what_was_found_energised_ends_unarmed_and_answered(
     rig.seconds(1.0)
     assert len([reply for reply in rig.replies(ticket) if not reply.continues]) == 1
     if rig.replies(ticket)[-1].error is not None:
-        assert rig.loop.armed is False
+        assert rig.loop.torque.armed is False
         assert on(rig).all()  # what was found on keeps its torque
 
 

@@ -71,7 +71,7 @@ class Planted(Rig):
         reply = self.call(link.Arm)
         assert reply.error is not None, "armed"
         self.ticks(20)
-        assert not self.loop.armed
+        assert not self.loop.torque.armed
         assert self.energised == set(), "torque was on"
         assert self.moved <= 1.0, "something moved"
         return self.said(reply.parameters.get("findings", ()))

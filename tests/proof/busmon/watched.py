@@ -73,7 +73,7 @@ class Watched:
         loop = self.rig.loop
         self._tell("mode", now, mode=str(loop.mode.value))
         self._tell("state", now, state=str(loop.state.value))
-        level = loop.stop_level if loop.state.value == "estop" else None
+        level = loop.torque.stop_level if loop.state.value == "estop" else None
         if self._said.get("estop") != level:
             self._said["estop"] = level
             if level is not None:

@@ -206,7 +206,7 @@ def test_an_armed_robot_reports_each_fault_in_time_and_can_be_armed_again(
     if case.alarm:
         assert min(codes.get(code, np.inf) for code in case.alarm) <= case.within, (given, codes)
     assert case.ends in (EITHER, FAULT if rig.loop.latches else ARMED), (given, codes)
-    assert rig.loop.armed or rig.loop.latches, "torque went off, and nothing says so"
+    assert rig.loop.torque.armed or rig.loop.latches, "torque went off, and nothing says so"
     bring_back(rig, down, **({"level": "cut"} if down is link.EStop else {}))
     judge.verdict(str(given))
     wire.verdict(str(given))

@@ -111,7 +111,9 @@ def killed(world: World) -> None:
     world.until(lambda: heir.loop.state is RobotState.CONNECTED, 3.0)
     world.seconds(0.5)
     world.claim(heir.loop.state is RobotState.CONNECTED, f"the next daemon is {heir.loop.state.value}")
-    world.claim(heir.loop.inherited and not heir.loop.armed, "torque that was found on is not inherited")
+    world.claim(
+        heir.loop.inherited and not heir.loop.torque.armed, "torque that was found on is not inherited"
+    )
     world.claim(float(np.abs(heir.counts - rest).max()) <= 2.0, "a restart moved a joint")
     world.claim(bool((heir.register("torque_enable") == 1).all()), "torque went off")
     world.recover()

@@ -27,7 +27,7 @@ class Trace:
         rig = self._rig
         self.time.append(rig.clock.now())
         self._place.append(rig.counts)
-        self._ours.append(np.array([rig.loop.armed or rig.loop.energising]))
+        self._ours.append(np.array([rig.loop.torque.armed or rig.loop.torque.energising]))
         self._goal.append(rig.register("goal_position").astype(np.int64))
         self._torque.append(rig.register("torque_enable").astype(np.int64))
         self._watchdog.append(rig.register("bus_watchdog").astype(np.int64))

@@ -207,7 +207,7 @@ class Daemon(RuleBasedStateMachine):
     @rule(id=st.integers(1, 24), seconds=st.sampled_from([0.05, 0.3, 1.5]))
     def silence(self, id: int, seconds: float) -> None:
         """A wire that comes off: told after 100 ms and two ticks (row 10), where commands go to the robot."""
-        quiet = QUIET if self.world.loop.armed else QUIET_WARNING
+        quiet = QUIET if self.world.loop.torque.armed else QUIET_WARNING
         live = self.world.loop.mode is Mode.LIVE
         told = live and seconds > 0.2 and not self.world.invariants.is_reported("STATE_STALE", quiet)
         codes = {"STATE_STALE"} if told else set()
@@ -225,7 +225,7 @@ class Daemon(RuleBasedStateMachine):
         self.world.heal()
         self.world.pass_(1.0)
 
-    @precondition(lambda self: self._reads() and self.world.loop.armed)
+    @precondition(lambda self: self._reads() and self.world.loop.torque.armed)
     @rule(id=st.integers(1, 24))
     def brown_out(self, id: int) -> None:
         """One servo begins anew (row 13): told within its refresh and two ticks."""

@@ -78,7 +78,7 @@ class Life:
             RobotState.IDENTIFYING,
         ):
             self.wrong.append(f"{now:.2f} latched {sorted(loop.latches)} in state {loop.state.value}")
-        if loop.armed and loop.state in (
+        if loop.torque.armed and loop.state in (
             RobotState.CONNECTED,
             RobotState.IDENTIFYING,
             RobotState.DISCONNECTED,

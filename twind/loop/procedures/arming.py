@@ -128,7 +128,8 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     held = yield from _write_present_goals(loop)
     _require_undisturbed(loop)
     _require_one_turn(loop)
-    loop.energising = not inherited  # torque that was on before stays on when arming fails
+    if not inherited:  # torque that was on before stays on when arming fails
+        loop.torque.begin_energising()
     yield from all_of(hardware.torque(True))
     # Torque needs a few ticks to act; only then a wrong goal shows as movement.
     yield from ticks(3)
@@ -224,10 +225,9 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
             yield from switch_torque_off(loop)
         except BusError as error:
             say_unconfirmed(loop, error)
-    loop.energising = False
     loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
 
 
 def give_up(loop: Loop) -> Procedure:
     """End an arming whose client closed its connection before torque was on."""
-    yield from back_out(loop, inherited=not loop.energising)
+    yield from back_out(loop, inherited=not loop.torque.energising)

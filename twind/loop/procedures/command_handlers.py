@@ -45,7 +45,9 @@ def serve(loop: Loop, now: float) -> None:
         Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
     ):
         loop.say.event(
-            "info", EventCode.STOPPING, "the daemon ends" + (": lowering the robot" if loop.armed else "")
+            "info",
+            EventCode.STOPPING,
+            "the daemon ends" + (": lowering the robot" if loop.torque.armed else ""),
         )
 
 
@@ -232,12 +234,12 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
     if ReasonCode.ESTOP not in loop.latches:
-        loop.stop_level = None
+        loop.torque.lift_stop()
     if not loop.latches:
-        if loop.inhibited:
+        if loop.torque.inhibited:
             for port in loop.hardware.ports:  # devices were not checked while inhibited: identify them anew
                 port.identify()
-        loop.inhibited = False
+        loop.torque.lift_inhibit()
         if loop.condition.latched or loop.state is RobotState.INHIBITED:
             loop.change(RobotEvent.RESET, now)
             loop.identity.settle_state(now)

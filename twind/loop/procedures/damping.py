@@ -31,8 +31,7 @@ SLOW_MOST = 5.0
 
 def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
     """Allow only damping and torque off from now on; a motion to the rest pose under way ends."""
-    if loop.soft_since is None:
-        loop.soft_since = now
+    if loop.torque.demand_damping(now):
         because = f": {why[0].code}: {why[0].message}" if why else ""
         message = f"the robot is damped, then torque goes off: support it{because}"
         loop.say.event("error", EventCode.DAMP, message, tuple(why), stop="damp")
@@ -42,8 +41,8 @@ def damp(loop: Loop) -> Procedure:
     """Damp until every joint has been at rest for a second, at the latest some seconds after the demand."""
     now = loop.clock.now()
     demand(loop, (), now)
-    assert loop.soft_since is not None  # just demanded
-    until = loop.soft_since + SLOW_MOST
+    assert loop.torque.soft_since is not None  # just demanded
+    until = loop.torque.soft_since + SLOW_MOST
     quiet_since = now
     tasks = loop.hardware.damp()
     # `reported` makes the report of unconfirmed devices a single one; the loop below never waits for them.
@@ -70,7 +69,8 @@ def _report_unconfirmed(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]])
     An e-stop counts as begun once every device has confirmed.
     """
     stiff = [id for task in tasks for id in task.result or ()]
-    loop.stops.begun |= not stiff and all(task.error is None for task in tasks)
+    if not stiff and all(task.error is None for task in tasks):
+        loop.torque.confirm_stop_begun()
     if stiff:
         loop.say.event("error", EventCode.DAMP, f"ids {stiff} did not confirm that they are damped")
     for task in tasks:

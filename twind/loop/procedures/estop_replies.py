@@ -22,20 +22,15 @@ class PendingEStop:
 
 
 class EStopReplies:
-    """Replies to e-stop calls. `begun`: the first effect of the running stop was read back from the bus."""
+    """Replies to e-stop calls."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self._waiting: list[PendingEStop] = []
-        self.begun = False
 
     def ask(self, command: link.EStop) -> None:
         """Add a call, to be answered once there is a confirmed state to report."""
         self._waiting.append(PendingEStop(command))
-
-    def begin(self) -> None:
-        """Note the start of a stop: nothing of it is confirmed yet."""
-        self.begun = False
 
     def drop_client(self, client: int) -> None:
         """Drop the calls of a connection that is gone; the stop goes on."""
@@ -49,7 +44,7 @@ class EStopReplies:
                 confirmed = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
                 self._send_reply(waiting, done=confirmed)
                 self._waiting.remove(waiting)
-            elif self.begun and not waiting.begin_reported:
+            elif self._loop.torque.stop_begun and not waiting.begin_reported:
                 waiting.begin_reported = True
                 self._send_reply(waiting, done=False)
                 if not waiting.command.more:

@@ -90,7 +90,7 @@ class FailsafeRun:
             while loop.procedures.rank is not None:
                 yield
             why = self._refused
-            if loop.inhibited or not (loop.torque_on or some(~loop.hardware.open)):
+            if loop.torque.inhibited or not (loop.torque_on or some(~loop.hardware.open)):
                 break  # nothing is left that could be lowered
         self.left = "" if loop.torque_off else why or _afterwards(loop)
         if self.left:
@@ -121,7 +121,7 @@ class FailsafeRun:
         try:
             yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon was given up"), manner)
         except BusError as error:
-            if not loop.unconfirmed:  # torque off was never requested
+            if not loop.torque.unconfirmed:  # torque off was never requested
                 self._refused = f"torque is on, not every device could be taken over: {error}"
         loop.change_if(RobotEvent.SETTLED, loop.clock.now())
 

@@ -107,11 +107,11 @@ class HomingProcedure:
         try:
             pending.findings = yield from self._outcome(pending)
             loop.hardware.clear()
-            if loop.energising:
+            if loop.torque.energising:
                 pending.findings += yield from self._switch_torque_off(pending)
         except GeneratorExit:  # the procedure that takes over switches torque off: `energising` is set
             pending.findings = pending.findings or (_cause(loop),)
-            loop.unconfirmed = loop.unconfirmed or loop.energising
+            loop.torque.abandon_switching()
             loop.hardware.clear()
             raise
         finally:
@@ -247,7 +247,7 @@ class HomingProcedure:
         loop = self._loop
         aim = pending.request
         # Set before the write: whatever ends the search from here on must switch torque off.
-        loop.energising = True
+        loop.torque.begin_energising()
         yield from self._done(pending, alone.energise())
         pending.powered = loop.clock.now()
         now = yield from self._newer(pending)

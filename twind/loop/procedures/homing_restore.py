@@ -89,7 +89,11 @@ def _returned(
 def _free(loop: Loop, pending: HomingRestore) -> bool:
     """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = pending.request.port
-    calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
+    calm = (
+        loop.procedures.rank in (None, Priority.SHUTDOWN)
+        and not loop.torque.armed
+        and not loop.torque.energising
+    )
     identified = port.identification is None and _now(pending) is not None
     return calm and identified and port.writer is not None and port.reader is not None and not port.full
 

@@ -98,13 +98,13 @@ class IdentificationState:
         if identified and not loop.condition.identified and waits:
             loop.change(RobotEvent.IDENTIFIED, now)
         if loop.torque_off:
-            loop.owed = loop.unconfirmed = False
+            loop.torque.find_off()
         idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
-        if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
+        if loop.torque.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
             torque_release.stop(
-                loop, loop.stop_level, now
+                loop, loop.torque.stop_level, now
             )  # it came back with torque on under a latched stop
-        elif loop.unconfirmed and idle and loop.inherited:
+        elif loop.torque.unconfirmed and idle and loop.inherited:
             loop.procedures.own(Priority.DISARM, lambda: torque_switching.retry_torque_off(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
@@ -276,9 +276,9 @@ class IdentificationState:
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
         self._gone.pop(bus, None)
-        held = loop.armed or loop.energising or loop.procedures.rank is Priority.ARM
+        held = loop.torque.armed or loop.torque.energising or loop.procedures.rank is Priority.ARM
         if held:
-            loop.owed = True
+            loop.torque.lose_bus()
             loop.latch(finding)
             loop.change(RobotEvent.FAULT, now)
         if held and loop.hardware.writers:
@@ -286,9 +286,7 @@ class IdentificationState:
             self._others(now)
         elif not any(port.reader for port in loop.hardware.ports):
             loop.procedures.abandon()  # no bus is left to write to
-            loop.armed = loop.energising = False
-            # devices that come back may be stiff and elsewhere: they are lowered as any others
-            loop.soft_since = None
+            loop.torque.lose_every_bus()
             if loop.mode is Mode.LIVE:
                 loop.executor.stop("aborted", (finding,))
                 loop.executor.idle()
@@ -302,12 +300,16 @@ class IdentificationState:
         robot is not armed completely.
         """
         loop = self._loop
-        if loop.inhibited:
+        if loop.torque.inhibited:
             return  # torque stays, and nothing is written
-        if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
+        if (
+            loop.support not in ("fixed", "gantry")
+            or not loop.torque.armed
+            or loop.procedures.rank is not None
+        ):
             loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now))
         elif not some(
             loop.hardware.energised_joints
         ):  # a bus that was lost before is back, but takes no goals of itself
             loop.executor.idle()
-            loop.armed = False
+            loop.torque.lose_hold()

@@ -76,7 +76,7 @@ class JointVerificationState:
         """
         found = self.doubts()
         loop = self._loop
-        if loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
+        if loop.torque.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
             return found
         listed = {finding.joint for finding in (*found, *loop.parts.guard.bars)}
         waits = self.unjudged
@@ -93,7 +93,7 @@ class JointVerificationState:
         Empty while this daemon's torque is on, and in mode sim.
         """
         loop = self._loop
-        if loop.armed or loop.mode is Mode.SIM:
+        if loop.torque.armed or loop.mode is Mode.SIM:
             return []
         found = [finding for findings in self._unfit.values() for finding in findings]
         found += loop.homing.findings()
@@ -134,7 +134,7 @@ class JointVerificationState:
         if turns is None:
             self._turn_known |= self._answered
         else:
-            if not (loop.armed or loop.energising) and some(self._turn_known):
+            if not (loop.torque.armed or loop.torque.energising) and some(self._turn_known):
                 self._recheck_turns(turns, now)
             if not every(self._turn_known):
                 self._count(turns)
@@ -213,7 +213,7 @@ class JointVerificationState:
         found = [each for each in unfit(raw, shift, turns, loop.torque_known == 1) if due[_joint(each)]]
         due[_joints(found)] = False
         shift = np.where(due, shift, before)
-        held = port.holding or loop.energising
+        held = port.holding or loop.torque.energising
         self._turn_known |= due & (shift == before) & ~hardware.left_out if held else due
         self._report_unverified(port.name, found)
         if not held and some(shift != before):

@@ -121,9 +121,11 @@ def shutdown(loop: Loop, now: float) -> Procedure:
     daemon is waited for.
     """
     until = now + AWAITED
-    while loop.owed and not loop.hardware.connected and now < until:
+    while loop.torque.pending_restore and not loop.hardware.connected and now < until:
         now = yield
-    if (loop.armed or loop.energising or (loop.owed and loop.torque_on)) and not loop.inhibited:
+    if (
+        loop.torque.armed or loop.torque.energising or (loop.torque.pending_restore and loop.torque_on)
+    ) and not loop.torque.inhibited:
         loop.change_if(RobotEvent.SETTLE, now)
         yield from _down(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon ends: the robot is lowered"))
         loop.change_if(RobotEvent.SETTLED, loop.clock.now())
@@ -139,10 +141,10 @@ def stop(loop: Loop, level: str, now: float) -> None:
 
     While it is latched, it begins again for every bus that comes back with torque on.
     """
-    loop.stop_level = "cut" if "cut" in (level, loop.stop_level) else level
+    loop.torque.latch_stop(level)
     rank = RANKS[level]
     if loop.procedures.rank is None or loop.procedures.rank < rank:
-        loop.stops.begin()
+        loop.torque.begin_stop()
         loop.procedures.own(rank, lambda: estop(loop, level, now))
 
 
@@ -175,11 +177,11 @@ def release(loop: Loop, why: Finding, profile: SettleProfile = USUAL) -> Procedu
     loop.executor.stop("aborted", (why,))
     loop.hardware.clear()  # a procedure that ends here may have begun to restore the servos' stiffness
     try:
-        held = not loop.inhibited and (yield from _held(loop, profile))
+        held = not loop.torque.inhibited and (yield from _held(loop, profile))
         if held and not (yield from _settled(loop, profile)):
             yield from damping.damp(loop)
     except BusError as error:
-        if profile.whole and not loop.armed:
+        if profile.whole and not loop.torque.armed:
             raise
         message = f"the way to the rest pose was cut short: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.BUS_ERRORS, message)
@@ -194,17 +196,17 @@ def _held(loop: Loop, profile: SettleProfile) -> Generator[None, float, bool]:
     """
     held = loop.hardware.energised_joints
     tripped = loop.hardware.slow.watchdog == 255
-    if loop.armed and loop.soft_since is not None:
+    if loop.torque.armed and loop.torque.soft_since is not None:
         return True  # it sinks: to clear tripped watchdogs would restore its stiffness
-    if loop.armed and held.any() and not (held & tripped).any():
+    if loop.torque.armed and held.any() and not (held & tripped).any():
         yield from _rejoined(loop)
         return True
-    if loop.energising or not loop.torque_on:
+    if loop.torque.energising or not loop.torque_on:
         return False
     yield from _wait_for_turns(loop)
     (here, located), stepped = _where_it_is(loop), beyond_hard_limit(loop)
     # a joint that holds well goes on: a goal at its measured position would make it sag
-    if loop.armed and loop.written is not None:
+    if loop.torque.armed and loop.written is not None:
         well = held & ~tripped
         here = np.where(well, loop.written, here)
         located = located | well
@@ -236,7 +238,7 @@ def _leave(loop: Loop, stepped: Bools, profile: SettleProfile) -> None:
     Raises BusError where the whole robot is wanted and it is not armed.
     """
     message = f"to hold {joint_names(loop, stepped)} inside the hard limits would be a step"
-    if profile.whole and not loop.armed:
+    if profile.whole and not loop.torque.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(stepped)[0])
     found = Finding(
@@ -252,7 +254,7 @@ def _leave_out(loop: Loop, nowhere: Bools, profile: SettleProfile) -> None:
     Raises BusError where the whole robot is wanted and it is not armed.
     """
     message = f"the position of {joint_names(loop, nowhere)} is unknown"
-    if profile.whole and not loop.armed:
+    if profile.whole and not loop.torque.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(nowhere)[0])
     found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
@@ -321,7 +323,7 @@ def _settled(loop: Loop, profile: SettleProfile) -> Generator[None, float, bool]
     for _ in range(WAYS):
         reference = loop.executor.reference
         now = loop.clock.now()
-        if reference is None or loop.soft_since is not None or now >= until:
+        if reference is None or loop.torque.soft_since is not None or now >= until:
             break
         way = settle(reference, loop.rest, loop.limits, profile.way, profile.speed)
         refused = loop.executor.submit("settle", way)
@@ -338,16 +340,17 @@ def _settled(loop: Loop, profile: SettleProfile) -> Generator[None, float, bool]
         reference = loop.executor.reference
         if reference is not None and (np.abs(reference.position - loop.rest) <= ARRIVED).all():
             return not free or (yield from _rests(loop, until))
-    if loop.soft_since is None:
+    if loop.torque.soft_since is None:
         loop.say.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False
 
 
 def _wait_for_settle(loop: Loop, until: float) -> Procedure:
     """Wait for the end of the motion, or for its interruption."""
-    loop.stops.begun = loop.stops.begun or (yield from _check_goals_taken(loop))
+    if not loop.torque.stop_begun and (yield from _check_goals_taken(loop)):
+        loop.torque.confirm_stop_begun()
     now = yield
-    while loop.executor.motion is Motion.ACTIVE and now < until and loop.soft_since is None:
+    while loop.executor.motion is Motion.ACTIVE and now < until and loop.torque.soft_since is None:
         now = yield
 
 
@@ -373,7 +376,7 @@ def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
     False if not by `until` (s).
     """
     now = quiet_since = loop.clock.now()
-    while now < until and loop.soft_since is None:
+    while now < until and loop.torque.soft_since is None:
         state = loop.measured
         near = (state.age <= SLOW_FOR) & (np.abs(state.position - loop.rest) <= NEAR)
         if not (near & (np.abs(state.velocity) <= SLOW)).all():

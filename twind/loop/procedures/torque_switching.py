@@ -59,11 +59,8 @@ def say_unconfirmed(loop: Loop, error: BusError) -> None:
 
 def take(loop: Loop, held: Floats) -> None:
     """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
-    loop.armed = True
-    loop.energising = False
-    loop.owed = False
-    loop.unconfirmed = False
     loop.hardware.hold(True)
+    loop.torque.take_hold(~loop.hardware.left_out)
     loop.executor.begin(held)
     loop.written = held
 
@@ -83,10 +80,7 @@ def switch_torque_off(loop: Loop) -> Procedure:
         writer.cut()
     loop.hardware.quiet_until = -inf  # torque off does not wait for device watchdogs
     # not known to be off until it is read back
-    loop.armed = False
-    loop.energising = True
-    loop.soft_since = None
-    loop.unconfirmed = True
+    loop.torque.begin_release()
     until = loop.clock.now() + INSIST
     while True:
         try:
@@ -96,9 +90,9 @@ def switch_torque_off(loop: Loop) -> Procedure:
                 yield
                 continue
             # devices that are still on show it in their registers, and are reported as inherited
-            loop.energising = False
+            loop.torque.leave_unconfirmed()
             raise
-        loop.energising = loop.unconfirmed = False
+        loop.torque.confirm_off()
         return
 
 

@@ -21,6 +21,7 @@ from twind.loop.procedures.homing_procedure import HomingProcedure
 from twind.loop.procedures.identification import IdentificationState, Judge
 from twind.loop.procedures.procedure_runner import Priority, ProcedureRunner
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
+from twind.loop.procedures.torque_state import TorqueState
 from twind.loop.process.realtime import Granted
 from twind.loop.tick.guard_input import facts
 from twind.loop.tick.loop_figures import LoopFigures
@@ -120,13 +121,9 @@ class Loop:
         self.condition = StateLatch()
         self.latches: dict[ReasonCode, Finding] = {}
         self.identity = IdentificationState(self, parts.judge)
-        self.armed = self.inhibited = self.finished = False
-        self.energising = False  # torque was switched on or off, and is not read back yet
-        self.unconfirmed = False  # torque off was sent, and a device has not confirmed it
+        self.torque = TorqueState(len(parts.joints))
+        self.finished = False
         self.unreachable: Finding | None = None  # why no new client can connect; None: clients can
-        self.owed = False  # a bus with torque of this daemon was lost
-        self.soft_since: float | None = None  # s, when damping was demanded; until torque is off
-        self.stop_level: str | None = None  # of the e-stop that is latched
         self.arming_client = 0  # client whose Arm is under way
         self.motion_epoch = -1  # of the lease under which the motion was accepted
         self._resets = 0  # resets of the simulation reported so far
@@ -167,7 +164,7 @@ class Loop:
         live = self.mode is Mode.LIVE
         target = self.measured if live else self.simulated  # the state that follows commands and is judged
         goal = self.guard(self.executor.goal(now), target, now)
-        self.measured = self.hardware.exchange(goal if live and self.armed else None, now)
+        self.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
         left = goal if self.hardware.left or not live else None
         self.written = self.written if left is None else left
         read = self.clock.now()
@@ -256,11 +253,12 @@ class Loop:
         A procedure that lowers the robot ends: to go on would write, to release would drop the robot. Torque
         that is being switched on or off already goes off.
         """
-        self.inhibited = True
+        self.torque.inhibit()
         self.latch(finding)  # first: the procedures that it ends report this cause
-        if self.procedures.rank is Priority.ARM or not self.energising:
+        if self.procedures.rank is Priority.ARM or not self.torque.energising:
             self.procedures.abandon()
-        self.soft_since = None if self.procedures.rank is None else self.soft_since
+        if self.procedures.rank is None:
+            self.torque.end_damping()
         self.executor.idle()
         self.hardware.clear()
         self.hardware.hold(False)
@@ -275,7 +273,7 @@ class Loop:
     @property
     def torque_on(self) -> bool:
         """True while torque of this daemon is on, or read back on from a servo that still replies."""
-        return self.armed or self.energising or self.inherited
+        return self.torque.armed or self.torque.energising or self.inherited
 
     @property
     def torque_known(self) -> NDArray[np.int8]:
@@ -285,7 +283,7 @@ class Loop:
     @property
     def inherited(self) -> bool:
         """True for torque read back on that this daemon did not switch on, or could not switch off."""
-        if self.armed or self.energising:
+        if self.torque.armed or self.torque.energising:
             return False
         return bool((self.torque_known == 1).any())
 
@@ -298,7 +296,7 @@ class Loop:
     def torque_off(self) -> bool | None:
         """True if torque is read back off everywhere; False: on somewhere; None: unknown of a joint."""
         torque = self.hardware.slow.torque
-        if self.energising or bool((torque == 1).any()):
+        if self.torque.energising or bool((torque == 1).any()):
             return False
         return True if self.mode is not Mode.SIM and bool((torque == 0).all()) else None
 

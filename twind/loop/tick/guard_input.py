@@ -40,7 +40,7 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         lease_ok=held or loop.procedures.rank is not None,
         setpoint_age=loop.executor.setpoint_age(now),
         torque=slow.torque,
-        torque_expected=loop.armed,
+        torque_expected=loop.torque.armed,
         torque_settled=loop.procedures.rank is None,
         # a device that was left out keeps the watchdog value that it was found with
         watchdog=np.where(left_out, np.int16(-1), slow.watchdog) if some(left_out) else slow.watchdog,
@@ -74,6 +74,6 @@ def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
     be damped for it (FOLLOW_ERR).
     """
     hardware = loop.hardware
-    if not loop.armed or hardware.is_whole:
+    if not loop.torque.armed or hardware.is_whole:
         return target
     return replace(target, heard=target.heard & hardware.energised_joints)

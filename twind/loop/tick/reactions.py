@@ -38,7 +38,7 @@ def react(loop: Loop, decision: GuardDecision, reference: Reference | None, now:
     if decision.reaction >= Reaction.HOLD:
         _act(loop, decision, now)
     _slow(loop, decision)
-    if loop.inhibited or reference is None:
+    if loop.torque.inhibited or reference is None:
         return None
     if decision.goal_refused:
         if loop.written is not None:
@@ -69,9 +69,9 @@ def _act(loop: Loop, decision: GuardDecision, now: float) -> None:
     causes = decision.causes
     if decision.reaction >= Reaction.INHIBIT:
         loop.inhibit(decision.findings[0], now)
-    elif loop.inhibited:
+    elif loop.torque.inhibited:
         return  # no softer reaction ends it: torque stays until an operator switches it off
-    elif decision.reaction >= Reaction.SETTLE and loop.armed:
+    elif decision.reaction >= Reaction.SETTLE and loop.torque.armed:
         if decision.reaction >= Reaction.DAMP:
             damping.demand(loop, causes, now)  # a motion to the rest pose ends by it
         loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))

@@ -61,7 +61,7 @@ class StatePublisher:
             mode=loop.mode.value,
             state=loop.state.value,
             motion=loop.executor.motion.value,
-            armed=loop.armed,
+            armed=loop.torque.armed,
             inherited=loop.inherited,
             position=state.position.tobytes(),
             velocity=state.velocity.tobytes(),

@@ -1,0 +1,236 @@
+"""One owner of torque: transitions of the state, and nobody else that assigns a field."""
+
+import ast
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twind.loop.procedures.torque_state import TorqueState
+
+TWIND = Path(__file__).parents[2] / "twind"
+OWNER = TWIND / "loop/procedures/torque_state.py"
+FIELDS = (
+    "armed",
+    "energising",
+    "held",
+    "inhibited",
+    "pending_restore",
+    "soft_since",
+    "stop_begun",
+    "stop_level",
+    "unconfirmed",
+)
+ALL = np.ones(3, np.bool_)
+SOME = np.array([True, False, True])
+NONE = np.zeros(3, np.bool_)
+
+
+def values(torque: TorqueState) -> dict[str, object]:
+    """Every field by name; `held` as a tuple."""
+    found = {name: getattr(torque, name) for name in FIELDS}
+    return found | {"held": tuple(torque.held.tolist())}
+
+
+AT_START = {
+    "armed": False,
+    "energising": False,
+    "held": (False, False, False),
+    "inhibited": False,
+    "pending_restore": False,
+    "soft_since": None,
+    "stop_begun": False,
+    "stop_level": None,
+    "unconfirmed": False,
+}
+EVERYTHING = {
+    "armed": True,
+    "energising": True,
+    "held": (True, True, True),
+    "inhibited": True,
+    "pending_restore": True,
+    "soft_since": 5.0,
+    "stop_begun": True,
+    "stop_level": "settle",
+    "unconfirmed": True,
+}
+
+
+def busy() -> TorqueState:
+    """A state in which every field differs from the start."""
+    torque = TorqueState(3)
+    torque.take_hold(ALL)
+    torque.begin_energising()
+    torque.abandon_switching()
+    torque.lose_bus()
+    torque.inhibit()
+    torque.demand_damping(5.0)
+    torque.latch_stop("settle")
+    torque.confirm_stop_begun()
+    return torque
+
+
+def test_a_daemon_begins_without_torque_and_without_a_latch() -> None:
+    assert values(TorqueState(3)) == AT_START
+    assert values(busy()) == EVERYTHING
+
+
+@pytest.mark.parametrize(
+    ("transition", "changed"),
+    [
+        ("begin_energising", {}),
+        ("abandon_switching", {}),
+        (
+            "begin_release",
+            {"held": (False,) * 3, "armed": False, "soft_since": None},
+        ),
+        ("confirm_off", {"energising": False, "unconfirmed": False}),
+        ("leave_unconfirmed", {"energising": False}),
+        ("find_off", {"unconfirmed": False, "pending_restore": False}),
+        ("lose_bus", {}),
+        (
+            "lose_every_bus",
+            {"held": (False,) * 3, "armed": False, "energising": False, "soft_since": None},
+        ),
+        ("lose_hold", {"held": (False,) * 3, "armed": False}),
+        ("end_damping", {"soft_since": None}),
+        ("inhibit", {}),
+        ("lift_inhibit", {"inhibited": False}),
+        ("begin_stop", {"stop_begun": False}),
+        ("confirm_stop_begun", {}),
+        ("lift_stop", {"stop_level": None}),
+    ],
+)
+def test_a_transition_ends_what_its_name_says_and_nothing_else(
+    transition: str, changed: dict[str, object]
+) -> None:
+    torque = busy()
+    getattr(torque, transition)()
+    assert values(torque) == EVERYTHING | changed
+
+
+@pytest.mark.parametrize(
+    ("transition", "changed"),
+    [
+        ("begin_energising", {"energising": True}),
+        ("abandon_switching", {}),
+        ("begin_release", {"energising": True, "unconfirmed": True}),
+        ("confirm_off", {}),
+        ("leave_unconfirmed", {}),
+        ("find_off", {}),
+        ("lose_bus", {"pending_restore": True}),
+        ("lose_every_bus", {}),
+        ("lose_hold", {}),
+        ("end_damping", {}),
+        ("inhibit", {"inhibited": True}),
+        ("lift_inhibit", {}),
+        ("begin_stop", {}),
+        ("confirm_stop_begun", {"stop_begun": True}),
+        ("lift_stop", {}),
+    ],
+)
+def test_a_transition_begins_what_its_name_says_and_nothing_else(
+    transition: str, changed: dict[str, object]
+) -> None:
+    torque = TorqueState(3)
+    getattr(torque, transition)()
+    assert values(torque) == AT_START | changed
+
+
+def test_a_hold_of_some_joints_is_armed_and_settles_what_was_open() -> None:
+    torque = busy()
+    torque.take_hold(SOME)
+    expected = {"held": (True, False, True), "energising": False, "unconfirmed": False}
+    assert values(torque) == EVERYTHING | expected | {"pending_restore": False}
+    torque.take_hold(NONE)
+    assert torque.armed is False
+
+
+def test_the_joints_that_are_held_are_a_copy_that_nobody_writes_to() -> None:
+    torque = TorqueState(3)
+    mine = SOME.copy()
+    torque.take_hold(mine)
+    mine[:] = False
+    assert torque.held.tolist() == [True, False, True]
+    with pytest.raises(ValueError, match="read-only"):
+        torque.held[0] = False
+
+
+def test_switching_that_ends_half_way_is_switched_off_later() -> None:
+    torque = TorqueState(3)
+    torque.begin_energising()
+    torque.abandon_switching()
+    assert torque.unconfirmed
+    torque.leave_unconfirmed()
+    torque.abandon_switching()
+    assert torque.unconfirmed and not torque.energising, "what is open stays open"
+
+
+def test_damping_counts_from_its_first_demand() -> None:
+    torque = TorqueState(3)
+    assert torque.demand_damping(0.0) is True
+    assert torque.demand_damping(7.0) is False
+    assert torque.soft_since == 0.0
+    torque.begin_release()
+    assert torque.demand_damping(9.0) is True
+    assert torque.soft_since == 9.0
+
+
+@pytest.mark.parametrize("first", ["settle", "cut"])
+@pytest.mark.parametrize("second", ["settle", "cut"])
+def test_the_harder_level_of_two_stops_stays_latched(first: str, second: str) -> None:
+    torque = TorqueState(3)
+    torque.latch_stop(first)
+    torque.latch_stop(second)
+    assert torque.stop_level == ("cut" if "cut" in (first, second) else "settle")
+
+
+# ----------------------------------------------------------------------------------------------- the writers
+
+
+def assigned(tree: ast.AST) -> list[tuple[str, str]]:
+    """(owner, attribute) of every assignment to an attribute."""
+    found = []
+    for node in ast.walk(tree):
+        targets: list[ast.expr] = []
+        if isinstance(node, ast.Assign):
+            targets = list(node.targets)
+        elif isinstance(node, ast.AugAssign | ast.AnnAssign):
+            targets = [node.target]
+        elif isinstance(node, ast.Delete):
+            targets = list(node.targets)
+        for target in itertools.chain.from_iterable(ast.walk(each) for each in targets):
+            if isinstance(target, ast.Attribute) and isinstance(target.ctx, ast.Store | ast.Del):
+                found.append((ast.unparse(target.value), target.attr))
+    return found
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_each_field_has_one_module_that_writes_it(field: str) -> None:
+    private = f"_{field}"
+    writers = set()
+    for module in TWIND.rglob("*.py"):
+        for owner, name in assigned(ast.parse(module.read_text())):
+            torque = owner.split(".")[-1] in ("torque", "_torque")
+            if (torque and name in (field, private)) or (module == OWNER and name == private):
+                writers.add(module)
+    assert writers == {OWNER}
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_field_cannot_be_assigned_from_outside(field: str) -> None:
+    with pytest.raises(AttributeError):
+        setattr(TorqueState(3), field, True)
+
+
+def test_the_search_for_writers_sees_every_form() -> None:
+    forms = "loop.torque.armed = 1\na, context.torque.held = 1, 2\nx.torque._held |= 3\ndel y.torque.armed"
+    assert len(assigned(ast.parse(forms))) == 4
+
+
+def test_torque_state_reads_no_device_and_no_clock() -> None:
+    imports = [
+        node.module for node in ast.walk(ast.parse(OWNER.read_text())) if isinstance(node, ast.ImportFrom)
+    ]
+    assert imports == ["twind.robot.arrays"]
