@@ -29,7 +29,7 @@ def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
     if facts.motion not in MOVING or facts.state in REACTING:
         return
     if not outlook.clearance > outlook.block:  # NaN too
-        yield RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD)
+        yield RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD, transient=True)
         return
     room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
     yield RuleResult(_near(outlook, outlook.warn, "slower"), pace=max(bounds.least_pace, room))

@@ -93,7 +93,9 @@ class Guard:
         self._linked = linked
         self._present: set[Key] = set()  # present in the last tick, and reported then or before
         self._reported_at: dict[Key, float] = {}  # s, when each was last reported
-        self.bars: tuple[Finding, ...] = ()  # findings of the last tick that prevent arming
+        # findings of the last tick that prevent arming, and those that hold any motion
+        self.bars: tuple[Finding, ...] = ()
+        self._holding: tuple[Finding, ...] = ()
 
     @property
     def bounds(self) -> GuardThresholds:
@@ -120,9 +122,19 @@ class Guard:
         if not results:
             self._present.clear()
             self.bars = ()
+            self._holding = ()
             return FINE
         self.bars = tuple(one.finding for one in results if one.bars)
+        self._holding = tuple(one.finding for one in results if one.reaction and not one.transient)
         return self._answer(results, facts)
+
+    def holding(self, missed: int, period: float) -> tuple[Finding, ...]:
+        """Return the findings for which a motion that begins now would be held in this tick.
+
+        `missed`: ticks in a row just before this one. `period`: s.
+        """
+        late = self._goals.many_missed(missed, period)
+        return self._holding if late is None else (*self._holding, late)
 
     def _answer(self, results: list[RuleResult], facts: GuardInput) -> GuardDecision:
         """Return the hardest reaction; findings that are new, or only those that must be latched now."""
