@@ -275,3 +275,24 @@ def test_the_reaction_of_the_guard_is_in_its_event(armed: Rig) -> None:
     react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())
     armed.ticks(2)
     assert [event.stop for event in armed.events(ReasonCode.FOLLOW_ERR)] == ["hold", ""]
+
+
+# ---------------------------------------------------------------------------- setpoints beyond limits
+
+
+def test_the_reply_to_setpoints_that_are_too_fast_says_how_far_behind_the_joint_is(armed: Rig) -> None:
+    """±0.5 rad at 2 Hz, in positions alone; then a slow one."""
+    joint = armed.names.index("head_yaw")
+    changes: list[dict[str, Any]] = []
+    furthest = 0.0
+    for k in range(100):
+        place = 0.5 * float(np.sin(2.0 * np.pi * 2.0 * k * armed.loop.period))
+        reply = armed.call(link.Setpoint, joints=[joint], positions=[place], ticks=2)
+        assert reply.error is None
+        changes += reply.parameters["changes"]
+        furthest = max(furthest, *reply.parameters.get("behind", [0.0]))
+    assert {(each["code"], each["joint"]) for each in changes} >= {("VEL_LIMIT", joint)}
+    assert 0.1 < furthest < 1.0
+    for _ in range(50):
+        reply = armed.call(link.Setpoint, joints=[joint], positions=[0.0], ticks=2)
+    assert reply.parameters == {"sequence": reply.parameters["sequence"], "changes": []}

@@ -58,7 +58,7 @@ def test_step_limit_a_rounding_of_a_billionth_is_let_through(more: float, fits: 
     assert judge(goal=at_rest(list(goal))).goal_refused is not fits
 
 
-@pytest.mark.parametrize("period", [0.001, 0.05, 1.0])
+@pytest.mark.parametrize("period", [0.001, 0.05, 0.5])
 def test_step_limit_a_goal_steps_by_the_period_from_the_first_tick_on(period: float) -> None:
     assert judge(period=period, goal=at_rest([0.0, 3.9 * period, 0.0])) == FINE
     assert judge(period=period, goal=at_rest([0.0, 4.1 * period, 0.0])).goal_refused
@@ -111,3 +111,49 @@ def test_out_of_limit_every_joint_past_its_limit_is_reported(side: float) -> Non
 def test_state_stale_a_late_joint_gives_no_finding_for_one_just_in_time() -> None:
     judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
     assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.STATE_STALE, 0)]
+
+
+# ------------------------------------------------------------------------------------ a goal past hard limits
+
+FENCE = 2.05 + 0.0087
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("goal", "fits"), [(2.05, True), (FENCE - TINY, True), (FENCE + TINY, False), (5.0, False)]
+)
+def test_out_of_limit_a_first_goal_past_the_hard_limit_is_withheld(
+    side: float, goal: float, fits: bool
+) -> None:
+    judgement = judge(previous=None, goal=at_rest([0.0, side * goal, 0.0]))
+    if fits:
+        assert judgement == FINE
+    else:
+        assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
+        (finding,) = judgement.findings
+        assert (finding.code, finding.joint, finding.value) == (ReasonCode.OUT_OF_LIMIT, 1, side * goal)
+        assert finding.bound == side * 2.05
+    for mode in (Mode.SIM, Mode.MIRROR):
+        assert judge(mode=mode, previous=None, goal=at_rest([0.0, side * goal, 0.0])) == FINE
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("step", "fits"), [(-STEP, True), (0.0, True), (TINY, False), (STEP, False)])
+def test_out_of_limit_from_past_the_hard_limit_a_goal_may_only_lead_inwards(
+    side: float, step: float, fits: bool
+) -> None:
+    before = joints(0.0, 0.0, side * 2.2)
+    goal = joints(0.0, 0.0, side * (2.2 + step))
+    assert judge(previous=before, goal=at_rest(list(goal))).goal_refused is not fits
+
+
+def test_out_of_limit_a_goal_that_creeps_past_the_hard_limit_is_withheld() -> None:
+    """Each step fits the velocity limit."""
+    guard = Guard(LIMITS)
+    place = 2.0
+    for _ in range(100):
+        goal = place + 0.5 * STEP
+        if guard.judge(facts(previous=joints(0.0, 0.0, place), goal=at_rest([0.0, 0.0, goal]))).goal_refused:
+            break
+        place = goal
+    assert FENCE - 0.5 * STEP <= place <= FENCE

@@ -105,7 +105,7 @@ class Cancel(Command, frozen=True, kw_only=True):
 
 
 class Setpoint(Command, frozen=True, kw_only=True):
-    """One streamed goal. Reply: {sequence, changes}."""
+    """One streamed goal. Reply: {sequence, changes}, and {behind} (rad, by joint) where joints are late."""
 
     joints: Sequence[int]
     positions: Sequence[float]

@@ -10,6 +10,8 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
 
+LATE = 0.01  # rad behind its setpoint, beyond the way to stop, from which a joint is reported
+
 
 class SetpointStream:
     """Stream of setpoints for `joints` (n,), which `follower` pursues."""
@@ -19,14 +21,45 @@ class SetpointStream:
         self.joints = joints
         self._valid_for = 0.0  # s
         self._used_at = inf  # s, the first tick that used the newest setpoint
+        self._base = follower.target.copy()  # rad, (n,), the setpoint of `_ticks` ticks ago
+        self._ticks = 1
+        # rad/s, (n,): from that setpoint to the newest one, and the most of it since a joint is late
+        self._asked, self._fastest = np.zeros((2, len(joints)))
 
     def set_target(
         self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float = inf
     ) -> None:
         """Follow `position` (m,), rad, for `valid_for` s; it moves by itself with `velocity` (m,), rad/s."""
         self.follower.set_joint_targets(joints, position, 0.0 if velocity is None else velocity)
+        if self._ticks:
+            target = self.follower.target
+            self._asked = np.abs(target - self._base) / (self._ticks * self.follower.period)
+            self._base = target.copy()
+            self._ticks = 0
         self._valid_for = valid_for
         self._used_at = inf
+
+    def behind(self) -> tuple[Floats, tuple[Finding, ...]]:
+        """Return how far joints (n,) are behind the newest setpoint, rad, and a finding for each late one.
+
+        VEL_LIMIT: its setpoints were too fast since it is late, else ACC_LIMIT. Before the first tick that
+        uses the setpoint nothing is late.
+        """
+        behind, stopping, fastest = self.follower.lag()
+        late = self.joints & (behind > stopping + LATE) & (self._used_at < inf)
+        self._fastest = np.where(late, np.maximum(self._fastest, self._asked), 0.0)
+        found = []
+        for joint in np.flatnonzero(late).tolist():
+            asked = float(self._fastest[joint])
+            bound = float(fastest[joint])
+            message = f"followed late: {behind[joint]:.3g} rad behind the setpoint before"
+            if asked > bound:
+                finding = Finding(ReasonCode.VEL_LIMIT, joint, value=asked, bound=bound, message=message)
+            else:
+                most = float(self.follower.acceleration[joint])
+                finding = Finding(ReasonCode.ACC_LIMIT, joint, bound=most, message=message)
+            found.append(finding)
+        return behind, tuple(found)
 
     def age(self, now: float) -> float:
         """Return the age of the newest setpoint (s), counted from the first tick that could use it."""
@@ -36,6 +69,7 @@ class SetpointStream:
         """Begin or continue the age of the newest setpoint; return STREAM_STALE when it is too old."""
         if self._used_at == inf:
             self._used_at = now
+        self._ticks += 1
         age = now - self._used_at
         if age <= self._valid_for:
             return None

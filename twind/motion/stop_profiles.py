@@ -90,13 +90,15 @@ class LimitedFollower:
 
     def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
         self._limits = limits
-        self._period = period
+        self.acceleration = limits.acceleration  # rad/s², (n,)
+        self.period = period  # s
         self._gain = limits.acceleration * period  # rad/s: what velocity may change in one step
         self._position = reference.position.copy()
         self._velocity = reference.velocity.copy()
         self._target = stopping_point(reference, limits.acceleration)
         self._drift = np.zeros(len(self._target))
         self._last = reference
+        self._share = 1.0
 
     @property
     def resting(self) -> bool:
@@ -128,9 +130,10 @@ class LimitedFollower:
     def step(self, share: float = 1.0) -> Reference:
         """Advance by one period, at no more than `share` of the velocity limit, and return the reference."""
         limits = self._limits
-        period = self._period
+        period = self.period
         before = self._velocity
         fastest = limits.velocity * share
+        self._share = share
         away = self._target - self._position
         wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
         up = self._braking(limits.upper - self._position)
@@ -143,12 +146,22 @@ class LimitedFollower:
         self._last = Reference(self._position, self._velocity, (self._velocity - before) / period)
         return self._last
 
+    def lag(self) -> tuple[Floats, Floats, Floats]:
+        """Return how far each joint (n,) is behind its target and may be, rad, and its speed limit, rad/s.
+
+        It may be behind by the way that it needs to stop at a target that goes on with its drift.
+        """
+        away = self._target - self._position
+        closing = (self._velocity - self._drift) * np.sign(away)
+        stopping = np.maximum(closing, 0.0) ** 2 / (2.0 * self._limits.acceleration)
+        return np.abs(away), stopping, self._limits.velocity * self._share
+
     def ahead(self, t: float) -> Reference:
         """Return the reference `t` s from now, without advancing."""
-        copy = LimitedFollower(self._last, self._limits, self._period)
+        copy = LimitedFollower(self._last, self._limits, self.period)
         copy.set_target(self._target, self._drift)
         reference = self._last
-        for _ in range(round(t / self._period)):
+        for _ in range(round(t / self.period)):
             if copy.resting:  # nothing more changes, however far ahead
                 break
             reference = copy.step()
@@ -156,7 +169,7 @@ class LimitedFollower:
 
     def onwards(self, share: float = 1.0) -> Reference:
         """Return the result of the next `step`, without advancing."""
-        copy = LimitedFollower(self._last, self._limits, self._period)
+        copy = LimitedFollower(self._last, self._limits, self.period)
         copy.set_target(self._target, self._drift)
         return copy.step(share)
 
@@ -165,7 +178,7 @@ class LimitedFollower:
 
         n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
         """
-        covered = np.maximum(distance, 0.0) / self._period  # rad/s: what one step alone would need
+        covered = np.maximum(distance, 0.0) / self.period  # rad/s: what one step alone would need
         count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / self._gain) - 0.5 - ROUNDING), 1.0)
         return covered / count + 0.5 * (count - 1.0) * self._gain
 

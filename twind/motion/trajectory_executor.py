@@ -44,7 +44,7 @@ class TrajectoryExecutor:
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
         self._pending: list[ScheduledGoal] = []  # by start
-        self._stream: SetpointStream | None = None
+        self.stream: SetpointStream | None = None
         self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
@@ -56,7 +56,7 @@ class TrajectoryExecutor:
         """Motion of the joints; a goal that waits for its start counts as active."""
         if self._reference is None:
             return Motion.IDLE
-        if self._stream is not None:
+        if self.stream is not None:
             return Motion.STREAMING
         return Motion.ACTIVE if self.layers or self._pending else Motion.HOLDING
 
@@ -89,7 +89,7 @@ class TrajectoryExecutor:
 
     def setpoint_age(self, now: float) -> float | None:
         """Age of the newest setpoint (s), counted from the first tick that could use it; None: no stream."""
-        return None if self._stream is None else self._stream.age(now)
+        return None if self.stream is None else self.stream.age(now)
 
     def progress(self) -> tuple[str, float] | None:
         """Return the id and the share done, 0..1, of the goal that runs or waits."""
@@ -137,7 +137,7 @@ class TrajectoryExecutor:
             return None
         now = self._reference
         layers = tuple(self.layers)
-        stream = self._stream
+        stream = self.stream
         changing = self.slowed or stream is not None
         return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
@@ -184,7 +184,7 @@ class TrajectoryExecutor:
         if isinstance(left, Finding):
             return left
         start = self._start(start_in)
-        if self._stream is not None and start > self._tick:
+        if self.stream is not None and start > self._tick:
             return Finding(ReasonCode.BUSY, message="setpoints arrive: a later start cannot be foreseen")
         if self.slowed and start > self._tick:
             return Finding(ReasonCode.BUSY, message="the motion is slowed: a later start cannot be foreseen")
@@ -210,16 +210,16 @@ class TrajectoryExecutor:
         self._end_goals("replaced", ())
         new = np.zeros(len(self._reference.position), np.bool_)
         new[joints] = True
-        stream = self._stream
+        stream = self.stream
         if stream is None or (new & ~stream.joints).any():
-            self._stream = stream = widened(stream, new, self._reference, self.limits, self._period)
+            self.stream = stream = widened(stream, new, self._reference, self.limits, self._period)
             self.layers = without(self.layers, stream.joints)
         stream.set_target(joints, position, velocity, valid_for)
         return None
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
         """Brake with the gate's acceleration limit, then hold. Goals under way end as `phase`."""
-        moving = bool(self.layers) or self._stream is not None or isinstance(self._floor, LimitedFollower)
+        moving = bool(self.layers) or self.stream is not None or isinstance(self._floor, LimitedFollower)
         self._end_all(phase, findings)
         if moving and self._reference is not None:
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -233,7 +233,7 @@ class TrajectoryExecutor:
             return
         named = np.zeros(len(place), np.bool_)
         named[list(joints)] = True
-        busy = self.layers or self._pending or self._stream is not None
+        busy = self.layers or self._pending or self.stream is not None
         under_way = self._floor if isinstance(self._floor, CompliantFollower) and not busy else None
         if under_way is not None:
             under_way.aim_at(named & ~under_way.joints, place)
@@ -258,7 +258,7 @@ class TrajectoryExecutor:
         """Return the reference of the next tick; None while idle. `now` (s) only ages the setpoints."""
         if self._reference is None or self._floor is None:
             return None
-        stale = None if self._stream is None else self._stream.use(now)
+        stale = None if self.stream is None else self.stream.use(now)
         if stale is not None:
             self.stop()
             self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
@@ -315,8 +315,8 @@ class TrajectoryExecutor:
         if finding is not None:
             self._end(goal, "aborted", (finding,))
             return
-        if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
-            self._stream = None
+        if self.stream is not None:  # a stream has no old path: joints it leaves behind brake
+            self.stream = None
             self._floor = StopRamp(reference, self.limits, self._period)
         layer = begun(goal, reference, self.limits, self._period)
         self.layers = [*without(self.layers, layer.joints), layer]
@@ -337,13 +337,13 @@ class TrajectoryExecutor:
                 layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
 
     def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
-        if self._stream is None and len(self.layers) == 1 and self.layers[0].whole:
+        if self.stream is None and len(self.layers) == 1 and self.layers[0].whole:
             return self.layers[0].reference_at(self._tick)
         reference = floor.step()
         if self.layers:
             reference = overlay(reference, self.layers, self._tick)
-        if self._stream is not None:
-            reference = choose(self._stream.joints, self._stream.follower.step(self._pace), reference)
+        if self.stream is not None:
+            reference = choose(self.stream.joints, self.stream.follower.step(self._pace), reference)
         return reference
 
     def _settle_down(self, reference: Reference) -> None:
@@ -383,7 +383,7 @@ class TrajectoryExecutor:
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)
         self.layers = []
-        self._stream = None
+        self.stream = None
 
     def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:
         if self._running is not None:

@@ -19,7 +19,7 @@ def admit(
     A stream is checked at its first `setpoint`; a joint that gets hot later is slowed or settled by the
     guard.
     """
-    refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
+    refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot), *snapshot.holding]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
         if snapshot.state is not RobotState.ARMED:

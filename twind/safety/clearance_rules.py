@@ -36,7 +36,7 @@ class ClearanceRules:
         if facts.motion not in MOVING or facts.state in REACTING:
             return NOTHING
         if not outlook.clearance > outlook.block:  # NaN too
-            return (RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD),)
+            return (RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD, transient=True),)
         room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
         pace = max(self._bounds.least_pace, room)
         return (RuleResult(_near(outlook, outlook.warn, "slower"), pace=pace),)

@@ -46,6 +46,7 @@ class GateSnapshot:
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
     bars: tuple[Finding, ...] = ()  # findings of servos and buses that prevent arming now
+    holding: tuple[Finding, ...] = ()  # findings for which the guard would hold a motion at once
     unreachable: Finding | None = None  # reason why no new client can connect; None: clients can
     condition: JointCondition | None = None  # temperature and supply; None: unknown, which refuses
 

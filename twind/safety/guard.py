@@ -81,11 +81,11 @@ class Guard:
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._free = free
         self._linked = linked
-        goals, readings, tracking = self._limited(limits)
+        self._goals, readings, tracking = self._limited(limits)
         # All rules of every tick, in the order of their findings; a new rule is added here.
         self._rules: tuple[Rule, ...] = (
             TimeGapRules(bounds),
-            goals,
+            self._goals,
             ClearanceRules(bounds),
             readings,
             tracking,
@@ -99,7 +99,9 @@ class Guard:
         self._holds = HoldRules(free, bounds)  # judges the results of the others
         self._present: set[Key] = set()  # present in the last tick, and reported then or before
         self._reported_at: dict[Key, float] = {}  # s, when each was last reported
-        self.bars: tuple[Finding, ...] = ()  # findings of the last tick that prevent arming
+        # findings of the last tick that prevent arming, and those that hold any motion
+        self.bars: tuple[Finding, ...] = ()
+        self._holding: tuple[Finding, ...] = ()
 
     @property
     def bounds(self) -> GuardThresholds:
@@ -108,10 +110,12 @@ class Guard:
 
     def limit(self, limits: JointLimits) -> None:
         """Use these limits from now on, for a robot at rest. The memory of all other rules is kept."""
-        anew = {type(rule): rule for rule in self._limited(limits)}
+        limited = self._limited(limits)
+        self._goals = limited[0]
+        anew: dict[type, Rule] = {type(rule): rule for rule in limited}
         self._rules = tuple(anew.get(type(rule), rule) for rule in self._rules)
 
-    def _limited(self, limits: JointLimits) -> tuple[Rule, Rule, Rule]:
+    def _limited(self, limits: JointLimits) -> tuple[GoalRules, ReadingRules, TrackingRules]:
         """Return the rules that depend on the limits of the joints."""
         return (
             GoalRules(limits, self._bounds),
@@ -133,9 +137,19 @@ class Guard:
             if self._present:
                 self._present.clear()
             self.bars = ()
+            self._holding = ()
             return FINE
         self.bars = tuple(one.finding for one in results if one.bars)
+        self._holding = tuple(one.finding for one in results if one.reaction and not one.transient)
         return self._answer(results, facts)
+
+    def holding(self, missed: int, period: float) -> tuple[Finding, ...]:
+        """Return the findings for which a motion that begins now would be held in this tick.
+
+        `missed`: ticks in a row just before this one. `period`: s.
+        """
+        late = self._goals.many_missed(missed, period)
+        return self._holding if late is None else (*self._holding, late)
 
     def _answer(self, results: list[RuleResult], facts: GuardInput) -> GuardDecision:
         """Return the hardest reaction; findings that are new, or only those that must be latched now."""

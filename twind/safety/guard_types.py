@@ -225,6 +225,7 @@ class RuleResult:
     latches: bool = False
     refuses: bool = False  # the goal of this tick
     bars: bool = False  # arming is refused while it lasts
+    transient: bool = False  # about this motion or this tick alone: another motion may begin
     bus: int = -1  # place of the bus it is about; -1: no single bus
     pace: float = 1.0  # share of its speed that a motion may have
     here: bool = False  # a HOLD holds this joint where it is measured

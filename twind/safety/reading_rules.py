@@ -126,4 +126,4 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.OUT_OF_LIMIT, joint, value=float(goal[joint]), bound=bound, message=message
             )
-            yield RuleResult(finding, Reaction.HOLD, refuses=True)
+            yield RuleResult(finding, Reaction.HOLD, refuses=True, transient=True)

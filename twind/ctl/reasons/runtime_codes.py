@@ -74,7 +74,7 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.OUT_OF_LIMIT: ReasonText(
         "fault, HOLD; arming refused",
-        "A measured position is beyond the hard limit. Only motions inwards are permitted.",
+        "A measured position, or a withheld goal, is beyond the hard limit. It may only move inwards.",
         "`twindctl disarm`, move the joint inside by hand, check its calibration",
     ),
     ReasonCode.FOLLOW_ERR: ReasonText(

@@ -145,7 +145,7 @@ class IdentificationState:
         before = self._gone.pop(port.name, 0.0)
         if silence > SILENT:
             message = f"{port.name}: no device answers any more: check power; all are identified anew"
-        elif silence > GONE and not self._loop.inhibited:  # inhibited, the daemon itself is silent
+        elif silence > GONE and not self._loop.torque.inhibited:  # inhibited, the daemon itself is silent
             self._gone[port.name] = silence
             return
         elif before:

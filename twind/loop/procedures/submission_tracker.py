@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -111,7 +112,7 @@ class SubmissionTracker:
             self.busy = False
         judged = replace(judged, verdict=with_front(judged.verdict, command))
         if command.check_only:
-            loop.say.reply(command, verdict=plain(of_the_path(judged.verdict)))
+            loop.say.reply(command, verdict=plain(of_the_path(judged.verdict, before.holding)))
             return
         refusals = judged.verdict.refusals
         if sliced and not refusals:
@@ -241,6 +242,8 @@ class SubmissionTracker:
         """Judge one streamed setpoint at once; accepted, it replaces the last."""
         loop = self._loop
         taken = loop.way.take(command.received, loop.clock.now())
+        stream = loop.executor.stream  # before this setpoint
+        behind, late = (None, ()) if stream is None else stream.behind()
         judged = self._streamed(command, now)
         before = loop.executor.reference
         at = loop.clock.now()
@@ -253,8 +256,9 @@ class SubmissionTracker:
             loop.way.accept(taken, STREAM, self._places(judged.joints), before, at)
         loop.untouched = False
         loop.motion_epoch = loop.lease.epoch
-        changes = [asdict(finding) for finding in judged.verdict.changes]
-        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
+        changes = [asdict(finding) for finding in (*judged.verdict.changes, *late)]
+        lag = {"behind": behind[judged.joints].tolist()} if late and behind is not None else {}
+        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes, **lag)
 
     def _streamed(self, command: link.Setpoint, now: float) -> setpoint_gate.SetpointResult:
         """Judge a setpoint, and follow it unless it is refused."""
@@ -335,14 +339,14 @@ def with_front(verdict: Verdict, command: link.Submit) -> Verdict:
     return Verdict(refusals, warnings, verdict.changes)
 
 
-def of_the_path(verdict: Verdict) -> Verdict:
+def of_the_path(verdict: Verdict, holding: Sequence[Finding] = ()) -> Verdict:
     """Return the verdict of a check: findings on the client or the robot's state become warnings.
 
-    They are no fault of the path.
+    They are no fault of the path. `holding`: findings for which the guard holds any motion now.
     """
-    about_now = [finding for finding in verdict.refusals if finding.code in ABOUT_NOW]
-    refusals = [finding for finding in verdict.refusals if finding.code not in ABOUT_NOW]
-    return Verdict(tuple(refusals), (*verdict.warnings, *about_now), verdict.changes)
+    about_now = [one for one in verdict.refusals if one.code in ABOUT_NOW or one in holding]
+    refusals = tuple(one for one in verdict.refusals if one not in about_now)
+    return Verdict(refusals, (*verdict.warnings, *about_now), verdict.changes)
 
 
 def plain(verdict: Verdict) -> dict[str, Any]:
