@@ -1,5 +1,6 @@
 """Realtime requests compared with what the kernel grants, seen from outside, in a process of its own."""
 
+import ctypes
 import json
 import os
 import subprocess
@@ -206,7 +207,7 @@ def test_a_kernel_without_lock_on_fault_locks_everything(monkeypatch: pytest.Mon
             asked.append(flags)
             return -1 if flags & 4 else 0
 
-    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_, **__: Kernel())
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: Kernel())
     assert realtime.lock_memory() == realtime.Granted("locked")
     assert asked == [7, 3]
 
