@@ -1,5 +1,6 @@
 """Realtime requests compared with what the kernel grants, seen from outside, in a process of its own."""
 
+import ctypes
 import json
 import os
 import subprocess
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from twind.loop.process import realtime
 from twind.loop.process.realtime import LIMIT, PRIORITY
 
 CODE = """
@@ -132,6 +134,82 @@ def test_work_after_the_loop_runs_without_realtime_priority_and_locked_memory() 
     if (scheduler.startswith("no: "), memory) != (False, "locked"):
         pytest.skip(f"FIFO or locked memory is not allowed here: {scheduler}, {memory}")
     assert (ordinary, locked) == (True, 0)
+
+
+RESIDENT = """
+import json, mmap, sys
+from pathlib import Path
+from twind.loop.process import realtime
+
+def resident(what, key="Rss"):
+    found = here = 0
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        first = line.split()[0]
+        here = what in line if "-" in first else here
+        found += int(line.split()[1]) if here and first == key + ":" else 0
+    return found
+
+def all_resident():
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(status["VmRSS"].split()[0])
+
+got = realtime.enter()
+before = all_resident()
+space = mmap.mmap(-1, 64 << 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+grown = all_resident() - before
+space[0] = 1
+text = "_multiarray_umath"
+print(json.dumps([got["memory"].text, grown, resident(text) / resident(text, "Size"),
+    resident("openblas") / resident("openblas", "Size"), resident("[heap]", "Locked") / resident("[heap]")]))
+"""
+
+
+def test_locked_memory_holds_what_a_tick_may_touch_and_no_unused_work_space() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", RESIDENT], capture_output=True, text=True, timeout=30, check=True
+    )
+    memory, grown, text, blas, heap = json.loads(done.stdout)
+    if memory != "locked":
+        pytest.skip(f"locked memory is not allowed here: {memory}")
+    assert grown < 1024  # KiB of 64 MiB that were mapped
+    assert text == 1.0
+    assert blas < 0.5  # a library of 23 MB, of which a tick uses some products
+    assert heap == 1.0
+
+
+MAPS = """\
+5581-5582 r-xp 00000000 fe:00 100 /usr/bin/python3
+7f00-7f10 r--p 00001000 fe:00 101 /usr/lib/libscipy_openblas64_-32a4.so
+7f10-7f20 r-xp 00001000 fe:00 102 /usr/lib/a folder/_structs.so
+7f20-7f30 ---p 00001000 fe:00 102 /usr/lib/a folder/_structs.so
+7f30-7f40 rw-s 00000000 00:01 103 /memfd:flight (deleted)
+7f40-7f50 r-xp 00000000 fe:00 104 /usr/lib/libcrypto.so.3
+7f50-7f60 rw-p 00000000 00:00 0 [heap]
+7f60-7f70 rw-p 00000000 00:00 0
+7f70-7f80 r-xp 00000000 fe:00 105 /usr/lib/libcryptography.so
+"""
+
+
+def test_files_are_brought_in_whole_except_what_the_start_alone_uses() -> None:
+    assert list(realtime.mapped_files(MAPS)) == [
+        (0x5581, 0x1),
+        (0x7F10, 0x10),
+        (0x7F30, 0x10),
+        (0x7F70, 0x10),
+    ]
+
+
+def test_a_kernel_without_lock_on_fault_locks_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    class Kernel:
+        def mlockall(self, flags: int) -> int:
+            asked.append(flags)
+            return -1 if flags & 4 else 0
+
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: Kernel())
+    assert realtime.lock_memory() == realtime.Granted("locked")
+    assert asked == [7, 3]
 
 
 def test_without_rights_the_loop_runs_and_reports_the_remedy() -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import Any
 
+from twind.front.overlong_trajectory import OverlongTrajectory
 from twind.front.state_cache import encode
 from twind.protocol import CONTROL, SERVICE
 
@@ -54,6 +55,7 @@ class ClientCall:
         self.more = more
         self.oneway = oneway
         self.started = self.finished = False
+        self.overlong: OverlongTrajectory | None = None  # what it has in place of parameters
         self.began = nan  # s, when it was whole and its turn had come
         self.output: list[bytes] = []  # while it is not this call's turn
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from twind.exceptions import InvalidInput
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
-from twind.front.interface_methods import METHODS, OBSERVER, service
+from twind.front.interface_methods import METHODS, OBSERVER, refuse_overlong, service
 from twind.front.message_stream import MessageStream
+from twind.front.overlong_trajectory import overlong
 from twind.protocol import CONTROL, SERVICE
 from twind.protocol.strict_json import loads
 from twind.robot.event_codes import EventCode
@@ -51,7 +52,7 @@ class ClientSession:
 
     def _add_call(self, data: bytes) -> None:
         try:
-            message = loads(data)
+            message, path = overlong(data) or (loads(data), None)
         except InvalidInput as error:
             self._strike(ReasonCode.BAD_JSON, str(error))
             return
@@ -60,6 +61,7 @@ class ClientSession:
         except InvalidInput as error:
             self._strike(ReasonCode.BAD_SCHEMA, str(error))
             return
+        call.overlong = path
         self._received_call = True
         self.calls.add(call)
 
@@ -162,6 +164,9 @@ class ClientSession:
             call.error(
                 "Busy", {"what": f"all places for an {self.caller.role} are taken; this one takes EStop only"}
             )
+            return False
+        if call.overlong is not None:
+            refuse_overlong(self.front, call, call.overlong)
             return False
         method.parameters.check(call.parameters, "")
         return True

@@ -16,6 +16,7 @@ from twind.front.accepted_trajectories import AcceptedTrajectory, strip_points
 from twind.front.client_calls import STOPS, ClientCall
 from twind.front.daemon_log import printable
 from twind.front.monitor_subscribers import TOPICS
+from twind.front.overlong_trajectory import OverlongTrajectory
 from twind.front.reload_queue import PARAMETERS
 from twind.front.state_cache import encode
 from twind.front.streamer_report_cache import find_invalid_number
@@ -24,6 +25,7 @@ from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.safety.trajectory_validation import form
 
 if TYPE_CHECKING:
     from twind.front.front_server import FrontServer
@@ -174,11 +176,22 @@ def _scan(front: FrontServer, call: ClientCall) -> None:
     forward(front, call, link.Scan, bus=call.parameters.get("bus"))
 
 
+def refuse_overlong(front: FrontServer, call: ClientCall, path: OverlongTrajectory) -> None:
+    """Refuse a call whose trajectory was not converted, as it has too many points."""
+    if _trajectory_in_time(front, call):
+        _, wrong = form(path.joint_names, [()] * path.points, front.world.names.joints)
+        _turned_down(front, call, list(wrong), check_only=call.method == "Check")
+
+
+def _trajectory_in_time(front: FrontServer, call: ClientCall) -> bool:
+    return front.in_time(call, "trajectories", "wait, or send longer ones")
+
+
 def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
     now = front.now()
     names = front.world.names
     given = call.parameters["trajectory"]
-    if not front.in_time(call, "trajectories", "wait, or send longer ones"):
+    if not _trajectory_in_time(front, call):
         return
     try:
         message = trajectory_submission.message_of(given)

@@ -11,6 +11,8 @@ DEPTH = 16  # nested arrays and objects
 _NESTING = re.compile(
     r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
 )  # strings whole, so that brackets in them do not count
+_BRACKETS = bytes.maketrans(b"{}", b"[]")
+_PLAIN = bytes(set(range(256)) - set(b'[]{}"'))
 _DIGITS = 20  # a longer integer does not fit 64 bits, and is not even read
 _LEAST = -(2**63)
 _MOST = 2**64 - 1
@@ -24,7 +26,8 @@ def loads(data: bytes | bytearray | memoryview) -> Any:
         text = str(data, "utf-8")
     except UnicodeDecodeError as error:
         raise InvalidInput(f"invalid UTF-8 at byte {error.start}") from None
-    _check_depth(text)
+    if not _is_shallow(data, text):
+        _check_depth(text)
     try:
         value = _DECODER.decode(text)
     except json.JSONDecodeError as error:
@@ -32,6 +35,19 @@ def loads(data: bytes | bytearray | memoryview) -> Any:
     if "\\u" in text:
         _check_surrogates(value)
     return value
+
+
+def _is_shallow(data: bytes | bytearray | memoryview, text: str) -> bool:
+    """Prove that valid JSON is nested no deeper than `DEPTH`, 20 times faster than `_check_depth`.
+
+    One replacement removes the innermost level. False: not proved.
+    """
+    if "\\" in text:  # an escaped quote would end a string here
+        return False
+    left = bytes(data).translate(_BRACKETS, _PLAIN).replace(b'""', b"")
+    for _ in range(DEPTH):
+        left = left.replace(b"[]", b"")
+    return not left
 
 
 def _check_depth(text: str) -> None:

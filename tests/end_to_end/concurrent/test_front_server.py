@@ -221,6 +221,20 @@ def test_unknown_methods_and_interfaces_are_reported(loop: StandIn) -> None:
         assert client.receive()["parameters"] == {"method": "Status"}
 
 
+@pytest.mark.parametrize(("points", "names"), [(2001, NAMES[:1]), (2001, ["nobody"]), (1, ["nobody"])])
+def test_an_overlong_trajectory_is_refused_as_the_contract_says(
+    loop: StandIn, points: int, names: list[str]
+) -> None:
+    path = {"joint_names": names, "points": [{"positions": [0.0], "time_from_start": 0.5}] * points}
+    expected = ["UNKNOWN_JOINT"] * (names == ["nobody"]) + ["TOO_MANY_POINTS"] * (points > 2000)
+    with Raw(loop) as raw:
+        refused = raw.call("SubmitTrajectory", trajectory=path)
+        assert [each["code"] for each in refused["parameters"]["findings"]] == expected
+        checked = raw.call("Check", trajectory=path)
+        assert [each["code"] for each in checked["parameters"]["verdict"]["refusals"]] == expected
+        assert "status" in raw.call("GetStatus")["parameters"]
+
+
 @pytest.mark.parametrize(("name", "limit"), [("observe", 64 << 10), ("control", 4 << 20)])
 def test_a_message_too_large_is_refused_and_the_connection_closed(
     loop: StandIn, name: str, limit: int

@@ -3,8 +3,11 @@
 import ctypes
 import gc
 import os
+import re
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,10 +17,14 @@ LIMIT = 60  # LimitRTPRIO= of the units, and the value that messages name to use
 # <sys/mman.h>
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
+_MCL_ONFAULT = 4  # Linux 4.4
 # <malloc.h>
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_MAX = -4
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
+# Libraries that only the start uses, or of which a tick uses a small part: `one_thread` touches that of BLAS.
+START_ONLY = re.compile(r"/(lib)?(\w*openblas\w*|gfortran|quadmath|crypto|ssl|_enums|_specs|_render)\b[^/]*$")
+_MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) r\S+ \S+ \S+ [1-9]\d* +(/.*)")  # readable, of a file
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +45,7 @@ def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, Granted
 
     `cpu`: the core to stay on; None: any. Returns the results by request, for `GetStatus`.
     """
-    got = {"blas": one_thread(), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
+    got = {"blas": one_thread(), "heap": _heap(), "memory": lock_memory(), "timerslack": _slack()}
     got["cpu"] = Granted("any") if cpu is None else pin(cpu)
     gc.collect()
     gc.freeze()
@@ -103,11 +110,30 @@ def _heap() -> Granted:
     return Granted("kept") if kept else denied("mallopt refused")
 
 
-def _lock() -> Granted:
+def lock_memory() -> Granted:
+    """Lock every page once it is in memory, and bring in what a tick may touch that is not.
+
+    That is the text of libraries and the flight recorder. Pages of Python objects are there since they were
+    written. Work space that is mapped and never used costs nothing: 170 MB less (measured 2026-11).
+    """
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
+    everything = _MCL_CURRENT | _MCL_FUTURE
+    if libc.mlockall(everything | _MCL_ONFAULT) == 0:
+        for start, length in mapped_files(Path("/proc/self/maps").read_text()):
+            libc.mlock(ctypes.c_void_p(start), ctypes.c_size_t(length))  # faults in the whole range
+        return Granted("locked")
+    if libc.mlockall(everything) == 0:  # a kernel without MCL_ONFAULT
         return Granted("locked")
     return denied(f"{os.strerror(ctypes.get_errno())} (LimitMEMLOCK=infinity in the unit)")
+
+
+def mapped_files(maps: str) -> Iterator[tuple[int, int]]:
+    """Yield address and length of each readable mapping of a file, except of `START_ONLY`."""
+    for line in maps.splitlines():
+        found = _MAPPING.match(line)
+        if found and not START_ONLY.search(found[3]):
+            start = int(found[1], 16)
+            yield start, int(found[2], 16) - start
 
 
 def _slack() -> Granted:
