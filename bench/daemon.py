@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,18 +57,21 @@ def scratch() -> Iterator[Path]:
 
 @contextmanager
 def twind(
-    folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")
+    folder: Path,
+    *arguments: str,
+    command: Sequence[str] = ("-m", "twind.cli"),
+    environment: Mapping[str, str] = os.environ,
 ) -> Iterator[BenchDaemon]:
     """Yield a daemon that has sent READY=1; SIGTERM ends it. Raises MeasurementUnavailable."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     listener.bind(str(folder / "notify"))
     listener.settimeout(READY)
     line = [sys.executable, *command, "--socket", str(folder), *arguments]
-    environment = os.environ | {"NOTIFY_SOCKET": str(folder / "notify")}
+    variables = {**environment, "NOTIFY_SOCKET": str(folder / "notify")}
     log = folder / "twind.log"
     with listener, log.open("wb") as output:
         since = time.monotonic()
-        process = subprocess.Popen(line, env=environment, stdin=subprocess.DEVNULL, stderr=output)
+        process = subprocess.Popen(line, env=variables, stdin=subprocess.DEVNULL, stderr=output)
         try:
             _await_ready(listener, process)
             yield BenchDaemon(process.pid, folder, time.monotonic() - since)
@@ -77,7 +80,7 @@ def twind(
             raise MeasurementUnavailable(f"{reason} {' '.join(last)}".strip()) from None
         finally:
             _end(process)
-    (folder / "notify").unlink()
+            (folder / "notify").unlink()
 
 
 def _await_ready(listener: socket.socket, process: subprocess.Popen[bytes]) -> None:

@@ -143,9 +143,9 @@ def missed(folder: Path, robot: Path, rate_hz: int, span: float, *, apart: bool 
     return MeasuredFigure(100.0 * late / (ticks + late), note)
 
 
-def four_buses(path: Path) -> Path:
+def four_buses(path: Path, built_in: Path | None = None) -> Path:
     """The body of h24 on four buses at 3 Mbaud, six servos each, adapters without a latency timer."""
-    built_in = load_robot("h24").path
+    built_in = built_in or load_robot("h24").path
     robot = yaml.safe_load(built_in.read_text())
     robot["name"] = "h24-four"
     robot["model"]["mjcf"] = str(built_in.parent / robot["model"]["mjcf"])

@@ -37,7 +37,7 @@ def take() -> Mapping[str, MeasuredFigure]:
             name: stack.enter_context(indoors(physics=name == "mujoco")) for name in ("first-order", "mujoco")
         }
         with as_in_the_loop():
-            found = interleaved(ROUNDS, {name: _round(robots[name], ROUND[name]) for name in robots})
+            found = interleaved(ROUNDS, {name: moving_round(robots[name], ROUND[name]) for name in robots})
         ticks = {name: robot.loop.figures.ticks for name, robot in robots.items()}
     middle = medians(found)
     notes = {
@@ -51,7 +51,7 @@ def take() -> Mapping[str, MeasuredFigure]:
     }
 
 
-def _round(robot: InProcessDaemon, span: float) -> Callable[[], float]:
+def moving_round(robot: InProcessDaemon, span: float) -> Callable[[], float]:
     """CPU time (s) that an hour takes, from `span` s of it."""
 
     def take() -> float:
