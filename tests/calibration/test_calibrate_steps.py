@@ -19,7 +19,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_file import load_robot
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (
     history_command,
@@ -42,7 +42,7 @@ from twind_calibration.calibrating.zero_placement import by_ends, travel_of
 from twind_drivers.clock import FakeClock
 
 ROBOT = load_robot("h24")
-FITTING = calibration(specimen(ROBOT))
+FITTING = calibration(make_spec(ROBOT))
 SLOTS = {slot.name: slot for slot in slots(ROBOT)}
 KNEE = SLOTS["l_knee"]
 DEVICE = FITTING.by_name["l_knee"].device
