@@ -120,7 +120,7 @@ class FleetListener:
             for each in self._subscribers:
                 each.undeclare()
             self._subscribers = [
-                self._session.declare_subscriber(key, self._heard) for key in asked["listen"]
+                self._session.declare_subscriber(key, self._receive) for key in asked["listen"]
             ]
             return {}
         if "alive" in asked:
@@ -131,7 +131,7 @@ class FleetListener:
         ranks = {str(rank): ways[int(rank * (len(ways) - 1))] for rank in (0.5, 0.99)} if ways else {}
         return {"count": len(ways), "way": ranks}
 
-    def _heard(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         now = time.monotonic()
         attachment = sample.attachment
         if attachment is not None:

@@ -24,7 +24,7 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
-from twind.virtual.virtual_robot_spec import buses, calibration, specimen
+from twind.virtual.virtual_robot_spec import buses, calibration, make_spec
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.serial_loopback import Loopback
 
@@ -151,7 +151,7 @@ def indoors(*, physics: bool) -> Iterator[InProcessDaemon]:
     """`h24` in mode live, armed, holding; MuJoCo muscles with `physics`, else first-order ones."""
     clock = FakeClock(BEGIN)
     robot = load_robot("h24")
-    made = specimen(robot)
+    made = make_spec(robot)
     virtual = buses(made, physics=physics, now=clock.now())
     measured = calibration(made)
     one = BoundRobot(robot, measured, bind(robot, measured))

@@ -13,7 +13,7 @@ from twind.bridge.fleet.fleet_table import OLD, rows, to_json
 from twind.ctl.dashboard.dashboard_renderer import plain
 
 
-def answer(mode: str = "live", state: str = "armed", heard: int = 24, **more: Any) -> dict[str, Any]:
+def answer(mode: str = "live", state: str = "armed", fresh: int = 24, **more: Any) -> dict[str, Any]:
     status = {
         "mode": mode,
         "state": state,
@@ -22,7 +22,7 @@ def answer(mode: str = "live", state: str = "armed", heard: int = 24, **more: An
         "faults": [],
         "latency_ms": 2.5,
     }
-    return {"status": status | more, "joints": [{"heard": place < heard} for place in range(24)]}
+    return {"status": status | more, "joints": [{"heard": place < fresh} for place in range(24)]}
 
 
 def shown(roll: FleetRoster, now: float, width: int = 120) -> list[str]:
@@ -32,7 +32,7 @@ def shown(roll: FleetRoster, now: float, width: int = 120) -> list[str]:
 def test_a_roster_row_shows_mode_state_joints_faults_and_age() -> None:
     roll = FleetRoster()
     roll.update_status(
-        "h1", UPLINK, answer(heard=23, faults=[{"code": "BUS_LOST"}, {"code": "BUS_ERRORS"}]), 10.0, 0.02
+        "h1", UPLINK, answer(fresh=23, faults=[{"code": "BUS_LOST"}, {"code": "BUS_ERRORS"}]), 10.0, 0.02
     )
     head, row = shown(roll, 10.5)
     assert head.split() == ["robot", "where", "mode", "state", "motion", "joints", "faults", "latency", "age"]
@@ -137,13 +137,13 @@ ODD: list[Any] = [
 ]
 
 
-@pytest.mark.parametrize("said", ODD)
-def test_an_odd_answer_marks_only_its_own_row(said: Any) -> None:
+@pytest.mark.parametrize("odd", ODD)
+def test_an_odd_answer_marks_only_its_own_row(odd: Any) -> None:
     roll = FleetRoster()
     for name in ("a", "odd", "z"):
         roll.update_status(name, UPLINK, answer(), 10.0, 0.02)
-    roll.update_status("odd", UPLINK, said, 10.5, 0.02)
-    roll.update_status("new", UPLINK, said, 10.5, 0.02)
+    roll.update_status("odd", UPLINK, odd, 10.5, 0.02)
+    roll.update_status("new", UPLINK, odd, 10.5, 0.02)
     _, first, new, row, last, _, *why = shown(roll, 10.5, 200)
     assert "armed" in first and "armed" in last
     assert "  odd  " in row and "  odd  " in new and "armed" not in row

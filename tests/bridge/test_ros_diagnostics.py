@@ -21,8 +21,8 @@ BRIDGE = {
 }
 
 
-def rows(told: Diagnostics, bridge: Any = BRIDGE, known: Any = None, seen: Any = ()) -> dict[str, Any]:
-    message = decode(DIAGNOSTIC_ARRAY, told.message(7_000_000_000, bridge, known, seen))
+def rows(diagnostics: Diagnostics, bridge: Any = BRIDGE, known: Any = None, seen: Any = ()) -> dict[str, Any]:
+    message = decode(DIAGNOSTIC_ARRAY, diagnostics.message(7_000_000_000, bridge, known, seen))
     assert message["header"]["stamp"] == {"sec": 7, "nanosec": 0}
     return {row["name"].removeprefix("twind: "): row for row in message["status"]}
 

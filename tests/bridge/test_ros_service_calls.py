@@ -59,7 +59,7 @@ class Desk:
             raise BrokenPipeError("nobody reads it")
         self.results.append(dict(result))
 
-    def heard(self, topic: RosTopic, data: bytes) -> dict[str, Any]:
+    def receive(self, topic: RosTopic, data: bytes) -> dict[str, Any]:
         """Send a message; return its result."""
         before = len(self.results)
         self.calls.on_message(topic, data)
@@ -83,7 +83,7 @@ def desk() -> Desk:
     ],
 )
 def test_any_e_stop_message_triggers_an_e_stop(desk: Desk, data: bytes, level: str) -> None:
-    assert desk.heard(E_STOP, data)["phase"] == "done"
+    assert desk.receive(E_STOP, data)["phase"] == "done"
     (asked,) = desk.daemon.named("EStop")
     assert asked["level"] == level and asked["reason"] == "requested over ROS"
     assert desk.stops == 1
@@ -91,13 +91,13 @@ def test_any_e_stop_message_triggers_an_e_stop(desk: Desk, data: bytes, level: s
 
 @pytest.mark.parametrize("data", [text(""), text("now"), b"\0"])
 def test_any_stop_message_triggers_a_stop(desk: Desk, data: bytes) -> None:
-    result = desk.heard(STOP, data)
+    result = desk.receive(STOP, data)
     assert (result["phase"], result["message"]) == ("done", STOPPING)  # the motion's state, not the bus's
     assert desk.daemon.named("Cancel") == [{}] and desk.stops == 1
 
 
 def test_a_valid_mode_is_requested_and_an_unknown_mode_is_reported(desk: Desk) -> None:
-    assert desk.heard(SET_MODE, text("mirror")) == {
+    assert desk.receive(SET_MODE, text("mirror")) == {
         "topic": "/bridge/set_mode_cmd",
         "asked": "mirror",
         "phase": "done",
@@ -105,9 +105,9 @@ def test_a_valid_mode_is_requested_and_an_unknown_mode_is_reported(desk: Desk) -
     }
     known = {"what": "mode", "name": "warp", "known": ["sim", "mirror", "live"]}
     desk.daemon.refuse["SetMode"] = ("NotFound", known)
-    refused = desk.heard(SET_MODE, text("warp"))
+    refused = desk.receive(SET_MODE, text("warp"))
     assert refused["phase"] == "refused" and "known: sim, mirror, live" in refused["message"]
-    assert desk.heard(SET_MODE, b"\0\1\0\0")["message"].startswith("malformed")
+    assert desk.receive(SET_MODE, b"\0\1\0\0")["message"].startswith("malformed")
     assert len(desk.daemon.named("SetMode")) == 2 and desk.stops == 0
 
 
@@ -127,7 +127,7 @@ def test_a_cut_waits_neither_for_a_mode_change_nor_for_a_settling_that_hangs(
     desk.calls.on_message(topic, text(words))
     assert hung.wait(10.0)
     try:
-        result = desk.heard(E_STOP, text("cut"))
+        result = desk.receive(E_STOP, text("cut"))
     finally:
         go_on.set()
     assert (result["asked"], result["phase"]) == ("cut", "done")
@@ -209,13 +209,13 @@ def test_a_status_is_that_of_the_time_when_it_was_asked_for(desk: Desk) -> None:
 
 def test_a_closed_service_replies_with_the_reason_and_an_e_stop_is_always_served(desk: Desk) -> None:
     desk.closed = {True: "it only looks", False: "another bridge"}
-    told = desk.heard(STOP, b"")
+    told = desk.receive(STOP, b"")
     assert (told["phase"], told["message"]) == ("refused", "it only looks")
-    told = desk.heard(SET_MODE, text("live"))
+    told = desk.receive(SET_MODE, text("live"))
     assert (told["phase"], told["message"]) == ("refused", "another bridge")
     assert desk.calls.handle_request(SET_LIVE, True) == (False, "another bridge")
     assert desk.stops == 0 and not desk.daemon.calls
-    assert desk.heard(E_STOP, b"")["phase"] == "done" and desk.calls.handle_request(TO_E_STOP, None)[0]
+    assert desk.receive(E_STOP, b"")["phase"] == "done" and desk.calls.handle_request(TO_E_STOP, None)[0]
 
 
 def test_every_service_is_answered(desk: Desk) -> None:

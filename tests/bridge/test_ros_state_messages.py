@@ -54,16 +54,16 @@ def test_a_joint_without_a_fresh_reading_is_in_no_message() -> None:
 
 @given(st.lists(st.booleans(), min_size=24, max_size=24), st.floats(0.0, 30.0))
 def test_fresh_joints_are_published_with_the_stamp_of_the_newest_reading(
-    heard: list[bool], age: float
+    fresh: list[bool], age: float
 ) -> None:
     rows = [
         joint(name, place, heard=told, age_ms=age)
-        for place, (name, told) in enumerate(zip(NAMES, heard, strict=True))
+        for place, (name, told) in enumerate(zip(NAMES, fresh, strict=True))
     ]
     found = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))
-    assert (HW_JOINTS in found) == any(heard)
-    if any(heard):
-        assert found[HW_JOINTS]["name"] == [name for name, told in zip(NAMES, heard, strict=True) if told]
+    assert (HW_JOINTS in found) == any(fresh)
+    if any(fresh):
+        assert found[HW_JOINTS]["name"] == [name for name, told in zip(NAMES, fresh, strict=True) if told]
         assert found[HW_JOINTS]["header"]["stamp"] == stamp(CLOCKS.wall(101.0 - age / 1e3))
 
 

@@ -56,7 +56,7 @@ def test_an_accepted_command_is_reported_to_its_end_with_its_own_stamp(desk: Des
 
 
 @pytest.mark.parametrize(
-    ("data", "refuse", "said"),
+    ("data", "refuse", "message"),
     [
         (command(point(1.0, [float("nan")])), {}, "positions is nan"),
         (GOOD, {"SubmitTrajectory": FAR}, "POS_LIMIT: l_knee: 9 rad"),
@@ -65,12 +65,12 @@ def test_an_accepted_command_is_reported_to_its_end_with_its_own_stamp(desk: Des
     ],
 )
 def test_a_refused_command_is_reported_with_the_reason(
-    desk: Desk, data: bytes, refuse: dict[str, Any], said: str
+    desk: Desk, data: bytes, refuse: dict[str, Any], message: str
 ) -> None:
     desk.daemon.refuse = refuse
     desk.orders.put(data)
     assert desk.after() == ["refused"]
-    assert said in desk.results[0]["message"]
+    assert message in desk.results[0]["message"]
     assert desk.orders.driving == ()
 
 

@@ -20,7 +20,7 @@ def run(*words: str) -> int:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("--name", "a/b"), "'a/b'"),
         (("--name", ""), "1 to 64"),
@@ -30,8 +30,10 @@ def run(*words: str) -> int:
         (("--seconds", "nan"), "above 0"),
     ],
 )
-def test_an_invalid_uplink_option_is_refused_before_any_connection(words: tuple[str, ...], said: str) -> None:
-    with pytest.raises(UsageError, match=said):
+def test_an_invalid_uplink_option_is_refused_before_any_connection(
+    words: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
         run("--connect", "tcp/127.0.0.1:1", *words)
 
 

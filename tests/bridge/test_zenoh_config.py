@@ -13,13 +13,13 @@ from twind.bridge.ros.zenoh.zenoh_config import CONFIG, OVERRIDE, session_config
 from twind.exceptions import OperationFailed
 
 
-def said(*keys: str, environment: dict[str, str] | None = None, **given: Any) -> list[Any]:
+def configured(*keys: str, environment: dict[str, str] | None = None, **given: Any) -> list[Any]:
     config = session_config(environment or {}, given.get("connect"), given.get("file"))
     return [json.loads(config.get_json(key)) for key in keys]
 
 
 def test_the_default_session_uses_the_local_router_and_no_multicast() -> None:
-    mode, connect, listen, multicast = said(
+    mode, connect, listen, multicast = configured(
         "mode", "connect/endpoints", "listen/endpoints", "scouting/multicast/enabled"
     )
     assert (mode, connect) == ("peer", ["tcp/localhost:7447"])
@@ -30,17 +30,17 @@ def test_an_option_counts_before_the_variables_of_rmw_zenoh(tmp_path: Path) -> N
     file = tmp_path / "session.json5"
     file.write_text('{mode: "client", connect: {endpoints: ["tcp/10.0.0.1:1"]}}')
     environment = {CONFIG: str(file)}
-    assert said("mode", "connect/endpoints", environment=environment) == ["client", ["tcp/10.0.0.1:1"]]
-    one = said("mode", "connect/endpoints", environment=environment, connect="tcp/a:1, tcp/b:2")
+    assert configured("mode", "connect/endpoints", environment=environment) == ["client", ["tcp/10.0.0.1:1"]]
+    one = configured("mode", "connect/endpoints", environment=environment, connect="tcp/a:1, tcp/b:2")
     assert one == ["peer", ["tcp/a:1", "tcp/b:2"]]
     other = tmp_path / "other.json5"
     other.write_text('{mode: "router"}')
-    assert said("mode", environment=environment, file=other) == ["router"]
+    assert configured("mode", environment=environment, file=other) == ["router"]
 
 
 def test_overrides_come_last() -> None:
     override = {OVERRIDE: 'mode="client"; connect/endpoints=["tcp/c:3"];'}
-    assert said("mode", "connect/endpoints", environment=override) == ["client", ["tcp/c:3"]]
+    assert configured("mode", "connect/endpoints", environment=override) == ["client", ["tcp/c:3"]]
 
 
 def test_an_unreadable_session_setting_is_named(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_an_unreadable_session_setting_is_named(tmp_path: Path) -> None:
 
 
 def test_messages_beyond_the_maximum_size_are_not_received() -> None:
-    (most,) = said("transport/link/rx/max_message_size")
+    (most,) = configured("transport/link/rx/max_message_size")
     assert LONGEST < most <= 2 * LONGEST
 
 

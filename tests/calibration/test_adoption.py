@@ -192,13 +192,13 @@ REFUSED: list[tuple[str, str | None, Callable[[], list[object]], str]] = [
 
 
 @pytest.mark.parametrize(
-    ("name", "specs", "said"), [each[1:] for each in REFUSED], ids=[e[0] for e in REFUSED]
+    ("name", "specs", "message"), [each[1:] for each in REFUSED], ids=[e[0] for e in REFUSED]
 )
 def test_an_ambiguous_adoption_is_refused_with_the_remedy_and_writes_nothing(
-    robot: RobotFile, name: str | None, specs: Callable[[], list[object]], said: str
+    robot: RobotFile, name: str | None, specs: Callable[[], list[object]], message: str
 ) -> None:
     bench = Bench(robot, specs())  # type: ignore[arg-type]
-    with pytest.raises(Rejected, match=said):
+    with pytest.raises(Rejected, match=message):
         bench.adopt(name)
     assert bench.port.writes == []
 
@@ -212,7 +212,7 @@ def set_to(name: str, value: int) -> Callable[[Bench], None]:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (set_to("torque_enable", 1), "its torque is on: take its power away"),
         (set_to("status_return_level", 0), "its torque is unknown"),
@@ -220,11 +220,11 @@ def set_to(name: str, value: int) -> Callable[[Bench], None]:
     ],
 )
 def test_a_servo_with_torque_or_an_error_is_refused(
-    robot: RobotFile, change: Callable[[Bench], None], said: str
+    robot: RobotFile, change: Callable[[Bench], None], message: str
 ) -> None:
     bench = Bench(robot, [settled(1), fresh()])
     change(bench)
-    with pytest.raises(Rejected, match=said):
+    with pytest.raises(Rejected, match=message):
         bench.adopt("wrist")
     assert bench.port.writes == []
 
@@ -246,7 +246,7 @@ def test_adoption_on_a_line_with_unsolicited_bytes_is_refused(robot: RobotFile) 
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         (", registers: {return_delay_time: 255}", "Return Delay Time .*255 is outside 0..254; correct the"),
         (", registers: {drive_mode: 8}", "would refuse it all the same: drive_mode .10. is 8"),
@@ -255,10 +255,10 @@ def test_adoption_on_a_line_with_unsolicited_bytes_is_refused(robot: RobotFile) 
     ],
 )
 def test_an_impossible_register_value_in_the_robot_file_is_refused_before_a_write(
-    tmp_path: Path, more: str, said: str
+    tmp_path: Path, more: str, message: str
 ) -> None:
     bench = Bench(robot_of(tmp_path, {"wrist": 7}, more=more), [fresh()])
-    with pytest.raises(Rejected, match=said):
+    with pytest.raises(Rejected, match=message):
         bench.adopt()
     assert bench.port.writes == []
 

@@ -57,7 +57,7 @@ def moved(calibration: Calibration, name: str, ticks: int) -> Any:
     return replace(entry, zero_ticks=entry.zero_ticks + ticks)
 
 
-def swept(name: str, calibration: Calibration, longer: int = 0) -> DraftTravel:
+def draft_travel(name: str, calibration: Calibration, longer: int = 0) -> DraftTravel:
     entry = calibration.by_name[name]
     return DraftTravel(entry.device, (entry.sweep_ticks[0], entry.sweep_ticks[1] + longer), AT)
 
@@ -187,8 +187,8 @@ def options(step: Any, *words: str) -> Namespace:
 
 
 def test_two_concurrent_sweeps_are_both_in_the_draft(place: CalibrationContext) -> None:
-    one = swept(KNEE, known(place))
-    two = swept(ELBOW, known(place))
+    one = draft_travel(KNEE, known(place))
+    two = draft_travel(ELBOW, known(place))
     drafts.change(place.path, ROBOT, lambda found: found.joined(KNEE, one))
     held = drafts.change(place.path, ROBOT, lambda found: found.joined(ELBOW, two))
     assert held == drafts.load(place.path, ROBOT) == CalibrationDraft({KNEE: one, ELBOW: two})
@@ -196,9 +196,11 @@ def test_two_concurrent_sweeps_are_both_in_the_draft(place: CalibrationContext) 
 
 def test_a_joint_recorded_again_since_stays_in_the_draft() -> None:
     calibration = made()
-    then = CalibrationDraft({KNEE: swept(KNEE, calibration), ELBOW: swept(ELBOW, calibration)})
-    since = then.joined(KNEE, swept(KNEE, calibration, longer=9))
-    assert since.after(then, [KNEE, ELBOW]) == CalibrationDraft({KNEE: swept(KNEE, calibration, longer=9)})
+    then = CalibrationDraft({KNEE: draft_travel(KNEE, calibration), ELBOW: draft_travel(ELBOW, calibration)})
+    since = then.joined(KNEE, draft_travel(KNEE, calibration, longer=9))
+    assert since.after(then, [KNEE, ELBOW]) == CalibrationDraft(
+        {KNEE: draft_travel(KNEE, calibration, longer=9)}
+    )
 
 
 @pytest.mark.parametrize("mode", [0o604, 0o660])
@@ -207,7 +209,7 @@ def test_a_draft_has_the_rights_of_the_calibration_file(place: CalibrationContex
     place.path.chmod(mode)
     if os.geteuid() == 0:
         os.chown(place.path, 65534, 65533)
-    drafts.change(place.path, ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
+    drafts.change(place.path, ROBOT, lambda _: CalibrationDraft({KNEE: draft_travel(KNEE, made())}))
     file = place.path.stat()
     draft = draft_of(place.path.parent, "h24").stat()
     assert (draft.st_uid, draft.st_gid) == (file.st_uid, file.st_gid)
@@ -217,7 +219,9 @@ def test_a_draft_has_the_rights_of_the_calibration_file(place: CalibrationContex
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 def test_the_first_draft_of_root_belongs_to_the_folder_owner(tmp_path: Path) -> None:
     os.chown(tmp_path, 65534, 65533)
-    drafts.change(tmp_path / "h24.yaml", ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
+    drafts.change(
+        tmp_path / "h24.yaml", ROBOT, lambda _: CalibrationDraft({KNEE: draft_travel(KNEE, made())})
+    )
     left = draft_of(tmp_path, "h24").stat()
     assert (left.st_uid, left.st_gid) == (65534, 65533)
 
@@ -315,7 +319,7 @@ OTHERWISE = DeviceRecord(1020, 46, None, 0, 0, 3, *LIMITED)
 
 
 @pytest.mark.parametrize(
-    ("change", "travel", "said"),
+    ("change", "travel", "message"),
     [
         ({}, (1910, 3390), ""),
         ({"firmware": 47}, LIMITED, "position limits (52, 48); not what was swept, its servo is not as it"),
@@ -329,7 +333,7 @@ def test_the_travel_of_a_servo_changed_since_its_sweep_is_rejected_and_reported(
     capsys: Captured,
     change: dict[str, Any] | None,
     travel: tuple[int, int],
-    said: str,
+    message: str,
 ) -> None:
     place = CalibrationContext(ROBOT, tmp_path / "h24.yaml", named=True)
     if change is not None:
@@ -348,7 +352,7 @@ def test_the_travel_of_a_servo_changed_since_its_sweep_is_rejected_and_reported(
     assert import_command.take(options(import_verb, *words)) == 0
     out = capsys.readouterr().out
     assert load_calibration(place.path, ROBOT).by_name[KNEE].sweep_ticks == travel
-    assert said in out and ("position limits" in out) == bool(said)
+    assert message in out and ("position limits" in out) == bool(message)
     assert not draft_of(tmp_path, "h24").exists()
 
 

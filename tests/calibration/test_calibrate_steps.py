@@ -1,6 +1,10 @@
 """`calibrate sweep`, `zero` and `limits` with a daemon of numbers: what they ask, keep and write."""
 
 import argparse
+import itertools
+import json
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +19,13 @@ from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_file import load_robot
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (
     history_command,
     limits,
     limits_command,
+    sweep,
     sweep_command,
     zero,
     zero_command,
@@ -37,7 +42,7 @@ from twind_calibration.calibrating.zero_placement import by_ends, travel_of
 from twind_drivers.clock import FakeClock
 
 ROBOT = load_robot("h24")
-FITTING = calibration(specimen(ROBOT))
+FITTING = calibration(make_spec(ROBOT))
 SLOTS = {slot.name: slot for slot in slots(ROBOT)}
 KNEE = SLOTS["l_knee"]
 DEVICE = FITTING.by_name["l_knee"].device
@@ -139,6 +144,48 @@ def test_an_earlier_travel_is_none_of_this_sweep(tmp_path: Path, capsys: Capture
     assert "not done: l_elbow: it was not moved" in said
     assert "`twindctl calibrate sweep l_elbow` continues with the others" in said
     assert set(hands.kept) == {"head_yaw", "l_knee"} and hands.kept["l_knee"][0] == 1000
+
+
+def terminate() -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def disconnect() -> None:
+    raise Disconnected("the daemon ended")
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+@pytest.mark.parametrize(("end", "error"), [(terminate, KeyboardInterrupt), (disconnect, Disconnected)])
+def test_an_interrupted_sweep_reports_each_open_joint_with_reason_and_next_step(
+    daemon: FakeDaemon,
+    end: Callable[[], None],
+    error: type[BaseException],
+    words: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Captured,
+) -> None:
+    whole = daemon.readings
+
+    def readings() -> Any:
+        yield from itertools.islice(whole(), 3)
+        end()
+
+    monkeypatch.setattr(daemon, "readings", readings)
+    handler = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(error):
+        sweep_command.sweep(options_of(sweep, "l_knee", "l_elbow", *words))
+    assert signal.getsignal(signal.SIGTERM) == handler
+    reason = "it was not moved; move it slowly to both ends and rest half a second at each"
+    said = capsys.readouterr().out
+    if words:
+        last = json.loads(said.splitlines()[-1])
+        assert last["left"] == {"l_knee": reason, "l_elbow": reason}
+        assert (last["done"], last["interrupted"]) == ([], True)
+        assert last["next"] == "twindctl calibrate sweep l_elbow l_knee"
+    else:
+        assert (
+            f"not done: l_elbow: {reason}\nnot done: l_knee: {reason}\ninterrupted: 0 of 2 are kept" in said
+        )
 
 
 def test_a_travel_that_grows_too_wide_leaves_the_draft(tmp_path: Path, capsys: Captured) -> None:

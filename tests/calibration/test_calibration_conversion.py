@@ -48,14 +48,14 @@ def span(slot: Any, zero: int) -> tuple[int, int]:
     return low - 40, high + 40
 
 
-def taken(folded: ImportResult) -> JointCalibration:
-    assert folded.entry is not None, folded.wrong
-    return folded.entry
+def taken(result: ImportResult) -> JointCalibration:
+    assert result.entry is not None, result.wrong
+    return result.entry
 
 
-def refused(folded: ImportResult) -> str:
-    assert folded.entry is None
-    return "; ".join(folded.wrong)
+def refused(result: ImportResult) -> str:
+    assert result.entry is None
+    return "; ".join(result.wrong)
 
 
 # ------------------------------------------------------------------------------------------- folded in
@@ -167,8 +167,8 @@ def test_a_can_actuator_has_nothing_of_it() -> None:
 GOOD = {"id": 1, "drive_mode": 0, "homing_offset": -12, "range_min": 700, "range_max": 3200}
 
 
-def file(told: Any) -> bytes:
-    return json.dumps(told).encode()
+def file(content: Any) -> bytes:
+    return json.dumps(content).encode()
 
 
 def test_a_file_is_read_whole() -> None:

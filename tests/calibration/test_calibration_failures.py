@@ -132,7 +132,7 @@ def test_a_servo_that_restarts_under_torque_is_unverified_and_gets_no_goal(plant
         rig.ticks(1)
         verified.append(bool(rig.loop.identity.verified.joints[row]))
     assert not all(verified) and verified[-1], "until it was asked anew"
-    assert names_it(rig.said(), "SERVO_REBOOTED", KNEE, "restarted by itself")
+    assert names_it(rig.reported_findings(), "SERVO_REBOOTED", KNEE, "restarted by itself")
     assert rig.loop.state is RobotState.FAULT
     assert servos["torque_enable"][row] == 0
     assert rig.truth[row] == pytest.approx(stood, abs=0.003), "it never moves again by itself"
@@ -151,7 +151,7 @@ def test_another_firmware_is_warned_of_and_everything_read_anew(plant: Any) -> N
     rig = plant(PLAIN, JointGroundTruth(firmware=48))
     rig.connect()
     words = "firmware is 48, was 47 when calibrated: prove it again"
-    assert names_it(rig.said(), "CALIB_MISMATCH", KNEE, words)
+    assert names_it(rig.reported_findings(), "CALIB_MISMATCH", KNEE, words)
     rig.arm()
 
 
@@ -171,7 +171,7 @@ def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: An
     rig.call(link.AcquireLease)
     reply = rig.call(link.Arm)
     assert reply.error is not None
-    said = rig.said(reply.parameters.get("findings", ()))
+    said = rig.reported_findings(reply.parameters.get("findings", ()))
     assert names_it(said, "DEVICE_MISMATCH", KNEE, "startup_configuration (60) is 1", "bit 0")
     assert rig.energised == {KNEE}, "by itself, at its boot"
     assert rig.moved <= 1.0

@@ -11,15 +11,15 @@ from tests.support import transmission_robot_file as linked
 from tests.support.calibration_rig import (
     QUICK,
     WELL,
+    encoder_samples,
     hands,
-    heard,
     held,
     many_turns,
     measured,
     moved,
     off,
     restarted,
-    swept,
+    sweep_all,
     uncalibrated,
 )
 from tests.support.daemon_rig import Rig
@@ -50,7 +50,7 @@ def calibrated(
 ) -> tuple[Rig, Calibration]:
     """A specimen and the file that was measured of it; `then`: what happens between sweep and zero."""
     rig = uncalibrated(robot, truth)
-    travels = swept(rig)
+    travels = sweep_all(rig)
     then(rig)
     held_in = dict.fromkeys(rig.robot.names, 0.0) | dict(pose or {})
     return rig, measured(rig, travels, held(rig, held_in), held_in)
@@ -136,7 +136,7 @@ def test_swapped_ids_are_named_while_one_joint_is_moved_and_a_flipped_sign_by_it
         rig.virtual["main"].faults.hand(pose={"l_elbow": -2.0}, speed=QUICK)
         for _ in range(80):
             rig.ticks(1)
-            news += travels.take(heard(rig))
+            news += travels.take(encoder_samples(rig))
         assert [each.text.split(",")[0] for each in news] == ["l_hip_roll moved while l_elbow"]
         rig.virtual["main"].faults.hand(off=True)
         hip = next(slot for slot in slots(rig.robot) if slot.name == "r_hip_pitch")
@@ -162,7 +162,7 @@ def test_motors_of_a_transmission_are_calibrated_by_their_own_names(tmp_path: Pa
     path = linked.write(tmp_path)
     rig = uncalibrated(str(path), random_truth(load_robot(str(path)), 1))
     try:
-        travels = swept(rig, 0.05)  # a slot alone feels no stop: those are of the joints
+        travels = sweep_all(rig, 0.05)  # a slot alone feels no stop: those are of the joints
         pose = dict.fromkeys(rig.robot.names, 0.0) | {"waist_roll": 0.1, "ankle_pitch": -0.2}
         found = measured(rig, travels, held(rig, pose), pose)
         assert set(found.by_name) == {"waist_a", "waist_b", "ank_in", "ank_out", "knee"}

@@ -104,7 +104,7 @@ def test_a_gap_in_the_readings_at_hand_speed_is_reported_or_has_no_effect(
 
 
 @pytest.mark.parametrize(
-    ("step", "gap", "speed", "told"),
+    ("step", "gap", "speed", "is_lost"),
     [
         (QUARTER * TURN, 0.01, 0.0, False),
         (QUARTER * TURN + 1, 0.01, 0.0, True),
@@ -116,8 +116,8 @@ def test_a_gap_in_the_readings_at_hand_speed_is_reported_or_has_no_effect(
         (0, 1.0 / FASTEST, 0.0, True),
     ],
 )
-def test_the_edges_of_what_counts_as_lost(step: float, gap: float, speed: float, told: bool) -> None:
-    assert bool(find_gap_reason(int(step), gap, speed, TURN)) is told
+def test_the_edges_of_what_counts_as_lost(step: float, gap: float, speed: float, is_lost: bool) -> None:
+    assert bool(find_gap_reason(int(step), gap, speed, TURN)) is is_lost
 
 
 def test_a_repeated_old_reading_is_ignored() -> None:

@@ -16,13 +16,13 @@ from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.config.calibration_file import load_calibration, save_calibration
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot, read_robot
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating import endstop
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_endstop_entry
 
 ROBOT = load_robot("h24")
-MADE = specimen(ROBOT)
+MADE = make_spec(ROBOT)
 FITTING = calibration(MADE)
 OTHERS = {
     "stop_rad: {lower: -2.8, upper: 2.8}": "stop_rad: {upper: 2.8}, homing: {side: upper, current_a: 0.2}"
@@ -223,7 +223,7 @@ def test_every_refusal_of_an_endstop_search_precedes_its_motion(file: Path) -> N
         Daemon(ROBOT, file, counts), "head_yaw", "--side", "lower"
     )
     split = load_robot("h24-split")
-    made = save_calibration(calibration(specimen(split)), file.parent, "split")
+    made = save_calibration(calibration(make_spec(split)), file.parent, "split")
     assert "stop_rad" in refused(Daemon(split, made, counts), "head_yaw")
 
 

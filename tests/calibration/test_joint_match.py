@@ -44,7 +44,7 @@ def mirrored(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     return load_robot(str(folder / "mirrored.yaml"))
 
 
-def weighed(
+def matched(
     robot: RobotFile,
     base: str,
     name: str,
@@ -74,10 +74,10 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
     robot = H24 if kind == "h24" else mirrored
     assert len({joint.sign for joint in robot.joints}) == (2 if kind == "h24" else 1)
     for name in ("hip_pitch", "shoulder_pitch"):
-        found = weighed(robot, "back", f"l_{name}", other=f"r_{name}")
+        found = matched(robot, "back", f"l_{name}", other=f"r_{name}")
         assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
         assert robot.names.index(f"r_{name}") in found.like
-        right = weighed(robot, "back", f"l_{name}")
+        right = matched(robot, "back", f"l_{name}")
         assert right.judged.proof is SignProof.PROVED and not right.like
 
 
@@ -85,14 +85,14 @@ def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attache
     """All servos the same way round: only the shanks feel which leg was moved, where friction lets them."""
     alike = replace(H24, joints=tuple(replace(joint, sign=1) for joint in H24.joints))
     right = alike.names.index("r_hip_pitch")
-    found = weighed(alike, "back", "l_hip_pitch", other="r_hip_pitch")
+    found = matched(alike, "back", "l_hip_pitch", other="r_hip_pitch")
     assert found.judged.proof is SignProof.PROVED  # its sign is right, whoever it is
     assert right in found.untold
     far = {"size": 0.7, "friction": 0.03}
-    told = weighed(alike, "upright", "l_hip_pitch", other="r_hip_pitch", **far)
+    told = matched(alike, "upright", "l_hip_pitch", other="r_hip_pitch", **far)
     assert (told.judged.proof, told.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.PLACE)
     assert right in told.like
-    assert right not in weighed(alike, "upright", "l_hip_pitch", **far).untold
+    assert right not in matched(alike, "upright", "l_hip_pitch", **far).untold
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attache
 def test_an_exchanged_servo_is_named_where_few_joints_have_such_loads(
     base: str, name: str, other: str
 ) -> None:
-    found = weighed(H24, base, name, other=other)
+    found = matched(H24, base, name, other=other)
     assert found.judged.proof is SignProof.CONTRADICTED
     assert place(other) in found.like
 
@@ -118,7 +118,7 @@ def test_exchanged_servos_are_contradicted_or_undecided_never_excluded(
 ) -> None:
     if place(other) not in body().twins(place(name)):
         return
-    found = weighed(H24, base, name, other=other)
+    found = matched(H24, base, name, other=other)
     assert found.judged.proof is SignProof.CONTRADICTED or place(other) in found.untold
 
 
@@ -163,8 +163,8 @@ def test_a_supported_joint_proves_no_exchange() -> None:
 
 def test_a_joint_on_the_ground_or_without_readings_is_unobservable() -> None:
     free = replace(H24, support="free")
-    assert weighed(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
-    assert weighed(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED
+    assert matched(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
+    assert matched(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED
     one = PosedModel(H24, "back")
     joint = place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)

@@ -194,9 +194,9 @@ def test_a_servo_that_measures_anothers_load_names_it() -> None:
 # ------------------------------------------------------------------------------------- the trace
 
 
-def row(position: float | None, goal: float | None, heard: bool = True) -> list[dict[str, Any]]:
+def row(position: float | None, goal: float | None, fresh: bool = True) -> list[dict[str, Any]]:
     return [
-        {"name": "a", "position": position, "simulated": 0.0, "effort": 1.0, "goal": goal, "heard": heard}
+        {"name": "a", "position": position, "simulated": 0.0, "effort": 1.0, "goal": goal, "heard": fresh}
     ]
 
 
@@ -219,7 +219,7 @@ def test_a_move_that_did_not_come_to_its_end_has_no_stays() -> None:
     assert trace.stays(0, 0.0, 1.0) is None
     trace.take(row(1.0, 1.0))
     assert trace.stays(0, 0.0, 1.0) is None  # not home again
-    trace.take(row(None, 0.0, heard=False))
+    trace.take(row(None, 0.0, fresh=False))
     stays = trace.stays(0, 0.0, 1.0)
     assert stays is not None and np.isnan(stays.home.position[0])
 

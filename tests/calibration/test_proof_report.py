@@ -13,7 +13,7 @@ from tests.support.transmission_robot_file import linked
 from twind.command_line.verb import Rejected, UsageError
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.ctl.ctl_main import main
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.file_ownership import save
 from twind_calibration.proving.proof_plan import best
 from twind_calibration.proving.proof_pose_motion import wanted_pose
@@ -24,7 +24,7 @@ from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderResponse
 from twind_calibration.wiggling.posed_model import PosedModel
 
-MADE = calibration(specimen(H24))
+MADE = calibration(make_spec(H24))
 AT = "2026-11-22T09:00:00Z"
 Captured = pytest.CaptureFixture[str]
 
@@ -225,7 +225,7 @@ def test_joints_of_a_transmission_are_not_planned(tmp_path: Path, capsys: Captur
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ([], "how is the base held: say --base upright, back"),
         (["--base", "side"], "no base pose 'side': say --base"),
@@ -234,10 +234,10 @@ def test_joints_of_a_transmission_are_not_planned(tmp_path: Path, capsys: Captur
     ],
 )
 def test_an_invalid_option_is_a_usage_error(
-    words: list[str], said: str, tmp_path: Path, capsys: Captured
+    words: list[str], message: str, tmp_path: Path, capsys: Captured
 ) -> None:
     assert main(["--socket", str(tmp_path), "calibrate", "prove", *words]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_missing_daemon_gives_the_no_daemon_exit_code(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tests.support.proof_verdicts import CONTRADICTED, verdict
 from twind.command_line.verb import Rejected
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_file import load_robot
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.file_ownership import save
 from twind_calibration.proving.proof_records import in_force, measurement_records, unlike
 from twind_calibration.proving.prove_command import ProofSession
@@ -21,11 +21,11 @@ from twind_calibration.wiggling.posed_model import PosedModel
 from twind_drivers.clock import FakeClock
 
 H24 = load_robot("h24")
-MADE = calibration(specimen(H24))
+MADE = calibration(make_spec(H24))
 BODY = PosedModel(H24)
 
 
-def told(made: Calibration) -> Any:
+def as_reported(made: Calibration) -> Any:
     """As GetRobot tells it: through JSON."""
     return msgspec.json.decode(msgspec.json.encode(msgspec.to_builtins(made, enc_hook=str)))
 
@@ -55,7 +55,7 @@ class Daemon:
         robot = {"path": str(H24.path), "text_sha256": H24.text_sha256}
         return {
             "robot": robot,
-            "calibration": None if self._goes_by is None else told(self._goes_by),
+            "calibration": None if self._goes_by is None else as_reported(self._goes_by),
             "mjcf": BODY.mjcf,
         }
 
@@ -79,14 +79,14 @@ def proofs(path: Path) -> list[str]:
 
 
 def test_entries_compare_in_the_daemons_format_and_proofs_are_no_difference() -> None:
-    force = in_force(told(MADE))
+    force = in_force(as_reported(MADE))
     assert unlike(measurement_records(MADE), force) == []
     assert unlike(measurement_records(with_proof(MADE, "l_knee")), force) == []
-    assert unlike(measurement_records(MADE), in_force(told(with_proof(MADE, "l_knee")))) == []
+    assert unlike(measurement_records(MADE), in_force(as_reported(with_proof(MADE, "l_knee")))) == []
     assert unlike(measurement_records(with_zero(MADE, "l_knee", 1)), force) == ["l_knee"]
     fewer = replace(MADE, joints=MADE.joints[1:])
     assert unlike(measurement_records(fewer), force) == [MADE.joints[0].name]
-    assert unlike(measurement_records(MADE), in_force(told(fewer))) == [MADE.joints[0].name]
+    assert unlike(measurement_records(MADE), in_force(as_reported(fewer))) == [MADE.joints[0].name]
     assert len(unlike(measurement_records(None), force)) == len(MADE.joints)
     assert unlike(measurement_records(None), in_force(None)) == []
 

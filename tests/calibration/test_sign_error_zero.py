@@ -13,13 +13,13 @@ from twind.config.calibration_file import JointCalibration
 from twind.config.counts import angle_of, ticks_of
 from twind.config.homing_config import JointEndstops
 from twind.robot.arrays import Floats
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.zero_placement import by_ends, by_pose
 from twind_calibration.proving.sign_error_zero import mirror, offsets
 from twind_calibration.proving.sign_proof import GROSS, ContradictionKind, SignProof
 
-MADE = calibration(specimen(H24))
+MADE = calibration(make_spec(H24))
 TRUE_ZERO = 2048
 SHORT = st.floats(0.0, 0.1)  # rad that a hand leaves out at an end
 
@@ -28,7 +28,7 @@ def slot_of(name: str) -> CalibrationActuator:
     return slots(H24)[place(name)]
 
 
-def swept(slot: CalibrationActuator, ends: tuple[float, float], *, wrong: bool) -> JointCalibration:
+def sweep_entry(slot: CalibrationActuator, ends: tuple[float, float], *, wrong: bool) -> JointCalibration:
     """A joint that was moved by hand between these true angles (rad); its zero is nothing yet."""
     true = replace(slot.joint, sign=-slot.joint.sign) if wrong else slot.joint
     low, high = sorted(ticks_of(true, TRUE_ZERO, end) for end in ends)
@@ -59,7 +59,7 @@ def test_a_wrong_sign_whose_zero_came_of_its_travel_is_never_proved_nor_plausibl
     if not known:
         slot = replace(slot, joint=replace(slot.joint, stops=JointEndstops()))
     ends = (stops.lower + a, stops.upper - b) if known else (slot.lower - 3.0 * a, slot.upper + 3.0 * b)
-    entry = by_its_ends(slot, swept(slot, ends, wrong=True))
+    entry = by_its_ends(slot, sweep_entry(slot, ends, wrong=True))
     low, high = mirror(slot.joint, entry)
     off = error(slot, entry, wrong=True)
     assert low - 0.002 <= off <= high + 0.002
@@ -80,7 +80,7 @@ def test_a_wrong_sign_whose_zero_came_of_a_pose_is_never_proved_nor_plausible(
     slot = slot_of(name)
     stops = slot.joint.stops
     assert stops.lower is not None and stops.upper is not None
-    entry = swept(slot, (stops.lower, stops.upper), wrong=True)
+    entry = sweep_entry(slot, (stops.lower, stops.upper), wrong=True)
     angle = slot.lower + share * (slot.upper - slot.lower)  # at which the pose has it
     reads = ticks_of(replace(slot.joint, sign=-slot.joint.sign), TRUE_ZERO, angle)
     zero = by_pose(slot, entry.sweep_ticks, float(reads), 0.0, 9, angle).ticks
@@ -98,7 +98,7 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
     slot = slot_of(name)
     stops = slot.joint.stops
     assert stops.lower is not None and stops.upper is not None
-    entry = by_its_ends(slot, swept(slot, (stops.lower + a, stops.upper - b), wrong=False))
+    entry = by_its_ends(slot, sweep_entry(slot, (stops.lower + a, stops.upper - b), wrong=False))
     off = error(slot, entry, wrong=False)
     assert abs(off) <= 0.95 * GROSS
     found = judged(base, name, off=off, stretch=stretch, noise=noise, entry=entry)
@@ -129,7 +129,7 @@ def test_a_mirrored_zero_is_detected_where_the_position_makes_it_observable(
 def test_the_mirror_image_is_where_each_end_of_the_travel_was_the_other() -> None:
     slot = slot_of("l_knee")  # -0.15 to 2.3 rad between its stops
     assert mirror(slot.joint, None) == pytest.approx((2.15, 2.15))
-    short = swept(slot, (-0.15, 2.1), wrong=False)
+    short = sweep_entry(slot, (-0.15, 2.1), wrong=False)
     short = replace(short, zero_ticks=TRUE_ZERO)
     assert mirror(slot.joint, short) == pytest.approx((1.95, 2.15), abs=0.002)
     tried = offsets((1.95, 2.15))

@@ -140,6 +140,7 @@ def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() 
     assert hands.travels.travel("l_knee", at_once=True) is None
     hands.go("l_knee", 1400)
     assert hands.travels.travel("l_knee") is None
+    assert hands.travels.open_reason("l_knee").startswith("it did not rest at both ends; move it slowly")
     assert hands.travels.travel("l_knee", at_once=True) is not None
 
 
@@ -174,6 +175,7 @@ def test_a_travel_that_was_done_and_grows_too_wide_is_one_no_more() -> None:
     hands.go("l_knee", 2400)
     hands.pass_(50)
     assert hands.travels.progress("l_knee").stage is SweepStage.WRONG
+    assert "rest half a second" not in hands.travels.open_reason("l_knee"), "its ratio is wrong, not the hand"
     assert hands.travels.travel("l_knee") is None and hands.travels.travel("l_knee", at_once=True) is None
 
 
@@ -202,6 +204,9 @@ def test_a_lost_reading_begins_a_joint_anew_and_takes_nothing_from_one_that_is_d
     assert "move head_yaw again, from end to end" in hands.news[-1]
     assert hands.travels.progress("l_knee").stage is SweepStage.DONE
     assert hands.travels.progress("head_yaw").stage is SweepStage.STILL
+    assert hands.travels.open_reason("head_yaw").endswith("; move head_yaw again, from end to end")
+    hands.go("head_yaw", 900)
+    assert "it was not moved to both its ends" in hands.travels.open_reason("head_yaw")
     assert hands.travels.travel("l_knee") is not None
 
 

@@ -28,17 +28,17 @@ def test_the_recording_goes_the_whole_way() -> None:
 
 
 @given(st.lists(st.lists(words, min_size=1, max_size=5), min_size=1, max_size=6), st.booleans())
-def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], said: bool) -> None:
+def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], printed: bool) -> None:
     out = io.StringIO()
     board = SweepDisplay(out, live=True, rows=24, columns=80)
     for picture in pictures:
-        if said:
+        if printed:
             board.print_line("told")
         board.draw(picture)
     lines = rendered(out.getvalue().replace("\n", "\r\n"))
     kept = [each for each in lines if each != "told"][: len(pictures[-1])]
     assert kept == pictures[-1]
-    assert lines.count("told") == (len(pictures) if said else 0)
+    assert lines.count("told") == (len(pictures) if printed else 0)
 
 
 def test_a_low_terminal_shows_a_note_and_a_non_terminal_gets_no_drawing() -> None:

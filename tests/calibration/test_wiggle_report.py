@@ -21,7 +21,7 @@ def verdict(**changes: Any) -> WiggleVerdict:
 
 
 @pytest.mark.parametrize(
-    ("changes", "good", "said"),
+    ("changes", "good", "message"),
     [
         ({}, True, "ok   a (main id 1): follows: went +2.01° of +2.01°, its twin +2.01°"),
         ({}, True, "sign and joint agree: measured +1.00 N·m, model +1.00, with the other sign -1.00"),
@@ -69,8 +69,10 @@ def verdict(**changes: Any) -> WiggleVerdict:
         ),
     ],
 )
-def test_a_verdict_reports_known_and_unknown_results(changes: dict[str, Any], good: bool, said: str) -> None:
+def test_a_verdict_reports_known_and_unknown_results(
+    changes: dict[str, Any], good: bool, message: str
+) -> None:
     made = verdict(**changes)
     assert made.is_consistent is good
-    assert said in "\n".join(made.lines())
+    assert message in "\n".join(made.lines())
     assert made.to_json()["good"] is good

@@ -233,11 +233,11 @@ def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(dial: Dia
 
 
 @pytest.mark.parametrize(
-    "rubbish",
+    "malformed",
     [b"not json", b"\xff\xfe", b"[" * 100_000, b"[]", b'{"parameters": [1]}', b'{"error": 7}'],
 )
-def test_an_answer_that_is_none_ends_the_connection(dial: Dial, rubbish: bytes) -> None:
-    client, _ = dial(lambda call: [rubbish + b"\0"])
+def test_an_answer_that_is_none_ends_the_connection(dial: Dial, malformed: bytes) -> None:
+    client, _ = dial(lambda call: [malformed + b"\0"])
     with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
         client.call("GetStatus")
     assert not client.connected

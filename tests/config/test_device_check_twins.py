@@ -26,11 +26,11 @@ def refusals(calibration: Calibration, device: IdentifiedDevice) -> tuple[Findin
     return compare(ROBOT, calibration, {**DEVICES, KEY: device}).refusals
 
 
-@pytest.mark.parametrize("told", [OTHER, None, ""])
-def test_another_unique_id_or_none_is_another_device(told: str | None) -> None:
-    [finding] = refusals(recorded(unique_id=ID), replace(DEVICES[KEY], unique_id=told))
+@pytest.mark.parametrize("other_id", [OTHER, None, ""])
+def test_another_unique_id_or_none_is_another_device(other_id: str | None) -> None:
+    [finding] = refusals(recorded(unique_id=ID), replace(DEVICES[KEY], unique_id=other_id))
     assert (finding.code, finding.joint) == (ReasonCode.CALIB_MISMATCH, KNEE)
-    assert f"its unique id is {told}, was {ID} when calibrated" in finding.message
+    assert f"its unique id is {other_id}, was {ID} when calibrated" in finding.message
 
 
 def test_the_same_unique_id_passes_and_so_does_one_that_was_never_recorded() -> None:

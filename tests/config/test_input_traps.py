@@ -19,7 +19,7 @@ from twind.exceptions import InvalidInput
 from twind.protocol.interfaces import CONTROL, load
 from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 
 H24 = load_robot("h24")
 
@@ -61,7 +61,7 @@ def calibration_file(path: Path) -> Any:
 DOORS = {
     "robot": Door(H24.path.read_text(), "rate_hz: 100", robot_file),
     "calibration": Door(
-        dump_calibration(calibration(specimen(H24))).replace("captures: 1\n", "captures: 7\n", 1),
+        dump_calibration(calibration(make_spec(H24))).replace("captures: 1\n", "captures: 7\n", 1),
         "captures: 7",
         calibration_file,
     ),

@@ -24,6 +24,16 @@ def test_every_described_value_is_read(tmp_path: Path) -> None:
     assert robot.mjcf.startswith("<!--")
 
 
+def test_paths_of_a_robot_that_was_named_by_a_relative_path_are_absolute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = read(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    robot = load_robot(f"./{known.path.name}")
+    assert (robot.path, robot.mjcf_path, robot.motions) == (known.path, known.mjcf_path, known.motions)
+    assert robot.motions.is_absolute()
+
+
 def test_limits_of_a_joint_are_the_tightest_of_type_and_joint_at_the_joint(tmp_path: Path) -> None:
     shoulder, elbow = read(tmp_path).joints
     assert (shoulder.velocity_limit, shoulder.acceleration_limit) == (4.0, 20.0)

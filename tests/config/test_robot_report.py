@@ -10,7 +10,7 @@ from twind.config.counts import turn_start
 from twind.config.robot_file import load_robot
 from twind.config.robot_report import check_robot
 from twind.twin.binding import bind
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")
@@ -96,7 +96,7 @@ def test_the_turn_of_a_p_series_begins_at_a_negative_count(tmp_path: Path) -> No
     kind = robot.joints[0].type
     assert (kind.centre, turn_start(kind)) == (0, -501_923)
     assert (ROBOT.joints[0].type.centre, turn_start(ROBOT.joints[0].type)) == (2048, 0)
-    made = specimen(robot)
+    made = make_spec(robot)
     known = calibration(made)
     assert any(joint.sweep_ticks[0] < 0 < joint.sweep_ticks[1] for joint in known.joints)
     assert all(joint.seam_margin_ticks > 0 for joint in known.joints)

@@ -93,12 +93,12 @@ def test_a_lease_counts_down_between_the_news() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "said", "style"),
+    ("share", "message", "style"),
     [(1.0, "on time 100%", "good"), (0.95, "! on time 95%", "warn"), (0.5, "! on time 50%", "bad")],
 )
-def test_ticks_that_are_late_now_are_seen_at_once(share: float, said: str, style: str) -> None:
+def test_ticks_that_are_late_now_are_seen_at_once(share: float, message: str, style: str) -> None:
     shown = summary(view(loop=loop(on_time=share)), 120)
-    assert said in text(shown)
+    assert message in text(shown)
     assert style in styles([shown.rows[1].line])
 
 

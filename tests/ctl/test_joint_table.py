@@ -18,7 +18,7 @@ def row(width: int = 120, *, armed: bool = True, **different: Any) -> tuple[str,
 
 
 @pytest.mark.parametrize(
-    ("different", "said", "style"),
+    ("different", "message", "style"),
     [
         ({"heard": False}, "SILENT", "bad"),
         ({"torque": False}, "LIMP", "bad"),
@@ -34,10 +34,10 @@ def row(width: int = 120, *, armed: bool = True, **different: Any) -> tuple[str,
     ],
 )
 def test_a_joint_fault_is_shown_as_word_sign_and_colour(
-    different: dict[str, Any], said: str, style: str
+    different: dict[str, Any], message: str, style: str
 ) -> None:
     shown, spans, urgent = row(**different)
-    assert shown.endswith(said)
+    assert shown.endswith(message)
     assert shown[0] == {"bad": "!", "warn": "?"}[style]
     assert style in {each for _, each in spans}
     assert urgent

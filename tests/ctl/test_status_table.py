@@ -9,19 +9,20 @@ from tests.support.loop_stand_in import briefing, overview, tick
 from twind.ctl.status_table import joint_lines, render, status_lines
 from twind.front.state_cache import StateCache
 from twind.link import BusInfo
+from twind.robot.finding import Finding, ReasonCode
 
 SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"
 LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
 
 
-def status(*warnings: str | None) -> dict[str, Any]:
-    """Status reply of a front whose loop reports these warnings of its buses."""
+def status(*warnings: str | None, **changes: Any) -> dict[str, Any]:
+    """Status reply of a front whose overview has these warnings of its buses, and `changes`."""
     buses = [
         BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
         for place, warning in enumerate(warnings)
     ]
     world = StateCache(briefing())
-    world.take(msgspec.structs.replace(overview(100.0), buses=buses))
+    world.take(msgspec.structs.replace(overview(100.0), buses=buses, **changes))
     world.take(tick(100.0, 1))
     answer: dict[str, Any] = msgspec.json.decode(world.status())
     return answer
@@ -38,18 +39,41 @@ def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
     ]
 
 
+ESTOP = Finding(ReasonCode.ESTOP, message="e-stop (settle)")
+STALE = Finding(ReasonCode.STATE_STALE, joint=3, value=0.2, bound=0.1)
+NEEDED = "reset    needed for ESTOP: "
+NOT_NEEDED = "reset    not needed for STATE_STALE: "
+
+
 @pytest.mark.parametrize(
-    ("state", "reset"),
-    [("fault", "needed"), ("estop", "needed"), ("connected", "not needed"), ("disconnected", "unknown")],
+    ("faults", "latched", "resets"),
+    [
+        ([], [], []),
+        ([STALE], [], [NOT_NEEDED]),
+        ([ESTOP], ["ESTOP"], [NEEDED]),
+        ([ESTOP, STALE], ["ESTOP"], [NEEDED, NOT_NEEDED]),
+        ([STALE, STALE], ["STATE_STALE"], ["reset    needed for STATE_STALE: "]),
+    ],
 )
-def test_faults_have_remedies_and_say_whether_a_reset_is_needed(state: str, reset: str) -> None:
-    answer = status(SLOW) | {"state": state}
-    starts = [line.split()[0] for line in status_lines(answer)]
-    assert starts.index("warning") < starts.index("fault")
-    assert starts[-3:] == ["fault", "remedy", "reset"]
-    assert status_lines(answer)[-1].startswith(f"reset    {reset}")
-    assert "reset" not in [line.split()[0] for line in status_lines(answer | {"faults": []})]
-    assert render(answer).splitlines() == status_lines(answer)
+def test_faults_have_remedies_and_say_which_of_them_a_reset_clears(
+    faults: list[Finding], latched: list[str], resets: list[str]
+) -> None:
+    answer = status(SLOW, faults=faults, latched=latched)
+    lines = status_lines(answer)
+    of_faults = [line for line in lines if line.split()[0] in ("fault", "remedy", "reset")]
+    assert lines[len(lines) - len(of_faults) :] == of_faults
+    codes = {finding.code for finding in faults}
+    heads = ["fault"] * len(faults) + ["remedy"] * len(codes) + ["reset"] * len(resets)
+    assert [line.split()[0] for line in of_faults] == heads
+    assert all(map(str.startswith, of_faults[len(of_faults) - len(resets) :], resets))
+    assert render(answer).splitlines() == lines
+
+
+@pytest.mark.parametrize(("state", "resets"), [("estop", "needed"), ("connected", "not needed")])
+def test_without_latched_codes_the_state_says_whether_a_reset_is_needed(state: str, resets: str) -> None:
+    answer = status() | {"state": state}
+    del answer["latched"]
+    assert status_lines(answer)[-1].startswith(f"reset    {resets} for STATE_STALE: ")
 
 
 def test_an_unverified_joint_is_marked_and_an_uncalibrated_one_only_as_uncalibrated() -> None:

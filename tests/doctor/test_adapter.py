@@ -12,8 +12,8 @@ from tests.support.doctor_rig import (
     host,
     mended,
     needs_root,
-    nobody,
     plant,
+    unprivileged,
     way_to,
 )
 from twind.doctor import adapter
@@ -61,7 +61,7 @@ def test_fix_of_timer_without_permission_reports_the_error(pty: str, tmp_path: P
     os.chmod(file, 0o644)
     on = host(sys=tmp_path)
     found("--port", pty, code="LATENCY_TIMER", on=on)
-    with nobody():
+    with unprivileged():
         (tried,) = mended("--port", pty, code="LATENCY_TIMER", on=on)
     assert "Permission denied" in tried.error and tried.there and file.read_text() == "16\n"
 

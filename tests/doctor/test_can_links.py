@@ -15,7 +15,9 @@ from twind_drivers.can.can_interface_control import CAN_TYPE
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 
 
-def told(state: str = "ERROR-ACTIVE", bitrate: int = 1_000_000, restart: int = 100, up: bool = True) -> str:
+def link_details(
+    state: str = "ERROR-ACTIVE", bitrate: int = 1_000_000, restart: int = 100, up: bool = True
+) -> str:
     """Output of `ip -details -json link show dev can0`, as iproute2's iplink_can.c writes it."""
     about = {
         "state": state,
@@ -38,37 +40,39 @@ def codes(one: CanNetworkInterface) -> list[str]:
 
 
 def test_a_well_interface_gives_no_alarm() -> None:
-    assert codes(link(told())) == []
+    assert codes(link(link_details())) == []
 
 
 @pytest.mark.parametrize("state", ["BUS-OFF", "ERROR-PASSIVE"])
 def test_controller_off_the_bus_is_reported_with_its_counters(state: str) -> None:
-    (finding,) = judge_link(HostInspector(), link(told(state)), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(link_details(state)), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_STATE", f"{state}, errors tx 128, rx 3")
     assert finding.command.splitlines()[1] == "sudo ip link set can0 down"
 
 
 def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down() -> None:
-    (finding,) = judge_link(HostInspector(), link(told("ERROR-WARNING")), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(link_details("ERROR-WARNING")), 1_000_000)
     assert (finding.code, finding.measured) == ("BUS_NOISE", "ERROR-WARNING, errors tx 128, rx 3")
     assert finding.command == ""
     assert severity_of(finding, runner.table()) is Severity.WARNING
 
 
-@pytest.mark.parametrize("told_", [told("BUS-OFF"), told(bitrate=500_000), told(restart=0)])
-def test_link_that_is_up_is_taken_down_only_after_disarming(told_: str) -> None:
-    (finding,) = judge_link(HostInspector(), link(told_), 1_000_000)
+@pytest.mark.parametrize(
+    "details", [link_details("BUS-OFF"), link_details(bitrate=500_000), link_details(restart=0)]
+)
+def test_link_that_is_up_is_taken_down_only_after_disarming(details: str) -> None:
+    (finding,) = judge_link(HostInspector(), link(details), 1_000_000)
     first, second, third = finding.command.splitlines()
     assert (first, second) == ("twindctl disarm", "sudo ip link set can0 down")
     assert third.startswith("sudo ip link set can0 up ")
     row = runner.table()[finding.code].remedy
     assert row.index("`twindctl disarm`") < row.index("`sudo ip link set can0 down`")
-    (down, *_) = judge_link(HostInspector(), link(told_, up=False), 1_000_000)
+    (down, *_) = judge_link(HostInspector(), link(details, up=False), 1_000_000)
     assert "disarm" not in down.command, "it is down already"
 
 
 def test_wrong_bit_rate_is_reported_with_both_rates() -> None:
-    (finding,) = judge_link(HostInspector(), link(told(bitrate=500_000)), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(link_details(bitrate=500_000)), 1_000_000)
     assert (finding.code, finding.measured, finding.expected) == (
         "CAN_LINK_STATE",
         "500000 bit/s",
@@ -78,18 +82,18 @@ def test_wrong_bit_rate_is_reported_with_both_rates() -> None:
 
 
 def test_interface_that_is_down_is_one_finding() -> None:
-    assert codes(link(told("STOPPED", up=False), up=False)) == ["CAN_LINK_DOWN"]
+    assert codes(link(link_details("STOPPED", up=False), up=False)) == ["CAN_LINK_DOWN"]
 
 
 def test_controller_without_restart_time_is_reported() -> None:
-    (finding,) = judge_link(HostInspector(), link(told(restart=0)), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(link_details(restart=0)), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_STATE", "restart-ms 0")
     assert severity_of(finding, runner.table()) is Severity.WARNING
 
 
 @pytest.mark.parametrize(("queue", "wrong"), [(10, False), (100, False), (101, True), (1000, True)])
 def test_a_queue_is_long_above_100_frames(queue: int, wrong: bool) -> None:
-    assert codes(link(told(), queue=queue)) == (["CAN_LINK_STATE"] if wrong else [])
+    assert codes(link(link_details(), queue=queue)) == (["CAN_LINK_STATE"] if wrong else [])
 
 
 def test_a_virtual_can_has_no_controller_to_complain_of() -> None:

@@ -14,9 +14,9 @@ from tests.support.doctor_rig import (
     host,
     mended,
     needs_root,
-    nobody,
     plant,
     settings,
+    unprivileged,
     way_to,
 )
 from twind.doctor.check import DoctorFinding
@@ -36,7 +36,7 @@ def test_limits_without_real_time_are_reported() -> None:
     if resource.getrlimit(resource.RLIMIT_RTPRIO)[1] >= PRIORITY:
         pytest.skip("the limits here allow real time to everybody")
     found(code="NO_REALTIME")
-    with nobody():
+    with unprivileged():
         (finding,) = rights("priority")
         limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
         with pytest.raises(PermissionError):
@@ -59,7 +59,7 @@ def test_limits_on_locked_memory_are_reported() -> None:
     if hard == resource.RLIM_INFINITY or hard > 1 << 30:
         pytest.skip("the limits here allow everybody to lock memory")
     found(code="NO_REALTIME")
-    with nobody():
+    with unprivileged():
         (finding,) = rights("locked")
     assert finding.measured == f"the limit of this user allows {hard >> 10} KiB to be locked"
 
@@ -143,7 +143,7 @@ def test_state_folder_of_another_user_is_reported(tmp_path: Path, robot: Path) -
     (tmp_path / "state").mkdir(mode=0o755)
     file = settings(tmp_path, robot)
     found("--config", str(file), code="STATE_UNWRITABLE")
-    with nobody():
+    with unprivileged():
         (finding,) = found("--config", str(file), code="STATE_UNWRITABLE")
     assert finding.thing == str(tmp_path / "state") and "nobody may not write there" in finding.measured
     assert f"sudo chown nobody: {tmp_path / 'state'}" in finding.command  # what is in it may be another's

@@ -13,8 +13,8 @@ from tests.support.doctor_rig import (
     host,
     look,
     needs_root,
-    nobody,
     plant,
+    unprivileged,
     way_to,
 )
 from twind.doctor.host_inspector import HostInspector
@@ -78,12 +78,12 @@ def test_user_outside_the_group_of_the_port_gets_the_command(tmp_path: Path) -> 
         os.chmod(above, 0o755)
     port = node(tmp_path / "ttyUSB0", 0o660, group=20)  # dialout on Debian
     found("--port", str(port), code="PORT_DENIED")  # every module is loaded before the user is another one
-    with nobody():
+    with unprivileged():
         (finding,) = found("--port", str(port), code="PORT_DENIED")
     assert "this user nobody may not" in finding.measured and "0660" in finding.measured
     assert finding.command.startswith("sudo usermod -aG ") and finding.command.endswith(" nobody")
     assert "log in again" in finding.advice
-    with nobody(20):
+    with unprivileged(20):
         assert codes(port, "PORT_DENIED") == []
 
 
@@ -93,7 +93,7 @@ def test_a_port_that_no_group_may_open_is_not_answered_with_a_group(tmp_path: Pa
         os.chmod(above, 0o755)
     port = node(tmp_path / "ttyUSB0", 0o600)
     found("--port", str(port), code="PORT_DENIED")
-    with nobody():
+    with unprivileged():
         (finding,) = found("--port", str(port), code="PORT_DENIED")
     assert finding.command == "" and "udev rules" in finding.advice
 

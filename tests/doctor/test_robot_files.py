@@ -14,7 +14,7 @@ from tests.support.doctor_rig import (
 )
 from twind.config.calibration_file import dump_calibration
 from twind.config.robot_file import load_robot
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 
 
 def test_a_healthy_robot_file_gives_no_alarm(tmp_path: Path, robot: Path) -> None:
@@ -79,7 +79,7 @@ def test_rejected_robot_file_precedes_its_consequences(tmp_path: Path, robot: Pa
 def calibrated(tmp_path: Path, robot: Path) -> Path:
     """A calibration of that robot where it is looked for."""
     described = load_robot(str(robot))
-    text = dump_calibration(calibration(specimen(described)))
+    text = dump_calibration(calibration(make_spec(described)))
     return plant(tmp_path / f"state/calibration/{described.name}.yaml", text)
 
 

@@ -33,7 +33,7 @@ ROWS = {
 }
 
 
-def nothing_examined() -> CheckContext:
+def empty_context() -> CheckContext:
     return CheckContext(HostInspector(), "twind.service")
 
 
@@ -47,7 +47,7 @@ def check(what: str, *found: DoctorFinding, error: Exception | None = None) -> I
 
 
 def run(*checks: Inspection) -> runner.DoctorReport:
-    return runner.run(nothing_examined(), checks, ROWS)
+    return runner.run(empty_context(), checks, ROWS)
 
 
 def test_checks_and_rows_have_the_same_codes() -> None:
@@ -141,7 +141,7 @@ def test_findings_that_explain_each_other_are_both_reported() -> None:
         "CAUSE": replace(ROWS["CAUSE"], explains=("FAULT",)),
     }
     outcome = runner.run(
-        nothing_examined(),
+        empty_context(),
         [check("x", DoctorFinding("FAULT", "a", "b"), DoctorFinding("CAUSE", "c", "d"))],
         rows,
     )
@@ -170,8 +170,8 @@ def test_fix_is_followed_by_a_second_inspection() -> None:
             broken[thing] = False
 
     checks = [Inspection("things", ("FAULT",), look_at)]
-    outcome = runner.run(nothing_examined(), checks, ROWS)
-    tried = runner.mend(outcome, nothing_examined, checks, ROWS)
+    outcome = runner.run(empty_context(), checks, ROWS)
+    tried = runner.mend(outcome, empty_context, checks, ROWS)
     assert [(each.found.thing, each.there) for each in tried] == [("lamp", False), ("wheel", True)]
     assert report.count_problems(outcome, ROWS, tried) == 1
     said = report.text(outcome, ROWS, tried)
@@ -188,7 +188,7 @@ def test_fix_is_confirmed_though_another_finding_of_the_same_code_is_left() -> N
             yield DoctorFinding("FAULT", "queue", "wrong", each, fix=fix)
 
     checks = [Inspection("things", ("FAULT",), look_at)]
-    (tried,) = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
+    (tried,) = runner.mend(runner.run(empty_context(), checks, ROWS), empty_context, checks, ROWS)
     assert (tried.error, tried.there) == ("", False)
 
 
@@ -220,7 +220,7 @@ def test_joined_fix_fails_while_one_servo_is_left() -> None:
             )
 
     checks = [Inspection("things", ("FAULT",), look_at)]
-    tried = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
+    tried = runner.mend(runner.run(empty_context(), checks, ROWS), empty_context, checks, ROWS)
     assert [each.there for each in tried] == [True, False, True]
 
 
@@ -241,8 +241,8 @@ def test_fix_without_second_inspection_is_no_success(error: Exception, before: b
 
     done: list[int] = []
     checks = [Inspection("things", ("FAULT",), look_at)]
-    outcome = runner.run(nothing_examined(), checks, ROWS)
-    (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
+    outcome = runner.run(empty_context(), checks, ROWS)
+    (tried,) = runner.mend(outcome, empty_context, checks, ROWS)
     if before and isinstance(error, OperationFailed):
         assert (tried.error, tried.there, report.count_problems(outcome, ROWS, [tried])) == ("", False, 0)
         return
@@ -256,6 +256,6 @@ def test_failed_fix_reports_its_reason_and_counts() -> None:
 
     checks = [check("all", DoctorFinding("FAULT", "x", "y", fix=Fix("write it", fail)))]
     outcome = run(*checks)
-    tried = runner.mend(outcome, nothing_examined, checks, ROWS)
+    tried = runner.mend(outcome, empty_context, checks, ROWS)
     assert report.count_problems(outcome, ROWS, tried) == 1
     assert "not mended: write it: [Errno 13] Permission denied: '/sys/x'" in report.text(outcome, ROWS, tried)

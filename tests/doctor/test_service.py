@@ -9,9 +9,9 @@ from tests.support.doctor_rig import (
     host,
     look,
     needs_root,
-    nobody,
     options,
     plant,
+    unprivileged,
     way_to,
 )
 from twind.client import Client, NoDaemon
@@ -39,7 +39,7 @@ def test_rights_of_an_account_equal_those_of_the_kernel(tmp_path: Path) -> None:
             path = plant(tmp_path / "file", "")
             os.chown(path, owner, group)
             path.chmod(mode)
-            with nobody(20):
+            with unprivileged(20):
                 kernel = os.access(path, os.R_OK | os.W_OK, effective_ids=True)
                 ours = service.own_account()
             assert ours.may(path, os.R_OK | os.W_OK) == kernel, (oct(mode), owner, group)

@@ -21,7 +21,7 @@ from twind.doctor.host_inspector import HostInspector
 
 
 @pytest.mark.parametrize(
-    ("calibrated", "now", "told"),
+    ("calibrated", "now", "message"),
     [
         ((0, 4095), (1900, 2100), "register write main {0} min_position_limit 0"),
         ((1900, 2100), (1900, 2100), "calibrate l_knee anew, or tighten its `limits_rad`"),
@@ -30,7 +30,7 @@ from twind.doctor.host_inspector import HostInspector
     ids=["written since", "as calibrated", "written since, and calibrated tight"],
 )
 def test_remedy_of_tight_position_limits_causes_no_next_finding(
-    calibrated: tuple[int, int], now: tuple[int, int], told: str
+    calibrated: tuple[int, int], now: tuple[int, int], message: str
 ) -> None:
     record = DeviceRecord(1020, 47, None, 0, 0, 3, *calibrated)
     entry = JointCalibration(
@@ -39,7 +39,7 @@ def test_remedy_of_tight_position_limits_causes_no_next_finding(
     before = Calibration("h24", "", "", "", "jig", (entry,))
     one = servo(KNEE, min_position_limit=now[0], max_position_limit=now[1])
     [tight] = [each for each in survey_findings(one, calibration=before) if each.code == "FENCE_TIGHT"]
-    assert told.format(KNEE.id) in tight.command + tight.advice
+    assert message.format(KNEE.id) in tight.command + tight.advice
     assert not (tight.command and tight.advice)
     written = dict(line.split()[-2:] for line in tight.command.splitlines())
     after = servo(KNEE, **{name: int(value) for name, value in written.items()})

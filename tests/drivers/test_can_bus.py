@@ -143,7 +143,7 @@ def test_a_cut_that_was_thrown_away_with_the_queue_is_sent_again() -> None:
 
 def test_torque_comes_soft_first_and_only_then_stiff() -> None:
     rig = CanRig(MODELS)
-    here = rig.heard()
+    here = rig.positions()
     rig.beside(rig.writer.prepare(here))
     before = len(rig.channel.trains)
     rig.perform(rig.writer.torque(True))
@@ -158,7 +158,7 @@ def test_torque_comes_soft_first_and_only_then_stiff() -> None:
 
 def test_torque_without_aim_is_refused() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     with pytest.raises(DeviceRefused, match="aim"):
         rig.beside(rig.writer.torque(True))
 
@@ -194,11 +194,11 @@ def test_damped_commands_have_no_stiffness_until_prepared_anew() -> None:
 def test_an_actuator_without_a_watchdog_is_refused_unless_allowed_and_then_reported() -> None:
     for model in ("ODrive", "AK80-9"):
         rig = CanRig((model,), watchdog=True)
-        here = rig.heard()
+        here = rig.positions()
         with pytest.raises(DeviceRefused, match="watchdog"):
             rig.beside(rig.writer.prepare(here))
         rig = CanRig((model,), watchdog=False)
-        rig.beside(rig.writer.prepare(rig.heard()))
+        rig.beside(rig.writer.prepare(rig.positions()))
         assert "no watchdog" in rig.reader.transport.warning
         assert "[1]" in rig.reader.transport.warning
 
@@ -216,7 +216,7 @@ def test_a_tripped_actuator_reads_so_and_is_no_hardware_error() -> None:
 
 def test_a_fault_alerts_and_is_read_by_its_name_and_cleared_by_prepare() -> None:
     rig = CanRig(MODELS)
-    here = rig.heard()
+    here = rig.positions()
     rig.faults.damage(2, 0xC)
     assert rig.tick().error.tolist() == [0, 0x80, 0]
     assert rig.beside(rig.reader.read(2, "hardware_error_status")).value == HEAT
@@ -243,7 +243,7 @@ def test_watchdogs_are_read_twenty_times_a_second_and_voltage_five() -> None:
 @pytest.mark.parametrize("fault", ["master", "twin"])
 def test_frames_of_another_master_or_of_a_second_node_with_one_id_are_foreign(fault: str) -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     assert sum(sample.foreign for sample in rig.ticks(20)) == 0
     getattr(rig.faults, fault)(2)
     assert sum(sample.foreign for sample in rig.ticks(20)) >= 3
@@ -251,7 +251,7 @@ def test_frames_of_another_master_or_of_a_second_node_with_one_id_are_foreign(fa
 
 def test_a_late_reply_is_discarded_and_not_counted_as_foreign() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     rig.faults.delay(0.011, 2)
     samples = rig.ticks(2)
     assert not samples[0].heard[1]
@@ -289,7 +289,7 @@ def test_every_goal_within_bounds_passes_the_wire_check_and_decodes_to_its_value
 
 def test_the_wire_check_refuses_a_command_out_of_bounds_or_without_an_addressee() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     before = rig.sent()
     outside = whole_command(np.array([(EDGE + 3) * COUNT, 0, 10, 1, 0]))
     with pytest.raises(WireRangeError):
@@ -305,7 +305,7 @@ def test_the_wire_check_refuses_a_command_out_of_bounds_or_without_an_addressee(
 
 def test_registers_are_read_and_written_by_name_and_the_scripts_keep_theirs() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     assert rig.beside(rig.reader.read(1, "position range")).value == 12500
     assert rig.beside(rig.reader.read(1, "serial_number")).value == 10001
     assert rig.beside(rig.writer.write(1, "over_temperature", 90_000)).value == 90_000
@@ -319,7 +319,7 @@ def test_registers_are_read_and_written_by_name_and_the_scripts_keep_theirs() ->
 @pytest.mark.parametrize("model", ["DM4310", "RS01", "ODrive"])
 def test_each_register_of_the_identification_is_answered(model: str) -> None:
     rig = CanRig((model,))
-    rig.heard()
+    rig.positions()
     [(family, _)] = rig.reader.fleet.families
     for name in family.identity:
         assert rig.beside(rig.reader.read(1, name)).name == name

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.can_channels_rig import Terminal
-from tests.support.can_frames import cycle, heard, messages_of, mixed, same
+from tests.support.can_frames import cycle, messages_of, mixed, received_frames, same
 from twind_drivers.bus import PortError
 from twind_drivers.can import can_ports
 from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
@@ -42,14 +42,14 @@ def terminal() -> Iterator[Terminal]:
 def test_a_serial_adapter_opens_by_its_name_and_transfers_both_ways(terminal: Terminal) -> None:
     channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
     assert channel.name == terminal.path
-    assert terminal.told(len(OPENING)) == OPENING
+    assert terminal.received(len(OPENING)) == OPENING
     channel.send(mixed(), 0.0)
-    assert terminal.told(len(encode(mixed()))) == encode(mixed())
+    assert terminal.received(len(encode(mixed()))) == encode(mixed())
     os.write(terminal.master, encode(mixed()))
-    assert heard(channel, 12).tobytes() == mixed().tobytes()
-    assert terminal.told(2) == b"F\r"  # has it flags to tell?
+    assert received_frames(channel, 12).tobytes() == mixed().tobytes()
+    assert terminal.received(2) == b"F\r"  # has it flags to tell?
     channel.close()
-    assert terminal.told(4) == b"\r\rC\r"
+    assert terminal.received(4) == b"\r\rC\r"
     assert channel.fileno() == -1
 
 

@@ -12,7 +12,7 @@ MODELS = ("DM4310", "DM4340", "DM8009")
 
 def test_the_acknowledgement_of_a_write_is_no_reading_of_the_register() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     timeout = rig.reader.fleet.families[0][0].parameters["timeout"]
     rig.reader.begin(ReadRequest((1,), timeout.address, 4), rig.clock.now())
     forged = bytes([1, 0, 0x55, timeout.address]) + (2000).to_bytes(4, "little")
@@ -25,7 +25,7 @@ def test_the_acknowledgement_of_a_write_is_no_reading_of_the_register() -> None:
 
 def test_an_effort_not_reported_is_unknown() -> None:
     rig = CanRig(("RS01", "RS02", "DM4310"))
-    rig.heard()
+    rig.positions()
     assert rig.tick().effort_told.tolist() == [False, False, True]
     here = rig.arm()
     rig.ticks(3, here)
@@ -36,7 +36,7 @@ def test_an_effort_not_reported_is_unknown() -> None:
 
 def test_the_health_age_of_an_actuator_without_health_data_is_that_of_its_feedback() -> None:
     rig = CanRig(("ODrive", "DM4310"))
-    rig.heard()
+    rig.positions()
     for _ in range(30):
         rig.tick()
         age = rig.clock.now() - rig.registers.health_time
@@ -54,7 +54,7 @@ def test_a_writer_drives_its_channel_as_long_as_it_lives() -> None:
 
 def test_an_identified_device_has_the_described_model_name() -> None:
     rig = CanRig(MODELS)
-    rig.heard()
+    rig.positions()
     assert [device.model_name for device in rig.identify()] == list(MODELS)
 
 

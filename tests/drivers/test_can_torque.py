@@ -17,7 +17,7 @@ def test_armed_actuators_keep_torque_when_another_does_not_reply(models: Sequenc
     here = rig.arm()
     rig.ticks(5, here)
     rig.open()  # another daemon finds them holding
-    rig.heard()
+    rig.positions()
     rig.beside(rig.writer.prepare(here))
     rig.beside(rig.writer.write_goals(here))
     rig.faults.silence(2)
@@ -30,7 +30,7 @@ def test_armed_actuators_keep_torque_when_another_does_not_reply(models: Sequenc
 
 def test_limp_actuators_are_disabled_again_when_another_does_not_reply() -> None:
     rig = CanRig(("DM4310",) * 3)
-    here = rig.heard()
+    here = rig.positions()
     rig.beside(rig.writer.prepare(here))
     rig.beside(rig.writer.write_goals(here))
     rig.faults.silence(2)
@@ -46,7 +46,7 @@ def test_a_position_jump_at_torque_on_disables_every_actuator(
 ) -> None:
     """An encoder before a gear of 6 or 9 changes by a sixth or a ninth of a turn of the output."""
     rig = CanRig(("DM4310",) * 3)
-    here = rig.heard()
+    here = rig.positions()
     rig.beside(rig.writer.prepare(here))
     rig.beside(rig.writer.write_goals(here))
     rig.faults.wrap(2, turns)
@@ -95,7 +95,7 @@ def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulle
 
 def test_a_loop_too_slow_for_the_watchdogs_is_refused_before_torque() -> None:
     slow = CanRig(("DM4310",) * 2, rate_hz=10.0)
-    here = slow.heard()
+    here = slow.positions()
     with pytest.raises(DeviceRefused, match=r"at 10 Hz a command comes every 0\.100 s: 20 Hz are needed"):
         slow.beside(slow.writer.prepare(here))
     enough = CanRig(("DM4310",) * 2, rate_hz=20.0)

@@ -233,11 +233,11 @@ def test_ranges_that_were_read_replace_those_that_were_given() -> None:
     assert (clamp.value.lower, clamp.value.upper) == (-3.0, 3.0)
 
 
-@pytest.mark.parametrize("told", [0.0, -12.5, float("nan"), float("inf")])
-def test_a_range_that_is_none_is_refused_and_changes_nothing(told: float) -> None:
+@pytest.mark.parametrize("reported_range", [0.0, -12.5, float("nan"), float("inf")])
+def test_a_range_that_is_none_is_refused_and_changes_nothing(reported_range: float) -> None:
     motor = damiao()
     with pytest.raises(ValueError, match="position"):
-        motor.learn(1, {"position_range": told})
+        motor.learn(1, {"position_range": reported_range})
     assert list(motor.ranges.position) == [12.5, 12.5, 12.5]
 
 

@@ -288,14 +288,14 @@ def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
             make(range(200), 35)
 
 
-@given(at=st.integers(8, len(fast())), said=st.binary(max_size=40), chunk=st.integers(1, 120))
-@example(at=len(fast()) - 1, said=b"", chunk=1)  # as many bytes as were asked for end within its header
-@example(at=len(fast()) - 3, said=b"", chunk=1)
+@given(at=st.integers(8, len(fast())), payload=st.binary(max_size=40), chunk=st.integers(1, 120))
+@example(at=len(fast()) - 1, payload=b"", chunk=1)  # as many bytes as were asked for end within its header
+@example(at=len(fast()) - 3, payload=b"", chunk=1)
 def test_a_foreign_status_inside_a_common_reply_costs_no_device_its_own(
-    at: int, said: bytes, chunk: int
+    at: int, payload: bytes, chunk: int
 ) -> None:
     """However it is cut into pieces; the same between two statuses of a plain one."""
-    stranger = p.status(200, 0, said)
+    stranger = p.status(200, 0, payload)
     row = at // len(p.status(3, 0, block(3))) * len(p.status(3, 0, block(3)))
     for reply, data, place in (
         (FastSyncReadReply(IDS, SIZE), fast(), at),
@@ -306,4 +306,4 @@ def test_a_foreign_status_inside_a_common_reply_costs_no_device_its_own(
         check_data(reply)
         if place < len(data):  # else it may be done before
             assert reply.strays == len(stranger)
-            assert [(each.id, each.data) for each in reply.unasked] == [(200, said)]
+            assert [(each.id, each.data) for each in reply.unasked] == [(200, payload)]

@@ -79,7 +79,7 @@ def test_at_the_highest_rate_that_the_budget_accepts_a_slice_waits_a_few_ticks_a
     rate = min(1000.0, 0.999 * budget(counts, BITRATE, 100.0).reachable_hz)
     assert budget(counts, BITRATE, rate).refusal(rate) is None
     rig = CanRig(models, rate_hz=rate)
-    rig.heard()
+    rig.positions()
     port = BusPort("arm", "here", lambda _: rig.reader, lambda _: rig.writer, reader=rig.reader)
     period = 1.0 / rate
     waits = []

@@ -51,5 +51,5 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     report = yield
     machine = getattr(item, "funcargs", {}).get("machine")
     if report.failed and isinstance(machine, Machine) and machine.init:
-        report.sections.append(("journal", machine.told()))
+        report.sections.append(("journal", machine.diagnostics()))
     return report

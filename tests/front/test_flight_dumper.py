@@ -102,8 +102,8 @@ def start(ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         threads.append(ThreadPoolExecutor(*arguments))
         return threads[-1]
 
-    def begin(folder: Path = tmp_path, wreck: int | None = None) -> Front:
-        kept = None if wreck is None else os.dup(wreck)
+    def begin(folder: Path = tmp_path, recording: int | None = None) -> Front:
+        kept = None if recording is None else os.dup(recording)
         fronts.append(Front(RecorderHandover(folder, os.dup(ring.fd), kept)))
         return fronts[-1]
 

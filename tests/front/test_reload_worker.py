@@ -59,7 +59,7 @@ def test_hot_keys_are_in_the_next_briefing(start: tuple[Path, Briefing]) -> None
 
 
 @pytest.mark.parametrize(
-    ("settings", "robot", "said"),
+    ("settings", "robot", "message"),
     [
         ("log_levle: debug\n", {}, "twind.yaml:3:1: log_levle: unknown key"),
         ("log_level: [\n", {}, "twind.yaml:4:1: not YAML"),
@@ -70,13 +70,13 @@ def test_hot_keys_are_in_the_next_briefing(start: tuple[Path, Briefing]) -> None
     ],
 )
 def test_a_refused_file_changes_nothing_and_reports_its_position(
-    start: tuple[Path, Briefing], settings: str, robot: dict[str, str], said: str
+    start: tuple[Path, Briefing], settings: str, robot: dict[str, str], message: str
 ) -> None:
     folder, before = start
     as_it_was = encoded(before)
     files(folder, settings, robot)
     reading = read_again(before)
-    assert said in reading.error
+    assert message in reading.error
     assert (reading.changes, reading.briefing) == ({}, None)
     assert encoded(before) == as_it_was
 

@@ -99,6 +99,13 @@ def test_a_request_may_be_stricter_than_the_robot_file_never_looser(theirs: str 
         policy(trajectory(policy="fast"), description)
 
 
+def test_an_unknown_joint_of_a_tolerance_is_reported_with_similar_ones() -> None:
+    path, (finding,) = judge(trajectory(tolerances=[{"joint": "ankel", "path": 0.1}]), NAMES)
+    assert path is None
+    assert finding.code is ReasonCode.UNKNOWN_JOINT
+    assert finding.message.startswith("tolerance: no joint 'ankel'; nearest: ankle; ")
+
+
 @pytest.mark.parametrize(
     "given",
     [{}, {"joint_names": ["hip"], "points": [{"positions": [0.1]}]}, {"joint_names": "hip", "points": []}],

@@ -228,12 +228,12 @@ def test_a_column_unknown_for_some_joint_is_left_out_and_reported(
 
 
 def test_imu_columns_are_present_only_with_continuous_readings(tmp_path: Path) -> None:
-    def felt(each: dict[str, Any]) -> dict[str, Any]:
+    def with_imu(each: dict[str, Any]) -> dict[str, Any]:
         numbers = [each["time"] - 100.0 + place for place in range(10)]
         rows = {"gyro": numbers[:3], "acceleration": numbers[3:6], "quaternion": numbers[6:]}
         return each | {"imu": rows | {"age_ms": 1.0}}
 
-    rows_of = [felt(each) for each in stretch(100.0, 102.0)]
+    rows_of = [with_imu(each) for each in stretch(100.0, 102.0)]
     assert verb(tmp_path / "set", record(tmp_path / "a", status(100.0), *rows_of), "--task", "lean") == 0
     info = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]["observation.imu"]
     assert info["shape"] == [10] and info["names"][::3] == [

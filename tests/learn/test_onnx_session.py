@@ -22,7 +22,7 @@ from twind.learn.policy.onnx_session import MEMORY
 from twind.learn.policy.policy_file import load, read, save_model
 
 
-def _tensor_elsewhere(location: str) -> Any:
+def _external_tensor(location: str) -> Any:
     """An array (7, 2) whose numbers lie at `location`."""
     tensor = onnx.TensorProto(name="w", data_type=1, dims=[7, 2], data_location=onnx.TensorProto.EXTERNAL)
     tensor.external_data.add(key="location", value=location)
@@ -30,10 +30,10 @@ def _tensor_elsewhere(location: str) -> Any:
     return tensor
 
 
-def _elsewhere(location: str, *, constant: bool = False, sparse: bool = False) -> Any:
+def _external_model(location: str, *, constant: bool = False, sparse: bool = False) -> Any:
     """A model whose weight lies at `location`: as an initializer, in a node or in a sparse array."""
     model = onnx_model([onnx.helper.make_node("MatMul", ["observation", "w"], ["action"])], {})
-    tensor = _tensor_elsewhere(location)
+    tensor = _external_tensor(location)
     if constant:
         model.graph.node.insert(0, onnx.helper.make_node("Constant", [], ["w"], value=tensor))
     elif sparse:
@@ -58,7 +58,7 @@ def test_no_array_is_read_from_another_file(
     monkeypatch.chdir(tmp_path / "in")
     locations = {"beside": "secret", "absolute": str(tmp_path / "secret"), "parent": "../secret"}
     location = locations.get(place, "*/_ORT_MEM_ADDR_/*")
-    model = _elsewhere(location, **({} if kind == "initializer" else {kind: True}))
+    model = _external_model(location, **({} if kind == "initializer" else {kind: True}))
     save_model("p.onnx", model, TWO)
     with pytest.raises(InvalidInput, match="no ONNX model that can be run"):
         load("p.onnx")
@@ -98,7 +98,7 @@ def _doubles() -> Any:
 
 
 @pytest.mark.parametrize(
-    ("model", "said"),
+    ("model", "message"),
     [
         (_changed_model(_renamed), "its input is obs, observation alone is needed"),
         (_changed_model(_another_input), "its input is observation, state, observation alone"),
@@ -122,9 +122,9 @@ def _doubles() -> Any:
         ),
     ],
 )
-def test_a_model_that_is_no_policy_is_refused(tmp_path: Path, model: Any, said: str) -> None:
+def test_a_model_that_is_no_policy_is_refused(tmp_path: Path, model: Any, message: str) -> None:
     save_model(tmp_path / "p.onnx", model, TWO)
-    with pytest.raises(InvalidInput, match=said):
+    with pytest.raises(InvalidInput, match=message):
         read((tmp_path / "p.onnx").read_bytes())
 
 

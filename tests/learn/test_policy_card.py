@@ -39,7 +39,7 @@ def test_a_card_that_is_not_as_agreed_is_refused(fields: dict[str, Any], error: 
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "messages"),
     [
         ({"joints": ("hip", "ankle")}, ["no joint knee", "no joint ankle"]),
         ({"joints": ("knee", "hip")}, ["order differs"]),
@@ -52,10 +52,10 @@ def test_a_card_that_is_not_as_agreed_is_refused(fields: dict[str, Any], error: 
         ({"rate_hz": 40.0}, ["50 times a second, the loop only 40"]),
     ],
 )
-def test_an_unfit_policy_lists_all_differences(body: dict[str, Any], said: list[str]) -> None:
+def test_an_unfit_policy_lists_all_differences(body: dict[str, Any], messages: list[str]) -> None:
     other = replace(BODY, **body)
     text = "; ".join(differences(TWO, other))
-    assert all(each in text for each in said), text
+    assert all(each in text for each in messages), text
     with pytest.raises(InvalidInput, match="made for two, it does not fit two"):
         require_fit(TWO, other)
 

@@ -25,7 +25,7 @@ CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}
 ROBOT = load_robot("h24-standing")
 
 
-def told(**changed: Any) -> dict[str, Any]:
+def robot_reply(**changed: Any) -> dict[str, Any]:
     """The answer of `GetRobot`, as far as it is looked at."""
     robot = asdict(replace(ROBOT, joints=(), buses=(), transmissions=()))
     return {"robot": robot | {"path": str(ROBOT.path)} | changed, "mjcf": ""}
@@ -90,17 +90,17 @@ def test_a_command_outside_the_trained_range_is_refused() -> None:
 
 
 def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
-    require_same(told(), ROBOT)
+    require_same(robot_reply(), ROBOT)
     with pytest.raises(InvalidInput, match="the daemon runs h24-standing"):
-        require_same(told(text_sha256="0"), ROBOT)
+        require_same(robot_reply(text_sha256="0"), ROBOT)
     with pytest.raises(InvalidInput, match="has changed since the daemon read it"):
-        require_same(told(mjcf="<mujoco/>"), ROBOT)
+        require_same(robot_reply(mjcf="<mujoco/>"), ROBOT)
     with pytest.raises(InvalidInput, match="cannot be read here"):
-        plant_from_answer(told(path="/nowhere/robot.yaml"), 0.02)
+        plant_from_answer(robot_reply(path="/nowhere/robot.yaml"), 0.02)
 
 
 def test_the_robot_of_a_daemon_is_simulated_from_its_description() -> None:
-    assert plant_from_answer(told(), 0.02).layout.joints == ROBOT.names
+    assert plant_from_answer(robot_reply(), 0.02).layout.joints == ROBOT.names
 
 
 def standing(state: str, *codes: str, mode: str = "live", armed: bool = False) -> dict[str, Any]:
@@ -129,8 +129,8 @@ def ended(**changed: Any) -> dict[str, Any]:
     """Return the figures of a drive in which half of the periods were missed, with changes."""
     rest: dict[str, Any] = dict.fromkeys(("late_p50_ms", "late_p99_ms", "inference_p99_ms"))
     rest |= {"way_p50_ms": 4.0, "way_p99_ms": 6.0, "refused": 0, "refusals": {}, "why_held": []}
-    told = {"steps": 250, "seconds": 10.0, "missed": 250, "too_late": 0, "holds": 2, "held_s": 1.26}
-    return rest | told | {"most_tilt_deg": 1.0} | changed
+    robot_reply = {"steps": 250, "seconds": 10.0, "missed": 250, "too_late": 0, "holds": 2, "held_s": 1.26}
+    return rest | robot_reply | {"most_tilt_deg": 1.0} | changed
 
 
 def test_many_missed_periods_are_reported_with_hold_duration_and_remedy() -> None:

@@ -71,7 +71,7 @@ def test_an_old_state_holds(world: World, old: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("age", "said"),
+    ("age", "message"),
     [
         (0.2, "the IMU was read 200 ms ago, bound 50 ms"),
         (398.4, "the IMU is silent for 398 s: its cable and power"),
@@ -79,10 +79,10 @@ def test_an_old_state_holds(world: World, old: float) -> None:
         (np.nan, "the IMU gave no numbers"),
     ],
 )
-def test_a_stale_imu_gives_a_message_with_its_age(world: World, age: float, said: str) -> None:
-    now = world.heard()
+def test_a_stale_imu_gives_a_message_with_its_age(world: World, age: float, message: str) -> None:
+    now = world.state_message()
     assert now.inertial is not None
-    assert replace(now, inertial=replace(now.inertial, age=age)).stale(now.time, STALE, ("a", "b")) == said
+    assert replace(now, inertial=replace(now.inertial, age=age)).stale(now.time, STALE, ("a", "b")) == message
 
 
 def test_no_state_at_all_holds(world: World) -> None:
@@ -144,7 +144,7 @@ def test_a_repeated_state_does_not_count_as_rest(world: World) -> None:
         world.step()
     world.takes = 0.51 * PERIOD
     assert isinstance(world.step(), PolicyHold)
-    world.takes, moving = 0.0, world.heard()
+    world.takes, moving = 0.0, world.state_message()
     for _ in range(2):  # the stream stalls: fresh enough, and nothing new
         world.now += 0.01
         assert isinstance(world.controller.step(moving, world.now), PolicyHold)
@@ -203,7 +203,7 @@ def test_a_robot_out_of_reach_is_the_end(world: World) -> None:
 def test_an_unknown_goal_prevents_resumption(world: World) -> None:
     world.step(STALE + 0.01)
     world.goal = np.array([nan, 0.0])
-    found = replace(world.heard(), position=POSE)
+    found = replace(world.state_message(), position=POSE)
     assert all(isinstance(world.controller.step(found, world.now), PolicyHold) for _ in range(3))
 
 

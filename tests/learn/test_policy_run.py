@@ -29,10 +29,10 @@ class Robot(World):
 
     @property
     def newest(self) -> Any:
-        return self.heard()
+        return self.state_message()
 
     def next_states(self) -> list[Any]:
-        return [self.heard()]
+        return [self.state_message()]
 
     def send(self, position: np.ndarray, velocity: np.ndarray, *, wait: bool) -> None:
         assert wait is (self.controller.holding is not None)
@@ -62,7 +62,7 @@ class Robot(World):
 
         return self.drive.run(seconds, stop, lambda drive: None)
 
-    def told(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         return self.drive.log.plain(self.controller, self.drive.timer)
 
 
@@ -73,7 +73,7 @@ def robot() -> Robot:
 
 def test_a_policy_run_ends_after_its_duration(robot: Robot) -> None:
     good, why = robot.run(0.2)
-    told = robot.told()
+    told = robot.report()
     assert good and why == "0.2 s are over" and robot.settled == 1
     assert told["steps"] == 10 and told["missed"] == 0 and told["refused"] == 0 and robot.kept == 0
 
@@ -88,7 +88,7 @@ def test_missed_periods_are_counted_and_not_made_up(
 
     robot.refuse = slow
     good, _ = robot.run(0.2)
-    told = robot.told()
+    told = robot.report()
     assert good and told["missed"] == missed and told["steps"] == steps
     assert told["holds"] == holds  # 0.06 s after a setpoint the gate holds, and so does the controller
     assert all("2 periods were missed" in said for said in robot.said) and len(robot.said) == holds
@@ -97,7 +97,7 @@ def test_missed_periods_are_counted_and_not_made_up(
 def test_a_refusal_is_counted_by_code_and_joint_and_holds(robot: Robot) -> None:
     robot.refuse = lambda number: "POS_LIMIT" if number == 3 else ""
     good, _ = robot.run()
-    assert good and robot.told()["refusals"] == {"POS_LIMIT": {"knee": 1}}
+    assert good and robot.report()["refusals"] == {"POS_LIMIT": {"knee": 1}}
     assert robot.said == ["refused: POS_LIMIT knee"] and robot.kept > 0
 
 
@@ -109,15 +109,15 @@ def test_a_refusal_of_everything_is_the_end(robot: Robot, code: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "said"),
+    ("status", "message"),
     [
         ({"mode": "mirror"}, "the mode is now mirror, it was live"),
         ({"armed": False, "state": "fault"}, "no longer armed: fault"),
     ],
 )
-def test_another_state_of_the_robot_is_the_end(robot: Robot, status: dict[str, Any], said: str) -> None:
+def test_another_state_of_the_robot_is_the_end(robot: Robot, status: dict[str, Any], message: str) -> None:
     good, why = robot.run(each=lambda: robot.status.update(status))
-    assert not good and said in why and robot.tried == 0
+    assert not good and message in why and robot.tried == 0
 
 
 def test_a_daemon_that_is_gone_is_the_end(robot: Robot) -> None:

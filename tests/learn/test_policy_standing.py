@@ -39,7 +39,7 @@ def test_the_loop_commands_exactly_the_target_of_the_policy(rig: StandingRig, tm
     errors = []
 
     def look(step: int) -> None:
-        heard = rig.heard()
+        heard = rig.state_message()
         if step > 1:
             asked.append(pilot.shaper.target.copy())
             commanded.append(heard.goal.copy())
@@ -146,7 +146,7 @@ def test_a_learnt_policy_stands_where_a_held_pose_falls(learnt: Policy, tmp_path
             rig.pilots(driven)
             rig.seconds(1.05)  # the hands have just let go
             rig.lease()
-            assert not rig.crane.is_holding
+            assert not rig.base_support.is_holding
             stood.append(rig.drive(seconds) is None)
             assert not rig.refused
     assert stood == [False, True, True]

@@ -65,7 +65,7 @@ def test_pushes_and_noise_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("profile", "place", "told"),
+    ("profile", "place", "text"),
     [
         ("{mas: [0.9, 1.1]}", "profiles.default.mas", "unknown key; nearest: mass"),
         ("{mass: [1.1, 0.9]}", "profiles.default.mass", "1.1 to 0.9 is empty: the lower end comes first"),
@@ -92,11 +92,11 @@ def test_pushes_and_noise_are_read() -> None:
         ),
     ],
 )
-def test_an_invalid_profile_is_an_error_with_its_line(profile: str, place: str, told: str) -> None:
+def test_an_invalid_profile_is_an_error_with_its_line(profile: str, place: str, text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parsed(profile)
     assert (caught.value.line, caught.value.path) == (3, place)
-    assert told in caught.value.message
+    assert text in caught.value.message
 
 
 def test_a_profile_that_is_not_there_names_those_that_are() -> None:

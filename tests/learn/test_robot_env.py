@@ -121,7 +121,7 @@ def test_a_command_may_be_given(env: RobotEnv) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"command": (np.nan, 0.0, 0.0)}, r"command \(nan, 0.0, 0.0\): three numbers are needed"),
         ({"command": (0.1, 0.0, 5.5)}, r"each within ±5"),
@@ -131,13 +131,15 @@ def test_a_command_may_be_given(env: RobotEnv) -> None:
         ({"comand": (0.1, 0.0, 0.0)}, "option 'comand': command"),
     ],
 )
-def test_an_invalid_reset_option_is_refused_and_changes_nothing(options: dict[str, Any], said: str) -> None:
+def test_an_invalid_reset_option_is_refused_and_changes_nothing(
+    options: dict[str, Any], message: str
+) -> None:
     one = RobotEnv("Humanoid")
     many = gymnasium.make_vec("twind.learn.envs:twind/Humanoid-v0", num_envs=2)
     for env in (one, many):
         env.reset(seed=0, options={"command": (0.3, 0.0, 0.0)})
         before = env.step(env.action_space.sample() * 0)[0]
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             env.reset(seed=1, options=options)
         after = env.step(env.action_space.sample() * 0)[0]
         at = one.plant.layout.places["command"]
@@ -172,7 +174,7 @@ def test_a_diverged_simulation_ends_the_episode_and_is_reported(env: RobotEnv) -
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"render_mode": "human"}, "None or 'rgb_array'"),
         ({"backend": "real"}, "backend 'real': sim or daemon"),
@@ -180,8 +182,8 @@ def test_a_diverged_simulation_ends_the_episode_and_is_reported(env: RobotEnv) -
         ({"robot": "nobody"}, "no robot of that name"),
     ],
 )
-def test_an_invalid_environment_option_is_refused(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(Exception, match=said):
+def test_an_invalid_environment_option_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(Exception, match=message):
         RobotEnv(**{"task": "Stand", **wrong})
 
 

@@ -22,7 +22,7 @@ class Watch:
         return ClockPair(self.time, round(self.time * 1e9))
 
 
-def basket(size: int = 4, age: float = 1.0, room: int = 3) -> tuple[SampleBatcher, Watch]:
+def batcher(size: int = 4, age: float = 1.0, room: int = 3) -> tuple[SampleBatcher, Watch]:
     watch = Watch()
     return SampleBatcher(size, age, watch, watch.clocks, room), watch
 
@@ -39,7 +39,7 @@ def ticks(batches: list[SampleBatch | PostMessage]) -> list[list[int]]:
 
 
 def test_a_batch_is_closed_when_it_is_full() -> None:
-    found, _ = basket()
+    found, _ = batcher()
     for tick in range(9):
         found.put(some(tick), ROBOT)
     assert ticks(taken(found)) == [[0, 1, 2, 3], [4, 5, 6, 7]]
@@ -48,7 +48,7 @@ def test_a_batch_is_closed_when_it_is_full() -> None:
 
 
 def test_a_batch_is_closed_when_it_is_old_counted_from_its_first() -> None:
-    found, watch = basket()
+    found, watch = batcher()
     found.put(some(0), ROBOT)
     watch.time += 0.9
     found.put(some(1), ROBOT)
@@ -61,7 +61,7 @@ def test_a_batch_is_closed_when_it_is_old_counted_from_its_first() -> None:
 
 
 def test_another_mode_other_joints_or_a_loss_begin_a_batch_of_their_own() -> None:
-    found, _ = basket(size=100, room=100)
+    found, _ = batcher(size=100, room=100)
     found.put(some(0), ROBOT)
     found.put(some(1), StreamedRobot("h24", "one", "0.1.0", "sim"))
     found.put(some(2)._replace(names=["a", "b"]), ROBOT)
@@ -73,7 +73,7 @@ def test_another_mode_other_joints_or_a_loss_begin_a_batch_of_their_own() -> Non
 
 
 def test_pictures_stand_in_the_line() -> None:
-    found, _ = basket(size=1)
+    found, _ = batcher(size=1)
     found.put(some(0), ROBOT)
     found.add(PostMessage(b"jpeg", {}))
     found.put(some(1), ROBOT)
@@ -84,7 +84,7 @@ def test_pictures_stand_in_the_line() -> None:
 
 @given(st.lists(st.sampled_from(["put", "put", "put", "picture", "take", "give back"]), max_size=60))
 def test_every_sample_is_taken_once_or_counted_as_lost_before_the_next(steps: list[str]) -> None:
-    found, _ = basket(size=2, room=2)
+    found, _ = batcher(size=2, room=2)
     tick = 0
     took = []
     pictures = 0

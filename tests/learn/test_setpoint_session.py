@@ -49,21 +49,21 @@ def line() -> Line:
     return Line()
 
 
-def reins(line: Line) -> SetpointSession:
+def session_on(line: Line) -> SetpointSession:
     made = SetpointSession(line, ["hip"], 0.02)  # type: ignore[arg-type]
     line.asked.clear()
     return made
 
 
 def test_the_lease_is_released_once_and_no_motion_is_stopped(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     held.drop()
     held.drop()
     assert line.asked == ["ReleaseLease"] and not line.connected
 
 
 def test_a_session_that_lost_its_connection_opens_no_other_to_release_the_lease(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     line.broken = "the daemon was stopped"
     with pytest.raises(NoAnswer):
         held.keep()
@@ -74,7 +74,7 @@ def test_a_session_that_lost_its_connection_opens_no_other_to_release_the_lease(
 
 
 def test_a_daemon_that_is_silent_at_the_end_is_hung_up_on(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     line.broken = "no answer"
     held.drop()
     assert line.asked == ["ReleaseLease"] and not line.connected
@@ -93,7 +93,7 @@ def test_the_slowest_card_leaves_a_setpoint_two_ticks_of_the_slowest_loop_to_be_
 
 
 def test_the_answer_to_a_setpoint_is_taken_with_the_next_call(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     place = np.zeros(1)
     held.send(place, place)
     held.send(place, place)
@@ -103,7 +103,7 @@ def test_the_answer_to_a_setpoint_is_taken_with_the_next_call(line: Line) -> Non
 
 
 def test_a_setpoint_after_one_that_was_refused_is_not_sent(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     place = np.zeros(1)
     held.send(place, place)
     line.refuses = True
@@ -113,7 +113,7 @@ def test_a_setpoint_after_one_that_was_refused_is_not_sent(line: Line) -> None:
 
 
 def test_a_waiting_send_receives_the_refusal_at_once(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     place = np.zeros(1)
     line.refuses = True
     with pytest.raises(Refused):
@@ -121,7 +121,7 @@ def test_a_waiting_send_receives_the_refusal_at_once(line: Line) -> None:
 
 
 def test_a_refused_last_setpoint_does_not_prevent_the_release_of_the_lease(line: Line) -> None:
-    held = reins(line)
+    held = session_on(line)
     place = np.zeros(1)
     held.send(place, place)
     line.refuses = True

@@ -44,7 +44,7 @@ def test_an_unknown_value_is_nan_and_infinitely_old() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "now", "said"),
+    ("changed", "now", "message"),
     [
         ({}, 9.999 + STALE, "hip was read 52 ms ago, bound 50 ms"),
         ({}, 10.0 + STALE + 0.001, "the state is 51 ms old"),
@@ -59,8 +59,8 @@ def test_an_unknown_value_is_nan_and_infinitely_old() -> None:
         ({"imu": IMU | {"quaternion": [2, 0, 0, 0]}}, 10.0, "size 2.00"),
     ],
 )
-def test_a_stale_or_unknown_value_is_reported(changed: dict[str, Any], now: float, said: str) -> None:
-    assert said in str(state(**changed).stale(now, STALE, JOINTS))
+def test_a_stale_or_unknown_value_is_reported(changed: dict[str, Any], now: float, message: str) -> None:
+    assert message in str(state(**changed).stale(now, STALE, JOINTS))
 
 
 @pytest.mark.parametrize("row", ["position", "velocity", "age"])

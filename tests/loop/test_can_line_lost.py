@@ -41,11 +41,11 @@ class Can(Rig):
         port = self.port
         finish = port.finish
 
-        def told(now: float) -> BusSample | None:
+        def finish_with_line(now: float) -> BusSample | None:
             sample = finish(now)
             return replace(sample, line=self.line) if sample is not None else None
 
-        port.finish = told  # type: ignore[method-assign]
+        port.finish = finish_with_line  # type: ignore[method-assign]
         self.arm()
         self.submit(self.path("l_elbow", [-0.6], [2.0]))
         self.seconds(0.5)

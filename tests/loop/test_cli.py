@@ -17,7 +17,7 @@ from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.robot.finding import ReasonCode
-from twind.virtual.virtual_robot_spec import save, specimen
+from twind.virtual.virtual_robot_spec import make_spec, save
 
 TWO = ["legs", "arms"]
 
@@ -318,7 +318,7 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     (etc / "robots" / "arm.yaml").write_text(text.replace("name: h24\n", "name: arm\n"))
     (etc / "arm.yaml").write_text("robot: arm\nindividual: arm-7\nmode: sim\n")
     (etc / "twind.yaml").write_text("robot: nobody\n")  # of the plain service
-    save(specimen(load_robot("arm", (etc / "robots",))), state / "calibration" / "arm-7.yaml")
+    save(make_spec(load_robot("arm", (etc / "robots",))), state / "calibration" / "arm-7.yaml")
     monkeypatch.setattr("os.geteuid", lambda: 4711)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "etc"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))

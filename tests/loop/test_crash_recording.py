@@ -5,7 +5,7 @@ import os
 from twind.loop.ipc.crash_recording import FRONTS, CrashRecording
 
 
-def wreck() -> tuple[CrashRecording, list[str]]:
+def recording() -> tuple[CrashRecording, list[str]]:
     made = CrashRecording(os.memfd_create("wreck"))
     told = list[str]()
     made.then = lambda: told.append("done")
@@ -21,7 +21,7 @@ def there(fd: int) -> bool:
 
 
 def test_a_crash_recording_is_kept_until_it_is_done_which_is_reported_once() -> None:
-    one, told = wreck()
+    one, told = recording()
     one.offer()
     fd = one.fd
     assert fd is not None
@@ -34,7 +34,7 @@ def test_a_crash_recording_is_kept_until_it_is_done_which_is_reported_once() -> 
 
 
 def test_a_crash_recording_is_offered_to_a_second_front_and_no_third() -> None:
-    one, told = wreck()
+    one, told = recording()
     for _ in range(FRONTS):
         one.offer()
         assert one.fd is not None
@@ -46,7 +46,7 @@ def test_a_crash_recording_is_offered_to_a_second_front_and_no_third() -> None:
 
 
 def test_a_front_that_could_not_be_started_does_not_count() -> None:
-    one, told = wreck()
+    one, told = recording()
     for _ in range(FRONTS + 3):
         one.offer()
     assert one.fd is not None
@@ -55,7 +55,7 @@ def test_a_front_that_could_not_be_started_does_not_count() -> None:
 
 
 def test_closed_here_it_stays_where_it_is_kept() -> None:
-    one, told = wreck()
+    one, told = recording()
     fd = one.fd
     assert fd is not None
     one.close()

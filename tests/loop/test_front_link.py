@@ -100,7 +100,7 @@ def front() -> Iterator[Front]:
             end.close()
 
 
-class Wreck:
+class RecordingStandIn:
     """Recording of a former daemon; `dones` counts its releases."""
 
     def __init__(self) -> None:
@@ -414,7 +414,7 @@ def test_a_crash_recording_is_released_on_request_of_the_front_and_that_is_not_r
 ) -> None:
     recorded: list[bytes] = []
     end = FrontLink(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
-    front.wreck = Wreck()  # type: ignore[attr-defined]
+    front.wreck = RecordingStandIn()  # type: ignore[attr-defined]
     end.supervise_front(1.0)
     front.send(link.Heartbeat())
     assert end.commands(2.0) == []

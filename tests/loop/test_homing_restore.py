@@ -26,7 +26,7 @@ def until(made: Homed, done: Callable[[], bool], ticks: int = 400) -> None:
     raise AssertionError("never")
 
 
-def owed(made: Homed) -> int:
+def pending_restore(made: Homed) -> int:
     """A search was ended; its servo is silent, so that it cannot be given back. Its ticket."""
     ticket = made.find()
     made.powered(ticket)
@@ -128,7 +128,7 @@ def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_joint_that_is_not_given_back_is_in_everybodys_way() -> None:
     with homed() as made:
         made.ready()
-        ticket = owed(made)
+        ticket = pending_restore(made)
         troubles = [each for each in made.loop.identity.troubles if each.joint == made.place]
         assert [each.code for each in troubles] == [ReasonCode.CALIB_MISMATCH]
         assert "Operating Mode (11) 5 (was 3)" in troubles[0].message
@@ -228,7 +228,7 @@ def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyP
 def test_changes_of_the_robot_wait_for_it() -> None:
     with homed() as made:
         made.ready()
-        ticket = owed(made)
+        ticket = pending_restore(made)
         until(made, lambda: not made.loop.torque.energising)
         found: tuple[Finding, ...] = at_rest(made.loop)
         assert [each.code for each in found] == [ReasonCode.BUSY] and JOINT in found[0].message

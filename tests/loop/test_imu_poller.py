@@ -73,10 +73,10 @@ def test_every_tick_has_its_own_reading_in_mirror_and_live(rigs: Made) -> None:
 
 
 @pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("told", ["device", "filter"])
-def test_the_imu_gives_the_direction_of_gravity_in_any_pose(base: str, told: str, rigs: Made) -> None:
+@pytest.mark.parametrize("source", ["device", "filter"])
+def test_the_imu_gives_the_direction_of_gravity_in_any_pose(base: str, source: str, rigs: Made) -> None:
     """By the quaternion of the device, and by the filter where it tells none."""
-    rig = rigs(Lying, base, **({"quaternion": None} if told == "filter" else {}))
+    rig = rigs(Lying, base, **({"quaternion": None} if source == "filter" else {}))
     rig.connect()
     rig.ticks(5)
     up = -np.array(BASES[base])
@@ -108,7 +108,7 @@ def test_in_sim_it_is_that_of_the_simulation(rigs: Made) -> None:
     found = rig.loop.simulated.imu
     assert found is not None and rig.loop.measured.imu is None
     assert np.linalg.norm(found.acceleration) == pytest.approx(G, rel=0.01)
-    told = rig.ticks_told[-1]
+    told = rig.reported_ticks[-1]
     assert np.frombuffer(told.imu)[3:6] == pytest.approx(found.acceleration)
     assert told.imu_age == 0.0
 
@@ -128,7 +128,7 @@ def test_a_silent_imu_costs_no_servo_a_reading_and_keeps_its_last_with_its_time(
     bus.faults.silence(rig.spec.id)
     rig.seconds(5.0)
     assert rig.imu.time == before.time and (rig.imu.quaternion == before.quaternion).all()
-    assert rig.ticks_told[-1].imu_age == pytest.approx(5.0, abs=0.05)
+    assert rig.reported_ticks[-1].imu_age == pytest.approx(5.0, abs=0.05)
     assert rig.loop.hardware.ports[0].counts.errors == errors
     assert rig.loop.hardware.ports[0].counts.exchanges - exchanges == 500
     assert rig.loop.figures.missed == missed
@@ -169,13 +169,15 @@ def test_an_answer_that_comes_late_never_passes_for_a_fresh_one(rigs: Made) -> N
     assert rig.loop.measured.heard.all()
 
 
-@pytest.mark.parametrize("told", ["device", "filter"])
+@pytest.mark.parametrize("source", ["device", "filter"])
 @pytest.mark.parametrize("zero", [0.0, 512.0])
-def test_an_accelerometer_that_feels_nothing_at_all_is_no_reading(told: str, zero: float, rigs: Made) -> None:
+def test_an_accelerometer_that_feels_nothing_at_all_is_no_reading(
+    source: str, zero: float, rigs: Made
+) -> None:
     """Registers that are 0, or say 0: asleep, rebooting, browned out. The robot may be falling."""
     rig = rigs(Standing)
     force = replace(rig.spec.acceleration, zero=zero)
-    rig = rigs(Standing, acceleration=force, **({"quaternion": None} if told == "filter" else {}))
+    rig = rigs(Standing, acceleration=force, **({"quaternion": None} if source == "filter" else {}))
     rig.connect()
     rig.seconds(0.1)
     sensor = rig.virtual["main"].sensor

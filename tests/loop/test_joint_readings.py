@@ -46,9 +46,9 @@ def test_an_index_of_a_bus_names_its_joints_whatever_their_order(order: list[int
     assert np.arange(6)[where(bus)].tolist() == order[:count]
 
 
-def sample(position: int, heard: list[bool], at: float, error: int = 0) -> BusSample:
+def sample(position: int, fresh: list[bool], at: float, error: int = 0) -> BusSample:
     """Make a sample of a bus with three devices, all `position` ticks from their zero."""
-    ears = np.array(heard)
+    ears = np.array(fresh)
     return BusSample(
         sent=at,
         received=at + 0.002,

@@ -79,6 +79,7 @@ def test_foreign_traffic_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> No
     armed.virtual["main"].faults.foreign(3)
     until(armed, latched(armed, "FOREIGN_TRAFFIC"), 3 + 2)
     assert armed.loop.state is RobotState.INHIBITED
+    assert armed.loop.publisher.overview(armed.clock.now()).latched == ["FOREIGN_TRAFFIC"]
     armed.seconds(0.5)
     assert (armed.register("bus_watchdog") == 255).all()  # nothing was sent: their watchdogs ended the motion
     assert on(armed).all()
@@ -90,18 +91,20 @@ def test_foreign_traffic_prevents_arming(live: Rig) -> None:
     live.connect()
     live.lease()
 
-    def told() -> list[str]:
-        return [str(each.code) for each in live.loop.publisher.overview(live.clock.now()).faults]
+    def reported() -> list[str]:
+        overview = live.loop.publisher.overview(live.clock.now())
+        assert overview.latched == []
+        return [str(each.code) for each in overview.faults]
 
-    assert told() == []
+    assert reported() == []
     live.virtual["main"].faults.foreign(3)
     live.ticks(6)
     reply = live.call(link.Arm)
     assert [each["code"] for each in reply.parameters["findings"]] == ["FOREIGN_TRAFFIC"]
-    assert live.loop.latches == {} and told() == ["FOREIGN_TRAFFIC"], "the status says why, too"
+    assert live.loop.latches == {} and reported() == ["FOREIGN_TRAFFIC"], "the status says why, too"
     live.seconds(1.1)
     live.lease()
-    assert told() == []
+    assert reported() == []
     assert live.call(link.Arm).error is None
 
 

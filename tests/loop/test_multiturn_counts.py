@@ -18,9 +18,9 @@ TURNS = st.lists(st.integers(-3, 3), min_size=3, max_size=3).map(lambda row: WHO
 NONE = np.zeros(3, np.int64)
 
 
-def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> BusSample:
+def sample(position: np.ndarray, at: float, fresh: np.ndarray | None = None) -> BusSample:
     """Make a sample of the left bus."""
-    ears = np.ones(3, np.bool_) if heard is None else heard
+    ears = np.ones(3, np.bool_) if fresh is None else fresh
     return BusSample(
         sent=at,
         received=at + 0.002,

@@ -14,7 +14,7 @@ from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import RobotState
 from twind.virtual.robot_ground_truth import JointGroundTruth
-from twind.virtual.virtual_robot_spec import specimen
+from twind.virtual.virtual_robot_spec import make_spec
 
 __all__ = ["floating", "plant"]
 
@@ -71,7 +71,9 @@ def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
     reply = rig.call(link.Arm)
     assert reply.error == "Refused"
     rig.seconds(0.5)
-    assert names_it(rig.said(reply.parameters["findings"]), "ARM_FAILED", KNEE, "jumped at torque-on")
+    assert names_it(
+        rig.reported_findings(reply.parameters["findings"]), "ARM_FAILED", KNEE, "jumped at torque-on"
+    )
     assert (rig.register("torque_enable") == 0).all()
     assert rig.loop.state is RobotState.CONNECTED
 
@@ -94,7 +96,7 @@ def test_a_joint_has_the_same_angle_on_whatever_turn_it_starts(
 
 
 def test_a_joint_that_is_on_no_turn_of_its_travel_is_refused(plant: Any, floating: str) -> None:
-    rig = plant(PLAIN, JointGroundTruth(zero_ticks=specimen(load_robot("h24")).zeros[KNEE] + 2000), floating)
+    rig = plant(PLAIN, JointGroundTruth(zero_ticks=make_spec(load_robot("h24")).zeros[KNEE] + 2000), floating)
     assert names_it(
         rig.refused(), "CALIB_MISMATCH", KNEE, "neither that nor a turn beside it is in its travel"
     )

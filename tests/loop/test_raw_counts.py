@@ -15,7 +15,9 @@ ANSWERS = st.lists(
 )
 
 
-def sample(answers: list[tuple[int, int, bool]], at: float, told: list[bool] | None = None) -> BusSample:
+def sample(
+    answers: list[tuple[int, int, bool]], at: float, effort_fresh: list[bool] | None = None
+) -> BusSample:
     """Answers of one bus; who was not heard has zeros, as a driver leaves them."""
     heard = np.array([each[2] for each in answers])
     return BusSample(
@@ -29,7 +31,7 @@ def sample(answers: list[tuple[int, int, bool]], at: float, told: list[bool] | N
         asked=np.ones(COUNT, np.bool_),
         discarded=0,
         foreign=0,
-        effort_told=None if told is None else np.array(told) & heard,
+        effort_told=None if effort_fresh is None else np.array(effort_fresh) & heard,
     )
 
 
@@ -59,6 +61,6 @@ def test_two_buses_fill_their_own_places_in_any_order() -> None:
 
 def test_an_unreported_effort_is_unknown_and_not_zero() -> None:
     raw = RawCounts(COUNT)
-    raw.take(slice(0, COUNT), sample([(1, 0, True)] * COUNT, 1.0, told=[True, False, True]))
+    raw.take(slice(0, COUNT), sample([(1, 0, True)] * COUNT, 1.0, effort_fresh=[True, False, True]))
     assert np.isnan(raw.effort).tolist() == [False, True, False]
     assert raw.ticks.tolist() == [1, 1, 1]

@@ -16,7 +16,7 @@ from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction
 from twind.twin.mujoco_physics import body_of
-from twind.virtual.virtual_robot_spec import specimen
+from twind.virtual.virtual_robot_spec import make_spec
 from twind_drivers.dynamixel.damping import SHARE
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
@@ -165,7 +165,7 @@ def test_arming_after_a_damping_gives_the_strength_back(armed: Rig) -> None:
 
 def mujoco_rig() -> Rig:
     robot = load_robot("h24")
-    body = body_of(robot, specimen(robot).zeros, now=100.0)
+    body = body_of(robot, make_spec(robot).zeros, now=100.0)
     kind: Any = lambda ticks, now: body.part(range(24))  # noqa: E731
     return Rig(muscles=kind)
 

@@ -27,7 +27,7 @@ def managed(tmp_path: Path) -> Iterator[tuple[Rig, Any]]:
     rig.loop.parts.notifier.close()
     object.__setattr__(rig.loop.parts, "notifier", notifier)
 
-    def told() -> list[str]:
+    def received_lines() -> list[str]:
         found = []
         while True:
             try:
@@ -36,8 +36,8 @@ def managed(tmp_path: Path) -> Iterator[tuple[Rig, Any]]:
                 return found
 
     rig.ticks(2)
-    told()
-    yield rig, told
+    received_lines()
+    yield rig, received_lines
     notifier.close()
     manager.close()
     rig.close()

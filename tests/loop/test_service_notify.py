@@ -37,22 +37,22 @@ def close(request: pytest.FixtureRequest) -> Iterator[Any]:
 
 def test_a_message_is_one_datagram_of_lines(manager: Manager, close: Any) -> None:
     close(manager.notifier()).send(READY="1", STATUS="live, armed")
-    assert manager.told() == ["READY=1\nSTATUS=live, armed"]
+    assert manager.received() == ["READY=1\nSTATUS=live, armed"]
 
 
 def test_ready_is_sent_once_and_only_after_the_first_complete_tick(manager: Manager, close: Any) -> None:
     notifier = close(manager.notifier())
-    assert manager.told() == []
+    assert manager.received() == []
     for now in range(5):
         notifier.alive(float(now))
-    assert manager.told() == ["READY=1"]
+    assert manager.received() == ["READY=1"]
 
 
 def test_the_watchdog_is_fed_four_times_an_interval_and_by_ticks_alone(manager: Manager, close: Any) -> None:
     notifier = close(manager.notifier(WATCHDOG_USEC="2000000", WATCHDOG_PID=str(os.getpid())))
     for tick in range(200):
         notifier.alive(tick * 0.01)
-    assert manager.told() == ["READY=1"] + ["WATCHDOG=1"] * 4
+    assert manager.received() == ["READY=1"] + ["WATCHDOG=1"] * 4
     assert notifier.watchdog == pytest.approx(0.5)
 
 
@@ -79,19 +79,19 @@ def test_a_watchdog_of_another_process_or_none_at_all_is_not_fed(
     assert notifier.watchdog == inf
     notifier.alive(0.0)
     notifier.alive(1e6)
-    assert manager.told() == ["READY=1"]
+    assert manager.received() == ["READY=1"]
 
 
 def test_a_changed_status_is_sent_at_most_once_a_second(manager: Manager, close: Any) -> None:
     notifier = close(manager.notifier())
     for step in range(11):
         notifier.status("24 heard", step * 0.1)
-    assert manager.told() == ["STATUS=24 heard"]
+    assert manager.received() == ["STATUS=24 heard"]
     for step in range(30):  # a servo with a loose connector
         notifier.status(f"{23 + step % 2} heard", 5.0 + step * STATUS / 10)
-    assert 1 <= len(manager.told()) <= 3
+    assert 1 <= len(manager.received()) <= 3
     notifier.status("at rest", 20.0)
-    assert manager.told() == ["STATUS=at rest"]
+    assert manager.received() == ["STATUS=at rest"]
 
 
 def test_an_absent_notify_socket_causes_no_error(tmp_path: Path, close: Any) -> None:
@@ -112,14 +112,14 @@ def test_a_manager_that_does_not_read_never_stops_the_loop(manager: Manager, clo
     notifier = close(manager.notifier())
     for number in range(2000):
         notifier.send(STATUS=str(number))
-    told = manager.told()
+    told = manager.received()
     assert 0 < len(told) < 2000  # the kernel's queue is bounded; the rest was dropped, not waited for
 
 
 # ------------------------------------------------------------------------------------- what a loop tells
 
 
-class Told:
+class NotifyRig:
     """A daemon under a fake clock, and all that it told its manager: the kernel keeps but a few datagrams."""
 
     def __init__(self, folder: Path) -> None:
@@ -138,7 +138,7 @@ class Told:
         before = len(self.messages)
         for _ in range(round(seconds / 0.05)):
             self.rig.seconds(0.05)
-            self.messages += self.manager.told()
+            self.messages += self.manager.received()
         return self.messages[before:]
 
     def status(self) -> str:
@@ -148,27 +148,27 @@ class Told:
 
 
 @pytest.fixture
-def telling(tmp_path: Path) -> Iterator[Told]:
-    telling = Told(tmp_path)
+def telling(tmp_path: Path) -> Iterator[NotifyRig]:
+    telling = NotifyRig(tmp_path)
     yield telling
     telling.rig.close()
     telling.notifier.close()
     telling.manager.socket.close()
 
 
-def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: Told) -> None:
+def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: NotifyRig) -> None:
     twin = telling.rig.loop.twin
     healthy = twin.update
     twin.update = lambda *_: 1 / 0
     telling.rig.ticks(2)  # the third in a row would end the daemon
-    assert {"READY=1", "WATCHDOG=1"}.isdisjoint(telling.manager.told())
+    assert {"READY=1", "WATCHDOG=1"}.isdisjoint(telling.manager.received())
     twin.update = healthy
     telling.rig.ticks(1)
-    assert {"READY=1", "WATCHDOG=1"} <= set(telling.manager.told())
+    assert {"READY=1", "WATCHDOG=1"} <= set(telling.manager.received())
     assert telling.seconds(1.0).count("WATCHDOG=1") == 10  # four times an interval
 
 
-def test_the_status_names_the_first_thing_that_is_wrong(telling: Told) -> None:
+def test_the_status_names_the_first_thing_that_is_wrong(telling: NotifyRig) -> None:
     well = "live, connected, 24 of 24 joints fresh, 100 Hz"
     telling.rig.connect()
     assert telling.status() == well
@@ -182,7 +182,7 @@ def test_the_status_names_the_first_thing_that_is_wrong(telling: Told) -> None:
     assert "no such port" in said
 
 
-def test_the_status_reports_inherited_torque_and_a_missing_servo(telling: Told) -> None:
+def test_the_status_reports_inherited_torque_and_a_missing_servo(telling: NotifyRig) -> None:
     rig = telling.rig
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)
@@ -197,14 +197,14 @@ def test_the_status_reports_inherited_torque_and_a_missing_servo(telling: Told) 
     assert f"DEVICE_MISSING {name}: nothing answers as id 5" in telling.status()
 
 
-def test_a_client_s_words_in_the_status_are_no_orders_to_the_manager(telling: Told) -> None:
+def test_a_client_s_words_in_the_status_are_no_orders_to_the_manager(telling: NotifyRig) -> None:
     telling.rig.connect()
     telling.rig.call(EStop, level="cut", reason="one\nMAINPID=1")
     assert telling.status().endswith("ESTOP: one MAINPID=1")
     assert not [said for said in telling.messages if "\n" in said]
 
 
-def test_a_way_down_that_takes_long_asks_the_manager_for_its_time(telling: Told) -> None:
+def test_a_way_down_that_takes_long_asks_the_manager_for_its_time(telling: NotifyRig) -> None:
     rig = telling.rig
     rig.arm()
     rig.submit(rig.path("head_yaw", [0.8], [3.0]), more=True)  # keeps the lease

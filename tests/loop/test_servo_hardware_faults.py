@@ -52,10 +52,10 @@ def until(rig: Rig, what: Callable[[], bool], ticks: int) -> int:
 
 
 def is_reported(rig: Rig, code: str, joint: int | None = None) -> Callable[[], bool]:
-    def said() -> bool:
+    def is_found() -> bool:
         return any(joint in {one.joint for one in event.findings} for event in rig.events(code))
 
-    return said
+    return is_found
 
 
 def latched(rig: Rig, code: str) -> Callable[[], bool]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.daemon_stand_ins import told
+from tests.support.daemon_stand_ins import next_outcome
 from tests.support.fleet_viewer_rig import known, without_loop
 from tests.support.viewer_messages import h24, state, status
 from twind.observe.viewing import status_html
@@ -28,7 +28,7 @@ BUS = {"name": "main", "port": "", "connected": False}
 
 
 @pytest.mark.parametrize(
-    ("news", "kind", "said"),
+    ("news", "kind", "text"),
     [
         ((status(), state(h24())), HealthLevel.WELL, "live, armed, holding"),
         ((status(motion="active"), state(h24())), HealthLevel.MOVING, "live, armed, active"),
@@ -57,10 +57,10 @@ BUS = {"name": "main", "port": "", "connected": False}
     ],
 )
 def test_the_status_of_a_robot_shows_its_most_urgent_condition(
-    news: tuple[News, ...], kind: HealthLevel, said: str
+    news: tuple[News, ...], kind: HealthLevel, text: str
 ) -> None:
     how = standing(known(*news).now())
-    assert (how.kind, how.said) == (kind, said)
+    assert (how.kind, how.said) == (kind, text)
 
 
 def test_a_robot_without_messages_for_a_second_counts_as_stale() -> None:
@@ -88,7 +88,7 @@ def test_a_stop_starts_its_thread_on_first_use(tmp_path: Path) -> None:
     assert threading.active_count() == before
     stops[0].estop.ask(outcomes.put)
     stops[0].estop.ask(outcomes.put)
-    assert [told(outcomes).done, told(outcomes).done] == [False, False]
+    assert [next_outcome(outcomes).done, next_outcome(outcomes).done] == [False, False]
 
 
 def test_the_history_of_a_robot_with_a_stopped_clock_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

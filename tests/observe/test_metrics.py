@@ -184,27 +184,27 @@ def test_verdicts_alone_are_no_sign_of_a_loop_that_lives() -> None:
 
 
 @pytest.mark.parametrize(
-    "rubbish",
+    "malformed",
     [
         {"topic": "state", "time": 60.0},
         {"topic": "status", "time": 60.0, "status": {}},
         {"topic": "latency", "latency": [{"hop": "reply", "violations": 0}, {}]},
     ],
 )
-def test_a_message_that_is_not_understood_is_no_news(rubbish: Mapping[str, Any]) -> None:
+def test_a_message_that_is_not_understood_is_no_news(malformed: Mapping[str, Any]) -> None:
     made = ledger(*WHOLE)
     with pytest.raises(KeyError):
-        made.take(rubbish, NOW + STALE, WALL)
+        made.take(malformed, NOW + STALE, WALL)
     assert made.news(NOW + STALE + 0.01) is None, "it counts as heard from"
     out = Exported(made)
     assert out.value("twind_latency_seconds_count", hop="reply") == 10.0, "half of a message was kept"
 
 
 @pytest.mark.parametrize(
-    ("heard", "ended"), [(WHOLE, 0), ([status(), latency(None)], 3), ([], 3), ([state()], 3)]
+    ("messages", "ended"), [(WHOLE, 0), ([status(), latency(None)], 3), ([], 3), ([state()], 3)]
 )
 def test_to_print_that_nothing_is_known_is_no_success(
-    heard: list[Mapping[str, Any]],
+    messages: list[Mapping[str, Any]],
     ended: int,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -213,7 +213,7 @@ def test_to_print_that_nothing_is_known_is_no_success(
         timeout = 1.0
 
         def stream(self, method: str, **parameters: Any) -> Iterator[Mapping[str, Any]]:
-            yield from heard
+            yield from messages
 
     monkeypatch.setattr(metrics_serve, "observer", lambda options: nullcontext(Saying()))
     assert metrics_serve.once(argparse.Namespace(json=False, text=False)) == ended

@@ -114,13 +114,13 @@ def test_a_note_is_of_the_moment_it_was_made() -> None:
     assert json.loads(line.data) == {"kind": "clock_step", "wall_ns": 5, "monotonic": 101.0}
 
 
-def felt(time: float, age: float) -> dict[str, Any]:
+def imu_state(time: float, age: float) -> dict[str, Any]:
     numbers = {"gyro": [0.1, 0.2, 0.3], "acceleration": [1.0, 2.0, 9.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
     return state(time) | {"imu": numbers | {"age_ms": age}}
 
 
 def test_an_imu_reading_becomes_a_ros_imu_message_in_ros_order() -> None:
-    (line,) = [line for line in encoded_lines(felt(101.5, 2.0)) if line.topic == "/imu"]
+    (line,) = [line for line in encoded_lines(imu_state(101.5, 2.0)) if line.topic == "/imu"]
     message = decode(IMU, line.data)
     assert message["header"] == {"stamp": stamp(line.time_ns), "frame_id": "base"}
     assert message["angular_velocity"] == {"x": 0.1, "y": 0.2, "z": 0.3}
@@ -130,6 +130,8 @@ def test_an_imu_reading_becomes_a_ros_imu_message_in_ros_order() -> None:
 
 
 def test_a_silent_imu_is_not_written_again_with_a_new_stamp() -> None:
-    lines = encoded_lines(*(felt(100.0 + tick / 100, 10.0 * tick + 0.3 * (tick % 2)) for tick in range(50)))
+    lines = encoded_lines(
+        *(imu_state(100.0 + tick / 100, 10.0 * tick + 0.3 * (tick % 2)) for tick in range(50))
+    )
     assert len([line for line in lines if line.topic == "/imu"]) == 1
     assert not [line for line in encoded_lines(state(100.0)) if line.topic == "/imu"]

@@ -88,7 +88,7 @@ class Line:
 
 
 def played(
-    monkeypatch: pytest.MonkeyPatch, late: float, heard: Heard
+    monkeypatch: pytest.MonkeyPatch, late: float, sightings: Heard
 ) -> tuple[list[str], list[tuple[float, str]]]:
     """Results of the calls, and the received calls with their times (s since the beginning)."""
     clock = FakeClock(500.0)
@@ -109,7 +109,7 @@ def played(
         recorded=recorded,
         left_out=(),
         whole=True,
-        heard={ONE: heard},
+        heard={ONE: sightings},
     )
     passage = ReplayPosition(BEGIN)
     passage.go(clock.now(), BEGIN)
@@ -118,8 +118,8 @@ def played(
     return [each.words() for each in made.answers], times
 
 
-def hung_up(heard: Sequence[tuple[float, str]]) -> float:
-    return next(time for time, what in heard if what == "hung up")
+def hung_up(calls: Sequence[tuple[float, str]]) -> float:
+    return next(time for time, what in calls if what == "hung up")
 
 
 @pytest.mark.parametrize("late", [0.0, 0.02, 0.5])

@@ -69,7 +69,7 @@ def test_no_page_and_no_message_advises_an_install_into_the_environment_of_the_c
 
 
 @pytest.mark.parametrize(
-    ("prefix", "source", "said"),
+    ("prefix", "source", "line"),
     [
         ("clone/.venv", "clone", "make -C {0}/clone extras EXTRAS=view"),
         ("env", "clone", "/PYTHON -m pip install --constraint {0}/clone/constraints.txt '{0}/clone[view]'"),
@@ -78,12 +78,12 @@ def test_no_page_and_no_message_advises_an_install_into_the_environment_of_the_c
     ],
 )
 def test_the_command_for_an_extra_is_that_of_the_environment_at_hand(
-    prefix: str, source: str | None, said: str, tmp_path: Path
+    prefix: str, source: str | None, line: str, tmp_path: Path
 ) -> None:
     (tmp_path / "opt").mkdir()
     (tmp_path / "opt" / "extras").write_text("ros\n")
-    told = command("view", tmp_path / prefix, "/PYTHON", None if source is None else tmp_path / source)
-    assert told == said.format(tmp_path)
+    found = command("view", tmp_path / prefix, "/PYTHON", None if source is None else tmp_path / source)
+    assert found == line.format(tmp_path)
 
 
 def test_the_clone_is_the_folder_that_pip_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

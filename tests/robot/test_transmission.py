@@ -98,7 +98,7 @@ def test_a_differential_is_written_as_in_the_robot_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "message"),
     [
         ([], "not square"),
         ([[1.0, 2.0]], "not square"),
@@ -106,8 +106,8 @@ def test_a_differential_is_written_as_in_the_robot_file() -> None:
         ([[1.0, math.nan], [0.0, 1.0]], "not finite"),
     ],
 )
-def test_a_matrix_that_is_no_differential_is_refused(rows: list[list[float]], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_a_matrix_that_is_no_differential_is_refused(rows: list[list[float]], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Differential(rows)
 
 
@@ -149,7 +149,7 @@ def test_a_non_finite_angle_gives_nan(place: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("axes", "values", "told"),
+    ("axes", "values", "message"),
     [
         ([[0.0, 1.0]] * 3, [[0.0] * 3] * 8, "one or two actuators"),
         ([[0.0]], [[0.0]], "two places at least"),
@@ -161,9 +161,9 @@ def test_a_non_finite_angle_gives_nan(place: float) -> None:
     ],
 )
 def test_an_invalid_linkage_table_is_refused(
-    axes: list[list[float]], values: list[list[float]], told: str
+    axes: list[list[float]], values: list[list[float]], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         LinkageTable(axes, values)
 
 

@@ -52,32 +52,32 @@ def test_servo_alert_the_others_hold_or_settle_by_support_and_unknown_is_free(
     assert guard(support).judge(facts(alerts=at(0, 128))).reaction is reaction
 
 
-@pytest.mark.parametrize(("bits", "said"), [
+@pytest.mark.parametrize(("bits", "word"), [
     (1, "input voltage"), (4, "overheating"), (8, "encoder"), (16, "electrical shock"), (32, "overload"),
     (36, "overheating, overload"), (2, "bit 1"), (0, "not read yet"), (-1, "not read yet"),
 ])  # fmt: skip
-def test_servo_alert_the_bits_of_register_70_are_named_in_words(bits: int, said: str) -> None:
+def test_servo_alert_the_bits_of_register_70_are_named_in_words(bits: int, word: str) -> None:
     """e-manual, Hardware Error Status (70): bits 0, 2, 3, 4, 5."""
-    assert said in words(bits)
+    assert word in words(bits)
     assert "70" not in words(bits)
     finding = guard().judge(facts(alerts=at(2, 128), fault=at(2, bits, 0, np.int16))).findings[0]
-    assert said in finding.message
+    assert word in finding.message
     assert (finding.value, finding.bound) == ((bits, 0.0) if bits > 0 else (None, None))
 
 
-@pytest.mark.parametrize(("bits", "said"), [
+@pytest.mark.parametrize(("bits", "word"), [
     (1, "input voltage"), (2, "not calibrated"), (4, "overheating"), (8, "encoder"), (16, "electrical shock"),
     (32, "overload"), (64, "silent to its master"), (128, "an error that has no name here"),
     (66, "not calibrated, silent to its master"), (256, "bit 8"), (0, "not read yet"),
 ])  # fmt: skip
-def test_servo_alert_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
+def test_servo_alert_on_can_more_bits_have_a_name_and_only_there(bits: int, word: str) -> None:
     """The contract's bits of every CAN family (`twind_drivers.can.actuator_family`)."""
     judge = Guard(LIMITS, support="gantry", buses=("arm",), can={"arm": [0, 2]})
     told = facts(traffic=(BusTraffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
     first, second, third = (finding.message for finding in judge.judge(told).findings)
     assert first == third
     assert f"hardware error: {words(bits, can=True)}: " in first
-    assert said in words(bits, can=True)
+    assert word in words(bits, can=True)
     assert first.endswith("reboot BUS ID`, or switch its power off and on")
     assert second.endswith("reboot BUS ID`")
     assert f"hardware error: {words(bits)}: " in second

@@ -74,13 +74,13 @@ def test_a_place_that_is_only_held_needs_no_acceleration() -> None:
     assert w.ask(w.path([0.0], [0.5]), w.limits(1, acceleration=1e-3)).verdict.accepted
 
 
-@pytest.mark.parametrize(("high", "low", "told"), [(2.3, -0.7, 2.3), (2.1, -0.7, -0.7)])
-def test_the_limit_exceeded_by_more_radians_is_reported(high: float, low: float, told: float) -> None:
+@pytest.mark.parametrize(("high", "low", "reported"), [(2.3, -0.7, 2.3), (2.1, -0.7, -0.7)])
+def test_the_limit_exceeded_by_more_radians_is_reported(high: float, low: float, reported: float) -> None:
     limit = w.limits(1, lower=-0.5, upper=2.0, hard_lower=-3.0, hard_upper=3.0)
     [finding] = of(
         ReasonCode.POS_LIMIT, w.ask(w.path([2.0, 6.0, 8.0], [high, low, 0.0]), limit, w.at_rest([0.0]))
     )
-    assert (finding.value, finding.bound) == (told, 2.0 if told > 0.0 else -0.5)
+    assert (finding.value, finding.bound) == (reported, 2.0 if reported > 0.0 else -0.5)
 
 
 def test_a_smooth_path_that_begins_at_once_is_held_to_the_step_at_its_start() -> None:

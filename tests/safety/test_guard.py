@@ -61,13 +61,13 @@ def test_reactions_are_ordered_by_severity() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lateness", "told"),
+    ("lateness", "reported"),
     [(0.0, False), (0.002, False), (0.002 + 1e-9, True), (0.5, True), (nan, True), (-1.0, False)],
 )
-def test_loop_late_a_tick_later_than_two_milliseconds_is_reported(lateness: float, told: bool) -> None:
+def test_loop_late_a_tick_later_than_two_milliseconds_is_reported(lateness: float, reported: bool) -> None:
     judgement = judge(lateness=lateness)
     assert judgement.reaction is Reaction.NONE
-    assert codes(judgement) == ([ReasonCode.LOOP_LATE] if told else [])
+    assert codes(judgement) == ([ReasonCode.LOOP_LATE] if reported else [])
 
 
 @pytest.mark.parametrize(

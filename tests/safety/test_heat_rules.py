@@ -161,11 +161,11 @@ def test_overtemp_a_spike_is_reported_and_changes_nothing() -> None:
     assert after == [FINE] * 10
 
 
-@pytest.mark.parametrize(("celsius", "told"), [(40.0, False), (40.0 + TINY, True)])
-def test_overtemp_ten_degrees_more_than_the_others_are_a_spike(celsius: float, told: bool) -> None:
+@pytest.mark.parametrize(("celsius", "reported"), [(40.0, False), (40.0 + TINY, True)])
+def test_overtemp_ten_degrees_more_than_the_others_are_a_spike(celsius: float, reported: bool) -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
-    assert bool(watch.row(celsius)[0].findings) is told
+    assert bool(watch.row(celsius)[0].findings) is reported
 
 
 def test_overtemp_before_there_are_three_readings_nothing_is_compared() -> None:
@@ -174,19 +174,19 @@ def test_overtemp_before_there_are_three_readings_nothing_is_compared() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rise", "told"),
+    ("rise", "reported"),
     [(0.0, False), (2.0, False), (2.5, False), (2.6, True), (20.0, True), (-20.0, False)],
 )
 def test_overtemp_a_rise_of_half_a_degree_per_second_over_five_seconds_is_reported(
-    rise: float, told: bool
+    rise: float, reported: bool
 ) -> None:
     watch = Watch()
     watch.row(*[30.0] * 3)
     found = watch.row(*[30.0 + rise] * 25)
     said = [one for each in found for one in each.findings if "°C/s" in one.message]
-    assert bool(said) is told
+    assert bool(said) is reported
     assert {one.reaction for one in found} == {NONE}
-    if told:
+    if reported:
         assert (said[0].joint, said[0].bound) == (1, 0.5)
         assert said[0].value == pytest.approx(rise / 5.0, rel=0.05)
 

@@ -28,12 +28,12 @@ class World:
         self.senses = PlausibilityFilter(np.full(2, FASTEST), PERIOD)
         self.now = 5.0
 
-    def read(self, place: float, heard: bool = True, limp: bool = False) -> bool:
+    def read(self, place: float, fresh: bool = True, limp: bool = False) -> bool:
         """Is it believed that joint 1 is at `place`?"""
         position = np.array([0, round(place)], np.int64)
-        ears = np.array([True, heard])
+        ears = np.array([True, fresh])
         after = self.now + TRIP
-        if heard and self.senses.usual(position, self.now, after):
+        if fresh and self.senses.usual(position, self.now, after):
             believed = ears
         else:
             believed = self.senses.believe(position, ears, self.now, after, np.array([limp, limp]))
@@ -64,7 +64,7 @@ def test_no_motion_that_the_motor_can_do_is_ever_dropped(speeds: list[float], de
     for number, speed in enumerate(speeds):
         place += speed * FASTEST * PERIOD
         heard = not (number < len(deaf) and deaf[number])
-        assert world.read(place, heard=heard) == heard
+        assert world.read(place, fresh=heard) == heard
 
 
 @given(st.integers(1, 40))
@@ -72,7 +72,7 @@ def test_the_accepted_step_grows_with_the_number_of_missed_readings(missed: int)
     world = World()
     world.read(0)
     for _ in range(missed):
-        assert not world.read(0, heard=False)
+        assert not world.read(0, fresh=False)
     most = int(1.5 * FASTEST * ((missed + 1) * PERIOD + TRIP) + 3.0)
     assert world.read(most)
     assert not world.read(-most)
@@ -199,7 +199,7 @@ def test_a_missing_reading_leaves_the_count_of_jumps_unchanged() -> None:
     world = World()
     world.read(0)
     assert not world.read(TURN)
-    assert not world.read(0, heard=False)
+    assert not world.read(0, fresh=False)
     assert world.senses.jumps[1] == 0  # nothing was read that could be wrong
     assert not world.read(TURN)
     assert world.senses.jumps[1] == 2
@@ -209,7 +209,7 @@ def test_a_joint_without_readings_near_zero_counts_is_not_taken_as_fresh() -> No
     world = World()
     for _ in range(5):
         assert world.read(0)
-    assert not world.read(0, heard=False)
+    assert not world.read(0, fresh=False)
 
 
 # ------------------------------------------------------------------------------- what the guard says of it

@@ -309,12 +309,14 @@ def test_voltage_the_register_s_own_steps_are_on_the_bound() -> None:
 
 
 @pytest.mark.parametrize(
-    ("volts", "told"), [(14.8, False), (148 * 0.1, False), (14.9, True), (30.0, True), (inf, True)]
+    ("volts", "reported"), [(14.8, False), (148 * 0.1, False), (14.9, True), (30.0, True), (inf, True)]
 )
-def test_voltage_an_overvoltage_is_reported_at_once_and_has_no_reaction(volts: float, told: bool) -> None:
+def test_voltage_an_overvoltage_is_reported_at_once_and_has_no_reaction(volts: float, reported: bool) -> None:
     found = Supply().volts(12.0, 12.0, volts)
     assert (found.reaction, found.latches) == (NONE, False)
-    assert [(one.code, one.joint) for one in found.findings] == ([(ReasonCode.VOLTAGE, 2)] if told else [])
+    assert [(one.code, one.joint) for one in found.findings] == (
+        [(ReasonCode.VOLTAGE, 2)] if reported else []
+    )
     assert all(one.bound == pytest.approx(14.8, rel=0.0, abs=1e-12) for one in found.findings)
 
 
@@ -428,14 +430,14 @@ def test_voltage_a_supply_unknown_for_long_is_reported() -> None:
     assert told == [(ReasonCode.VOLTAGE, 0, 2.0)]
 
 
-@pytest.mark.parametrize(("age", "told"), [(2.0, False), (2.0 + TINY, True), (inf, True), (nan, True)])
-def test_voltage_old_readings_are_reported(age: float, told: bool) -> None:
+@pytest.mark.parametrize(("age", "reported"), [(2.0, False), (2.0 + TINY, True), (inf, True), (nan, True)])
+def test_voltage_old_readings_are_reported(age: float, reported: bool) -> None:
     watch = Supply()
     for _ in range(15):
         watch.volts(12.0, 12.0, 12.0)
     read = joints(watch.now + 0.2, watch.now + 0.2 - age, watch.now + 0.2)
     found = watch.tick(0.2, health_time=read, voltage=joints(12.0, 12.0, 12.0))
-    assert [one.joint for one in found.findings] == ([1] if told else [])
+    assert [one.joint for one in found.findings] == ([1] if reported else [])
     assert found.reaction is NONE
 
 

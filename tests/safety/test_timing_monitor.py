@@ -18,9 +18,9 @@ class Exchange:
         self.trips = [0.002, 0.003]
 
 
-def reading(time: float, trip: float = 0.003, heard: bool = True) -> JointState:
+def reading(time: float, trip: float = 0.003, fresh: bool = True) -> JointState:
     still = np.zeros(2)
-    return JointState(time, still, still, still, still, np.array([heard, False]), trip)
+    return JointState(time, still, still, still, still, np.array([fresh, False]), trip)
 
 
 def test_latency_is_the_age_of_the_state_and_its_round_trip() -> None:
@@ -41,7 +41,7 @@ def test_latency_is_the_age_of_the_state_and_its_round_trip() -> None:
 def test_latency_grows_without_replies_until_the_robot_counts_as_disconnected() -> None:
     health = TimingMonitor(2)
     health.update(reading(1.0), Exchange(), 1.0, live=True)
-    health.update(reading(1.5, nan, heard=False), Exchange(), 1.5, live=True)
+    health.update(reading(1.5, nan, fresh=False), Exchange(), 1.5, live=True)
     assert health.latency(1.5) == pytest.approx(0.503)
     assert health.connected(3.0)
     assert not health.connected(3.001)

@@ -31,7 +31,7 @@ class Watch:
         goal: list[float] | None = None,
         *,
         speed: list[float] | None = None,
-        heard: list[bool] | None = None,
+        fresh: list[bool] | None = None,
         goal_speed: list[float] | None = None,
         dt: float = PERIOD,
         **over: object,
@@ -40,8 +40,8 @@ class Watch:
         measured = reading(place, time=self.now)
         if speed is not None:
             measured = replace(measured, velocity=np.array(speed))
-        if heard is not None:
-            measured = replace(measured, heard=np.array(heard))
+        if fresh is not None:
+            measured = replace(measured, heard=np.array(fresh))
         target = joints(*(goal or [0.0] * N))
         still = np.zeros(N)
         moving = np.array(goal_speed) if goal_speed is not None else still
@@ -189,12 +189,12 @@ def test_follow_err_two_joints_are_two_findings_each_by_its_own_time() -> None:
 def test_follow_err_a_stale_joint_is_not_checked_and_continues_its_count() -> None:
     watch = Watch()
     silent = [False, True, True]
-    assert all(watch.tick([1.9, 0.0, 0.0], heard=silent) == FINE for _ in range(30))
+    assert all(watch.tick([1.9, 0.0, 0.0], fresh=silent) == FINE for _ in range(30))
     watch = Watch()
     for _ in range(5):
         watch.tick([0.3, 0.0, 0.0])
     for _ in range(5):
-        assert watch.tick([0.3, 0.0, 0.0], heard=silent) == FINE
+        assert watch.tick([0.3, 0.0, 0.0], fresh=silent) == FINE
     assert watch.tick([0.3, 0.0, 0.0]).here == (0,)
 
 
@@ -396,7 +396,7 @@ def test_silence_is_no_frozen_encoder() -> None:
     watch = Watch()
     for tick in range(35):
         goal = [0.0, tick * 0.005, 0.0]
-        assert watch.tick([0.0] * N, goal, speed=[0.0, 1.0, 0.0], heard=[True, False, True]) == FINE
+        assert watch.tick([0.0] * N, goal, speed=[0.0, 1.0, 0.0], fresh=[True, False, True]) == FINE
 
 
 @pytest.mark.parametrize("between", [{"motion": Motion.HOLDING}, {"torque_expected": False}])
@@ -437,9 +437,9 @@ def test_overspeed_a_single_fast_or_stale_reading_gives_no_finding() -> None:
         assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE
         assert watch.tick(speed=[0.0, 0.0, 0.0]) == FINE
     for _ in range(10):
-        assert watch.tick(speed=[9.0, 0.0, 0.0], heard=[False, True, True]) == FINE
+        assert watch.tick(speed=[9.0, 0.0, 0.0], fresh=[False, True, True]) == FINE
     never = [False, True, True]
-    assert all(watch.tick(speed=[nan, 0.0, 0.0], heard=never) == FINE for _ in range(10))
+    assert all(watch.tick(speed=[nan, 0.0, 0.0], fresh=never) == FINE for _ in range(10))
 
 
 @pytest.mark.parametrize("speed", [nan, inf, -inf])
@@ -453,7 +453,7 @@ def test_overspeed_a_speed_that_is_read_and_is_no_number_is_too_fast(speed: floa
 def test_overspeed_an_old_reading_neither_counts_nor_forgives() -> None:
     watch = Watch()
     assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE
-    assert watch.tick(speed=[9.0, 0.0, 0.0], heard=[False, True, True]) == FINE
+    assert watch.tick(speed=[9.0, 0.0, 0.0], fresh=[False, True, True]) == FINE
     assert watch.tick(speed=[9.0, 0.0, 0.0]).reaction is HOLD
 
 
@@ -500,7 +500,7 @@ def test_overspeed_is_only_reported_while_settling() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
-    ("apart", "ticks", "told"),
+    ("apart", "ticks", "reported"),
     [
         (0.05, 200, False),
         (0.05 + TINY, 46, False),
@@ -510,7 +510,7 @@ def test_overspeed_is_only_reported_while_settling() -> None:
     ],
 )
 def test_mirror_drift_a_deviation_for_half_a_second_is_only_reported(
-    side: float, apart: float, ticks: int, told: bool
+    side: float, apart: float, ticks: int, reported: bool
 ) -> None:
     watch = Watch()
     said = [watch.tick(simulated=reading([0.0, side * apart, 0.0])) for _ in range(ticks)]
@@ -518,7 +518,7 @@ def test_mirror_drift_a_deviation_for_half_a_second_is_only_reported(
     assert not any(one.latches for one in said)
     found = [finding for one in said for finding in one.findings]
     assert [(one.code, one.joint, one.bound) for one in found] == (
-        [(ReasonCode.MIRROR_DRIFT, 1, 0.05)] if told else []
+        [(ReasonCode.MIRROR_DRIFT, 1, 0.05)] if reported else []
     )
 
 

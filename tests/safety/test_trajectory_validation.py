@@ -45,6 +45,7 @@ def test_a_wrong_name_is_answered_with_the_nearest() -> None:
     assert "nearest: l_knee" in finding.message
     (finding,) = form(["xyz"], [PointRow(1.0, [0.0])], [f"joint_{place}" for place in range(24)])[1]
     assert finding.message.count("joint_") == 3
+    assert "`twindctl status --joints` lists all" in finding.message
 
 
 def test_missing_wrong_and_repeated_names_are_all_reported() -> None:

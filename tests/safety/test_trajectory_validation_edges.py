@@ -21,7 +21,7 @@ NAMES = ("hip_a", "hip_b", "hip_c", "hip_d")
 # ------------------------------------------------------------------------------------------ form
 
 
-def told(
+def findings_of(
     *rows: object, names: tuple[str, ...] = ("hip_a",)
 ) -> list[tuple[ReasonCode, int | None, float | None]]:
     path, findings = form(names, rows, NAMES)
@@ -40,11 +40,11 @@ def test_at_most_32_unknown_names_are_reported() -> None:
 
 
 def test_every_malformed_point_is_reported() -> None:
-    assert told((0.0,), (1.0, [0.0])) == [(ReasonCode.BAD_SHAPE, 0, 4), (ReasonCode.BAD_SHAPE, 1, 4)]
+    assert findings_of((0.0,), (1.0, [0.0])) == [(ReasonCode.BAD_SHAPE, 0, 4), (ReasonCode.BAD_SHAPE, 1, 4)]
 
 
 def test_accelerations_are_looked_at_where_velocities_are_missing() -> None:
-    found = told((0.0, [0.0], None, [0.0, 0.0]), (1.0, [0.0], None, [0.0]))
+    found = findings_of((0.0, [0.0], None, [0.0, 0.0]), (1.0, [0.0], None, [0.0]))
     assert found == [
         (ReasonCode.BAD_SHAPE, 0, 1),
         (ReasonCode.BAD_SHAPE, 0, None),

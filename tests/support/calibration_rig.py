@@ -58,7 +58,7 @@ def hands(rig: Rig, pose: Mapping[str, float]) -> None:
         rig.virtual[bus.name].faults.hand(pose=own, speed=QUICK)
 
 
-def heard(rig: Rig) -> dict[str, EncoderSample]:
+def encoder_samples(rig: Rig) -> dict[str, EncoderSample]:
     """Messages of topic `raw`."""
     raw = rig.loop.hardware.readings.raw
     names = [slot.name for slot in slots(rig.robot)]
@@ -69,7 +69,7 @@ def heard(rig: Rig) -> dict[str, EncoderSample]:
     }
 
 
-def swept(rig: Rig, beyond: float = 1.0) -> SweepTracker:
+def sweep_all(rig: Rig, beyond: float = 1.0) -> SweepTracker:
     """Every actuator taken `beyond` (rad) both ends of what is described, or to its stop; a rest at each."""
     travels = SweepTracker(slots(rig.robot), [slot.name for slot in slots(rig.robot)])
     news = moved(rig, travels, beyond)
@@ -86,7 +86,7 @@ def moved(rig: Rig, travels: SweepTracker, beyond: float = 1.0) -> list[SweepEve
         hands(rig, {slot.joint.name: getattr(slot, side) + way for slot in every})
         for _ in range(200):
             rig.ticks(1)
-            news += travels.take(heard(rig))
+            news += travels.take(encoder_samples(rig))
     return news
 
 
@@ -97,7 +97,7 @@ def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, JointCapture]:
     readings: dict[str, list[int]] = {slot.name: [] for slot in slots(rig.robot)}
     for _ in range(50):
         rig.ticks(1)
-        for name, sample in heard(rig).items():
+        for name, sample in encoder_samples(rig).items():
             readings[name].append(sample.ticks)
     return {
         slot.name: capture(readings[slot.name], slot.joint.type.ticks_per_turn) for slot in slots(rig.robot)

@@ -21,7 +21,7 @@ class Terminal:
                 os.close(fd)
         self.master = self.slave = -1
 
-    def told(self, count: int) -> bytes:
+    def received(self, count: int) -> bytes:
         """`count` bytes that the adapter got."""
         got = b""
         while len(got) < count and select.select([self.master], [], [], 2.0)[0]:

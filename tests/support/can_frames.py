@@ -45,7 +45,7 @@ def same(message: can.Message, wanted: can.Message) -> bool:
     return message.equals(wanted, timestamp_delta=None, check_channel=False, check_direction=False)
 
 
-def heard(channel: CanChannel, count: int) -> Frames:
+def received_frames(channel: CanChannel, count: int) -> Frames:
     """Frames that a channel receives, once there are `count`, in real time."""
     clock = MonotonicClock()
     parts = [cycle(0)]

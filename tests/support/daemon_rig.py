@@ -34,7 +34,7 @@ from twind.virtual.bench_servos import BusTiming, can_bus
 from twind.virtual.can_node_setup import unloaded
 from twind.virtual.robot_ground_truth import RobotGroundTruth
 from twind.virtual.virtual_imu import sensor_of
-from twind.virtual.virtual_robot_spec import calibration, fence, specimen
+from twind.virtual.virtual_robot_spec import calibration, fence, make_spec
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.can_loopback import CanLoopback
@@ -55,7 +55,7 @@ def known_robot(name: str) -> RobotFile:
 @cache
 def known_calibration(name: str) -> Calibration:
     """The calibration of a virtual robot without faults, made once for all tests."""
-    return calibration(specimen(known_robot(name)))
+    return calibration(make_spec(known_robot(name)))
 
 
 class HandFront:
@@ -120,7 +120,7 @@ class Rig:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
             self.robot = replace(self.robot, support=support)
-        self.made = specimen(self.robot, truth=truth)
+        self.made = make_spec(self.robot, truth=truth)
         self._stops = truth is not None
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]

@@ -67,6 +67,6 @@ def answering(folder: Path) -> Iterator[Daemons]:
         each.close()
 
 
-def told(outcomes: "queue.Queue[StopOutcome]", seconds: float = 5.0) -> StopOutcome:
+def next_outcome(outcomes: "queue.Queue[StopOutcome]", seconds: float = 5.0) -> StopOutcome:
     """The next outcome; `queue.Empty` where none comes."""
     return outcomes.get(timeout=seconds)

@@ -87,7 +87,7 @@ def wrong(outcome: DoctorReport) -> set[str]:
 
 
 @contextmanager
-def nobody(*groups: int) -> Iterator[None]:
+def unprivileged(*groups: int) -> Iterator[None]:
     """Everything inside is done as the user nobody, with these groups. Needs root."""
     before = (os.getgroups(), os.getegid())
     home = os.environ["HOME"]

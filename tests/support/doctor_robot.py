@@ -124,17 +124,17 @@ class Case:
 
 
 def case(
-    code: str, id: int, *registers: tuple[int, int], told: str = "", mended: Any = None, times: int = 1
+    code: str, id: int, *registers: tuple[int, int], text: str = "", mended: Any = None, times: int = 1
 ) -> Case:
     """Registers of one servo."""
-    return Case(code, id, registers, told=told, mended=mended, times=times)
+    return Case(code, id, registers, told=text, mended=mended, times=times)
 
 
 def fault(
-    code: str, id: int, order: dict[str, Any], heal: dict[str, Any] | None = None, told: str = ""
+    code: str, id: int, order: dict[str, Any], heal: dict[str, Any] | None = None, text: str = ""
 ) -> Case:
     """An order of a fault."""
-    return Case(code, id, (), tuple(order.items()), tuple((heal or {}).items()), told)
+    return Case(code, id, (), tuple(order.items()), tuple((heal or {}).items()), text)
 
 
 @contextmanager

@@ -31,7 +31,7 @@ class DriverContract:
     # ------------------------------------------------------------------------------- the reading
 
     def test_a_sample_is_arrays_of_the_ids_in_their_order_with_their_types(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         sample = rig.tick()
         for name in ("position", "velocity", "effort"):
             assert getattr(sample, name).shape == (rig.m,), name
@@ -43,7 +43,7 @@ class DriverContract:
         assert abs(sample.position - rig.places()).max() <= 2
 
     def test_each_row_is_of_its_own_id(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         for place, id in enumerate(rig.reader.ids):
             rig.faults.silence(id)
             assert not rig.ticks(5)[-1].heard[place]
@@ -52,7 +52,7 @@ class DriverContract:
         assert rig.tick().heard.all()
 
     def test_registers_have_one_row_for_each(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         for name in (
             "torque",
             "fault",
@@ -66,7 +66,7 @@ class DriverContract:
             assert getattr(rig.registers, name).shape == (rig.m,), name
 
     def test_a_device_without_a_reply_reads_zero_and_the_others_stay_fresh(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.faults.silence(rig.reader.ids[1])
         samples = rig.ticks(30)
         for sample in samples:
@@ -77,7 +77,7 @@ class DriverContract:
             assert not sample.asked[1], "it is waited for for ever"
 
     def test_a_device_without_a_reply_costs_the_others_no_permanent_timeout(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         begin = rig.clock.now()
         rig.read()
         healthy = rig.clock.now() - begin
@@ -88,14 +88,14 @@ class DriverContract:
         assert rig.clock.now() - begin < healthy + 0.001, "it waits for who is not there"
 
     def test_a_reconnected_device_is_fresh_again(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.faults.silence(rig.reader.ids[1])
         rig.ticks(10)
         rig.faults.silence(rig.reader.ids[1], False)
         assert rig.ticks(30)[-1].heard.all()
 
     def test_a_bus_without_replies_gives_no_fresh_reading_and_raises_nothing(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.faults.silence()
         for sample in rig.ticks(30):
             assert not sample.heard.any()
@@ -119,7 +119,7 @@ class DriverContract:
         assert stale == 0
 
     def test_foreign_traffic_is_dropped_and_counted(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.faults.foreign(3)
         samples = rig.ticks(20)
         assert sum(sample.foreign for sample in samples) >= 1
@@ -128,7 +128,7 @@ class DriverContract:
             assert (abs(sample.position - rig.places()) <= 2)[sample.heard].all()
 
     def test_lost_answers_cost_a_reading_and_never_give_a_wrong_one(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         for count in (1, 3, 10):
             rig.faults.drop(count)
             for sample in rig.ticks(15):
@@ -138,7 +138,7 @@ class DriverContract:
     # ------------------------------------------------------------------------------- the port
 
     def test_a_port_that_goes_in_the_middle_raises_lost_and_ends_quietly(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.reader.request(rig.clock.now())
         rig.faults.unplug()
         with pytest.raises(PortError) as told:
@@ -189,7 +189,7 @@ class DriverContract:
         assert not rig.energised().any()
 
     def test_identify_lists_the_present_devices_in_order_of_ids(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         found = rig.perform(rig.reader.identify())
         assert [device.id for device in found] == list(rig.reader.ids)
         for device in found:
@@ -199,7 +199,7 @@ class DriverContract:
             assert device.settings["min_position_limit"] <= device.settings["max_position_limit"]
 
     def test_a_device_without_a_reply_is_not_identified(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         rig.faults.silence(rig.reader.ids[0])
         found = rig.perform(rig.reader.identify())
         assert [device.id for device in found] == list(rig.reader.ids[1:])
@@ -300,7 +300,7 @@ class DriverContract:
     # ------------------------------------------------------------------------------- scripts
 
     def test_prepare_arms_the_watchdog_where_there_is_one_and_changes_no_torque(self, rig: DriverRig) -> None:
-        here = rig.heard()
+        here = rig.positions()
         rig.beside(rig.writer.prepare(here))
         assert not rig.energised().any()
         rig.ticks(30)
@@ -334,7 +334,7 @@ class DriverContract:
         assert not np.delete(rig.energised(), 1).any(), "the others wait for nobody"
 
     def test_an_unconfirmed_preparation_is_reported(self, rig: DriverRig) -> None:
-        here = rig.heard()
+        here = rig.positions()
         rig.faults.silence()
         with pytest.raises(BusError):
             rig.beside(both(rig, here))
@@ -355,7 +355,7 @@ class DriverContract:
         assert (rig.registers.watchdog[1:] == armed).all()
 
     def test_aim_refuses_what_may_not_be_sent(self, rig: DriverRig) -> None:
-        rig.heard()
+        rig.positions()
         for script in (rig.writer.write_goals, rig.writer.prepare):
             with pytest.raises(WireRangeError):
                 rig.beside(script(rig.upper + 1))
@@ -391,7 +391,7 @@ class DriverContract:
 
 def closed(rig: DriverRig, what: str, steps: int) -> bool:
     """Closed after so many steps a script leaves a driver that works; whether it had ended by then."""
-    here = rig.heard()
+    here = rig.positions()
     script = {
         "identify": rig.reader.identify,
         "prepare": lambda: rig.writer.prepare(here),

@@ -146,7 +146,7 @@ class DriverRig:
         except StopIteration as stop:
             return stop.value
 
-    def heard(self) -> np.ndarray:
+    def positions(self) -> np.ndarray:
         """Reported positions (m,), once all devices replied."""
         if self.first and not self.tick().heard.all():
             self.clock.sleep_until(self.clock.now() + self.first)
@@ -156,7 +156,7 @@ class DriverRig:
 
     def arm(self) -> np.ndarray:
         """Everybody holds where he is; the goal (m,)."""
-        here = self.heard()
+        here = self.positions()
         self.beside(self.writer.prepare(here))
         self.beside(self.writer.write_goals(here))
         self.beside(self.writer.torque(True))

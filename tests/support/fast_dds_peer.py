@@ -46,7 +46,7 @@ class FastDds:
         finally:
             late.cancel()
 
-    def heard(self, topic: int = 0) -> list[tuple[int, bytes]]:
+    def received(self, topic: int = 0) -> list[tuple[int, bytes]]:
         """(ns of arrival, bytes) of each whole sample so far."""
         return [(time, data) for time, place, data in self._records() if place == topic]
 

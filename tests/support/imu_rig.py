@@ -36,5 +36,5 @@ class Standing(Rig):
         return found
 
     @property
-    def ticks_told(self) -> list[Tick]:
+    def reported_ticks(self) -> list[Tick]:
         return [news for news in self.news if isinstance(news, Tick)]

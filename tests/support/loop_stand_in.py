@@ -117,7 +117,7 @@ class StandIn:
         program: tuple[str, ...] = ("-m", "twind.front"),
         binding: bytes | None = None,
         goal: bytes | None = None,
-        told: Briefing | None = None,
+        given_briefing: Briefing | None = None,
     ) -> None:
         """`binding`: handed over instead of h24's. `goal`: where the robot holds, float64 of 24 joints.
         `told`: the whole briefing, instead of one of joints without a robot."""
@@ -131,9 +131,11 @@ class StandIn:
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.inner.setblocking(False)
-        told = briefing() if told is None else told
-        told = told if binding is None else msgspec.structs.replace(told, binding=binding)
-        fd = sealed_memfd.seal("briefing", msgspec.msgpack.encode(told))
+        given_briefing = briefing() if given_briefing is None else given_briefing
+        given_briefing = (
+            given_briefing if binding is None else msgspec.structs.replace(given_briefing, binding=binding)
+        )
+        fd = sealed_memfd.seal("briefing", msgspec.msgpack.encode(given_briefing))
         listeners = {name: self._listen(name) for name in ("control", "observe")}
         handed = {"link": outer.fileno(), "briefing": fd}
         handed |= {name: listener.fileno() for name, listener in listeners.items()}

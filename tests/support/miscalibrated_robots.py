@@ -11,7 +11,7 @@ from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 
 KNEE = "l_knee"
 TURN = 4096
@@ -32,7 +32,7 @@ class Planted(Rig):
         self.energised: set[str] = set()  # joints that had torque at any tick
         self.moved = 0.0  # ticks, the furthest that any shaft was from where it began
         self._began: np.ndarray | None = None
-        then = calibration(specimen(load_robot(robot), truth=RobotGroundTruth(before)))
+        then = calibration(make_spec(load_robot(robot), truth=RobotGroundTruth(before)))
         super().__init__(robot, truth=RobotGroundTruth(found), calibrated=then, **how)
 
     def ticks(self, count: int) -> None:
@@ -74,9 +74,9 @@ class Planted(Rig):
         assert not self.loop.torque.armed
         assert self.energised == set(), "torque was on"
         assert self.moved <= 1.0, "something moved"
-        return self.said(reply.parameters.get("findings", ()))
+        return self.reported_findings(reply.parameters.get("findings", ()))
 
-    def said(self, findings: Any = ()) -> list[tuple[str, str, str]]:
+    def reported_findings(self, findings: Any = ()) -> list[tuple[str, str, str]]:
         """Findings (code, joint, message) of a reply, and of every event so far."""
         found = [(str(each["code"]), each["joint"], each["message"]) for each in findings]
         for event in self.events():

@@ -41,14 +41,14 @@ class World:
         self.now = self.now + self.takes
         return self.action.copy()
 
-    def reading(self, heard: StateMessage) -> BodyReading:
+    def reading(self, message: StateMessage) -> BodyReading:
         reading = BodyReading.empty(2)
-        reading.position[...] = heard.position
+        reading.position[...] = message.position
         reading.gravity[...] = (0.0, 0.0, -1.0)
         reading.gyro[0] = self.gyro
         return reading
 
-    def heard(self, old: float = 0.0) -> StateMessage:
+    def state_message(self, old: float = 0.0) -> StateMessage:
         row = np.zeros(2)
         imu = ImuReading(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), 0.0)
         time = self.now - old
@@ -57,7 +57,7 @@ class World:
 
     def step(self, old: float = 0.0, *, refused: bool = False) -> PolicySetpoint | PolicyHold | PolicyEnd:
         """One period: the loop follows what was sent, or brakes to rest at once."""
-        done = self.controller.step(self.heard(old), self.now)
+        done = self.controller.step(self.state_message(old), self.now)
         if isinstance(done, PolicySetpoint) and refused:
             done = self.controller.hold("refused")
         elif isinstance(done, PolicySetpoint):

@@ -65,7 +65,7 @@ class Node:
         self._graph = ZenohTransport(DiscoverySettings(), lambda line: None, endpoint)
         self._graph.open(list(THEIRS.values()), (), self._hear, lambda *_: (False, ""))
 
-    def heard(self, topic: str) -> list[Any]:
+    def received(self, topic: str) -> list[Any]:
         """Messages that came since this was last asked."""
         waiting = self._heard[topic]
         return [decode(THEIRS[topic].kind, waiting.popleft()) for _ in range(len(waiting))]

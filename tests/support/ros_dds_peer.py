@@ -74,7 +74,7 @@ class Node:
         """Read a topic from now on."""
         self._readers[topic] = self._made("Reader", topic, kind, latched=latched)
 
-    def heard(self, topic: str) -> list[Any]:
+    def received(self, topic: str) -> list[Any]:
         """Messages since the last question."""
         return [plain(each) for each in self._readers[topic].take(N=10_000)]
 

@@ -87,7 +87,7 @@ class Node:
             )
         )
 
-    def heard(self, topic: str) -> list[Any]:
+    def received(self, topic: str) -> list[Any]:
         """Messages as plain objects."""
         return [plain(message) for _, message in list(self._heard[topic])]
 

@@ -17,7 +17,7 @@ class Manager:
     def notifier(self, **more: str) -> Notifier:
         return Notifier({"NOTIFY_SOCKET": self.address, **more})
 
-    def told(self) -> list[str]:
+    def received(self) -> list[str]:
         found = []
         while True:
             try:

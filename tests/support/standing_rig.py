@@ -49,14 +49,14 @@ class StandingRig(Rig):
         self.arm()
         self.seconds(2.0)
         self.lease()
-        assert self.crane.is_holding is False
+        assert self.base_support.is_holding is False
 
     @property
-    def crane(self) -> Any:
+    def base_support(self) -> Any:
         """Support that held it; it pushes, too."""
         return self.body.crane
 
-    def heard(self) -> StateMessage:
+    def state_message(self) -> StateMessage:
         """The newest state, as `Monitor` would have told it."""
         tick = next(news for news in reversed(self.news) if isinstance(news, Tick))
         return of_tick(tick, self.clock.now())
@@ -84,7 +84,7 @@ class StandingRig(Rig):
             if each is not None:
                 each(step)
             self.news = self.news[-50:]  # half a minute has some thousands
-            done = self.pilot.step(self.heard(), self.clock.now())
+            done = self.pilot.step(self.state_message(), self.clock.now())
             if isinstance(done, PolicyEnd):
                 self.told.append(done.reason)
                 return done.reason
@@ -117,7 +117,7 @@ class StandingRig(Rig):
 
     def base(self) -> dict[str, Any]:
         """State of the base."""
-        told: dict[str, Any] = self.crane.truth()
+        told: dict[str, Any] = self.base_support.truth()
         return told
 
 

@@ -33,7 +33,7 @@ class Uplink:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)
 
     @property
-    def said(self) -> str:
+    def output(self) -> str:
         """All of it so far."""
         self._log.seek(0)
         return self._log.read()
@@ -140,7 +140,7 @@ def phases(replies: list[bytes]) -> list[str]:
 
 def up(far: Far, uplink: Uplink) -> None:
     """Wait until the robot is there."""
-    until(far.there, PATIENCE, f"the uplink is up: {uplink.said}")
+    until(far.there, PATIENCE, f"the uplink is up: {uplink.output}")
 
 
 @contextmanager

@@ -42,10 +42,10 @@ def other(
     return {"robot": robot, "calibration": None, "mjcf": mjcf}
 
 
-def state(told: dict[str, Any], time: float = 0.0, **joints: Any) -> dict[str, Any]:
+def state(reply: dict[str, Any], time: float = 0.0, **joints: Any) -> dict[str, Any]:
     """A message of the topic `state`: all at rest and heard, but for those named: an angle, or fields."""
     rows = []
-    for joint in told["robot"]["joints"]:
+    for joint in reply["robot"]["joints"]:
         name = joint["name"]
         asked = joints.get(name.removeprefix("the "), 0.0)
         fields = asked if isinstance(asked, dict) else {"position": asked}

@@ -28,7 +28,7 @@ class Graph:
         self._said: list[dict[str, Any]] = []
         self.bridge = self.begin()
         try:
-            self.peer = self.heard_by()
+            self.peer = self.make_peer()
         except BaseException:
             self.bridge.kill()
             self.bridge.wait(10)
@@ -54,7 +54,7 @@ class Graph:
                 env=plain,
             )
 
-    def heard_by(self) -> Peer:
+    def make_peer(self) -> Peer:
         """A peer that listens and may command."""
         peer = Peer(self.router.endpoint)
 
@@ -62,7 +62,7 @@ class Graph:
             """One that is refused comes back: each side has found the other."""
             peer.ask("send", topic=COMMAND, message={"header": {"frame_id": "hello"}})
             time.sleep(0.1)
-            return bool(peer.ask("heard", topic=RESULTS))
+            return bool(peer.ask("received", topic=RESULTS))
 
         try:
             until(both, 60.0, lambda: f"an answer: {self.log()}")
@@ -82,10 +82,10 @@ class Graph:
 
     def results(self, **wanted: Any) -> list[dict[str, Any]]:
         """Those that have all that is wanted, of all that came."""
-        self._said += [json.loads(each["data"]) for each in self.peer.ask("heard", topic=RESULTS)]
+        self._said += [json.loads(each["data"]) for each in self.peer.ask("received", topic=RESULTS)]
         return [each for each in self._said if wanted.items() <= each.items()]
 
-    def told(self, **wanted: Any) -> dict[str, Any]:
+    def result(self, **wanted: Any) -> dict[str, Any]:
         """The first result that has all that is wanted."""
         until(lambda: self.results(**wanted), 30.0, lambda: f"{wanted}: {self._said[-5:]} {self.log()}")
         return self.results(**wanted)[0]
@@ -95,7 +95,7 @@ class Graph:
         found: list[dict[str, Any]] = []
 
         def look() -> bool:
-            found.extend(self.peer.ask("heard", topic=topic))
+            found.extend(self.peer.ask("received", topic=topic))
             return bool(found)
 
         until(look, 30.0, lambda: f"{topic}: {self.log()}")
@@ -122,5 +122,5 @@ class Graph:
 
     def status(self) -> dict[str, Any]:
         """The newest of /bridge/status since this was last asked; empty: none came."""
-        found = self.peer.ask("heard", topic=STATUS)
+        found = self.peer.ask("received", topic=STATUS)
         return json.loads(found[-1]["data"]) if found else {}

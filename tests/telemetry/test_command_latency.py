@@ -62,7 +62,7 @@ class World:
         self.way.look(self.state, self.now + ANSWER)
         self.now += TICK
 
-    def told(self) -> dict[str, int]:
+    def counts(self) -> dict[str, int]:
         """Return the number of figures of each hop."""
         return {name: self.health.hops[name].count for name in COMMAND if self.health.hops[name].count}
 
@@ -82,7 +82,7 @@ def test_every_hop_of_a_command_is_measured_once() -> None:
     world.tick([FAR, 0.0], [FAR / 4, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == WHOLE
+    assert world.counts() == WHOLE
     assert world.last("received") == CALLED
     assert world.last("gated") == JUDGING
     assert world.last("written") == WAITING
@@ -101,23 +101,23 @@ def test_a_joint_has_moved_when_it_moved_far_enough_in_the_commanded_direction(
     ask[joint] = side * VISIBLE * 1.000001
     world.tick(ask.tolist(), (-3.0 * ask).tolist())
     world.tick(ask.tolist(), (0.99 * ask).tolist())
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
     world.tick(ask.tolist(), ask.tolist())
-    assert world.told() == WHOLE
+    assert world.counts() == WHOLE
 
 
 def test_motion_is_measured_on_the_joint_with_the_largest_visible_command() -> None:
     world = World()
     world.command()
     world.tick([VISIBLE * 0.999999, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
     world = World()
     world.command()
     world.tick([FAR, 2.0 * FAR])
     world.tick([FAR, 2.0 * FAR], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
     world.tick([FAR, 2.0 * FAR], [FAR, FAR])
-    assert world.told() == WHOLE
+    assert world.counts() == WHOLE
 
 
 # ------------------------------------------------------------------------------------- no figure
@@ -127,7 +127,7 @@ def test_a_refused_command_has_only_the_figures_of_its_check() -> None:
     world = World()
     world.way.judge(world.way.take(world.now - 0.003, world.now), world.now + 0.001)
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == {"received": 1, "gated": 1}
+    assert world.counts() == {"received": 1, "gated": 1}
 
 
 def test_a_command_ended_before_its_first_goal_has_no_motion_figures() -> None:
@@ -136,11 +136,11 @@ def test_a_command_ended_before_its_first_goal_has_no_motion_figures() -> None:
     world.way.end("another")
     world.way.end("t")
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == {"received": 1, "gated": 1}
+    assert world.counts() == {"received": 1, "gated": 1}
     world.command("t")
     world.way.end("another")
     world.tick([FAR, 0.0])
-    assert world.told()["written"] == 1
+    assert world.counts()["written"] == 1
 
 
 def test_a_command_replaced_before_its_first_goal_has_no_motion_figures() -> None:
@@ -149,7 +149,7 @@ def test_a_command_replaced_before_its_first_goal_has_no_motion_figures() -> Non
     world.now += 0.5
     world.command("two")
     world.tick([FAR, 0.0])
-    assert world.told() == ON_ITS_WAY | {"received": 2, "gated": 2}
+    assert world.counts() == ON_ITS_WAY | {"received": 2, "gated": 2}
     assert world.last("command") == CALLED + JUDGING + WAITING
 
 
@@ -158,7 +158,7 @@ def test_while_no_goal_leaves_it_is_waited_and_the_wait_counts() -> None:
     world.command()
     for _ in range(3):
         world.tick(None)
-    assert "written" not in world.told()
+    assert "written" not in world.counts()
     world.tick([0.0, 0.0])
     assert world.last("written") == 3 * TICK + WAITING
 
@@ -169,7 +169,7 @@ def test_a_joint_that_never_moves_has_no_figure_and_later_moves_are_not_its() ->
     for _ in range(round(PATIENCE / TICK) + 1):
         world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
 
 
 @pytest.mark.parametrize(("late", "moved"), [(0.0, 1), (TICK, 0)])
@@ -180,7 +180,7 @@ def test_a_motion_not_seen_within_the_patience_is_given_up(late: float, moved: i
     world.now += PATIENCE - ANSWER - TICK + late
     world.tick([FAR, 0.0])  # looked at, to the bit, so much after it was asked
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told().get("moved", 0) == moved
+    assert world.counts().get("moved", 0) == moved
 
 
 @pytest.mark.parametrize(("wait", "moved"), [(PATIENCE, 1), (PATIENCE + TICK, 0)])
@@ -192,7 +192,7 @@ def test_a_command_without_a_visible_motion_is_not_waited_for_indefinitely(wait:
     world.tick([0.0, 0.0])
     world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == (WHOLE if moved else ON_ITS_WAY)
+    assert world.counts() == (WHOLE if moved else ON_ITS_WAY)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -203,7 +203,7 @@ def test_a_visible_move_is_this_far_and_no_less(side: float) -> None:
         world.command()
         world.tick([side * asked, 0.0])
         world.tick([side * asked, 0.0], [side * gone, 0.0])
-        assert world.told().get("moved", 0) == moved
+        assert world.counts().get("moved", 0) == moved
 
 
 def test_a_command_whose_goals_reverse_has_no_motion_figure() -> None:
@@ -212,7 +212,7 @@ def test_a_command_whose_goals_reverse_has_no_motion_figure() -> None:
     world.tick([FAR, 0.0])
     world.tick([0.0, 0.0])
     world.tick([0.0, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
 
 
 def test_a_joint_that_falls_after_torque_off_has_no_motion_figure() -> None:
@@ -221,7 +221,7 @@ def test_a_joint_that_falls_after_torque_off_has_no_motion_figure() -> None:
     world.tick([FAR, 0.0])
     world.tick(None, [FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
 
 
 def test_in_another_mode_it_is_another_robot() -> None:
@@ -229,12 +229,12 @@ def test_in_another_mode_it_is_another_robot() -> None:
     world.command()
     world.way.forget()
     world.tick([FAR, 0.0])
-    assert "written" not in world.told()
+    assert "written" not in world.counts()
     world.command()
     world.tick([FAR, 0.0])
     world.way.forget()
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert "moved" not in world.told()
+    assert "moved" not in world.counts()
 
 
 def test_a_motion_before_its_command_has_no_figure() -> None:
@@ -243,7 +243,7 @@ def test_a_motion_before_its_command_has_no_figure() -> None:
     world.tick([0.0, 0.0], [FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
 
 
 @pytest.mark.parametrize("what", ["reference", "reading", "unheard", "not commanded", "unknown"])
@@ -260,10 +260,10 @@ def test_only_resting_commanded_and_fresh_joints_are_measured(what: str) -> None
     world.command(speed=-1.000001 * STILL if what == "reference" else 0.0, joints=joints)
     world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
     world.tick([FAR, FAR], [FAR, 0.0])  # the other one is
     world.tick([FAR, FAR], [FAR, FAR])
-    assert world.told() == WHOLE
+    assert world.counts() == WHOLE
 
 
 def test_motion_is_measured_only_on_joints_below_the_rest_speed() -> None:
@@ -272,12 +272,12 @@ def test_motion_is_measured_only_on_joints_below_the_rest_speed() -> None:
     world.command(speed=-STILL)
     world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == WHOLE
+    assert world.counts() == WHOLE
     world = World()
     world.command(joints=~BOTH)
     world.tick([FAR, FAR])
     world.tick([FAR, FAR], [FAR, FAR])
-    assert world.told() == ON_ITS_WAY
+    assert world.counts() == ON_ITS_WAY
 
 
 # ------------------------------------------------------------------------------------- one after another
@@ -289,9 +289,9 @@ def test_a_trajectory_that_replaces_one_takes_the_look_over() -> None:
     world.tick([FAR, 0.0])
     world.command("two")
     world.tick([0.0, FAR], [FAR, 0.0])
-    assert "moved" not in world.told()
+    assert "moved" not in world.counts()
     world.tick([0.0, FAR], [FAR, FAR])
-    assert world.told()["moved"] == 1
+    assert world.counts()["moved"] == 1
 
 
 def test_only_the_start_of_a_setpoint_stream_has_a_motion_figure() -> None:
@@ -301,7 +301,7 @@ def test_only_the_start_of_a_setpoint_stream_has_a_motion_figure() -> None:
         world.tick([step * 0.6 * VISIBLE, 0.0])
     world.command(STREAM)
     world.tick([4.0 * VISIBLE, 0.0], [1.1 * VISIBLE, 0.0])
-    assert world.told() == {"received": 6, "gated": 6, "written": 6, "moved": 1, "command": 6}
+    assert world.counts() == {"received": 6, "gated": 6, "written": 6, "moved": 1, "command": 6}
     assert world.last("moved") == 4 * (TICK + JUDGING + WAITING) + ANSWER
 
 

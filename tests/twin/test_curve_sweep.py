@@ -18,7 +18,7 @@ OPEN = "{allow: [[base, middle]]}"  # so that the tip alone comes back to the ba
 POST = '<geom name="post" type="capsule" fromto="0.3 -1 0.45 0.3 1 0.45" size="0.004"/>'
 
 
-def swept(bodies: CollisionModel, curve: Spline) -> SweepResult:
+def sweep_curve(bodies: CollisionModel, curve: Spline) -> SweepResult:
     found = finished(CurveSweep(bodies).running(curve))
     assert isinstance(found, SweepResult)
     return found
@@ -28,7 +28,7 @@ def named(bodies: CollisionModel, found: SweepResult) -> list[tuple[str, str]]:
     return [bodies.pairs[close.pair].bodies for close in found.refused]
 
 
-def folded(bodies: CollisionModel, clearance: float) -> np.ndarray:
+def closest_pose(bodies: CollisionModel, clearance: float) -> np.ndarray:
     """Return the pose in which the elbow leaves `clearance` m between tip and base."""
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
     low = 0.0
@@ -51,7 +51,7 @@ def against_the_oracle(seed: int, count: int, share: float) -> tuple[int, int, i
         curve = wander(random, binding, share)
         if (oracle.row(at(curve, 0.0)) < bodies.block + BAND).any():
             continue
-        found = swept(bodies, curve)
+        found = sweep_curve(bodies, curve)
         spare = float((oracle.least(curve, 200) - bodies.block).min())
         if found.refused or found.unfinished:
             refused += 1
@@ -81,7 +81,7 @@ def test_a_collision_between_two_samples_is_found(tmp_path: Path) -> None:
     """A thin post: both ends are clear by 2 cm and more, and the tip passes through in the middle."""
     binding = arm(tmp_path, "{world_m: 0.001}", support="fixed", world=POST, tip="sphere")
     bodies = CollisionModel(binding)
-    found = swept(bodies, line([-0.9, 0.0, 0.0], [-0.1, 0.0, 0.0]))
+    found = sweep_curve(bodies, line([-0.9, 0.0, 0.0], [-0.1, 0.0, 0.0]))
     assert {bodies.pairs[close.pair].code for close in found.refused} == {ReasonCode.KEEP_OUT}
     first = found.refused[0]
     assert first.clearance < 0.0
@@ -92,25 +92,25 @@ def test_a_collision_between_two_samples_is_found(tmp_path: Path) -> None:
 
 def test_the_floor_has_its_own_name(tmp_path: Path) -> None:
     bodies = CollisionModel(arm(tmp_path, support="fixed", world=FLOOR))
-    found = swept(bodies, line([0.0, 0.0, 0.0], [0.75, 0.0, 0.0]))
+    found = sweep_curve(bodies, line([0.0, 0.0, 0.0], [0.75, 0.0, 0.0]))
     assert bodies.pairs[found.refused[0].pair].code is ReasonCode.FLOOR
     assert ("floor", "tip") in named(bodies, found)
-    assert not swept(bodies, line([0.0, 0.0, 0.0], [-0.75, 0.0, 0.0])).refused
+    assert not sweep_curve(bodies, line([0.0, 0.0, 0.0], [-0.75, 0.0, 0.0])).refused
 
 
 def test_two_boxes_are_checked_although_contacts_do_not_cover_them(tmp_path: Path) -> None:
     bodies = CollisionModel(arm(tmp_path, OPEN, tip="box"))
     assert len(bodies.boxes)
-    found = swept(bodies, line([0.0, 0.0, 0.0], [0.0, 2.85, 0.0]))
+    found = sweep_curve(bodies, line([0.0, 0.0, 0.0], [0.0, 2.85, 0.0]))
     assert ("base", "tip") in named(bodies, found)
-    clear = swept(bodies, line([0.0, 0.0, 0.0], [0.0, 1.4, 0.4]))
+    clear = sweep_curve(bodies, line([0.0, 0.0, 0.0], [0.0, 1.4, 0.4]))
     assert not clear.refused
 
 
 def test_a_small_clearance_is_reported_and_not_refused(tmp_path: Path) -> None:
     """The tip goes straight at the base's top until 5 mm are left."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    found = swept(bodies, line(np.zeros(3), folded(bodies, 0.005)))
+    found = sweep_curve(bodies, line(np.zeros(3), closest_pose(bodies, 0.005)))
     assert not found.refused
     near = {bodies.pairs[close.pair].bodies: close for close in found.warned}["base", "tip"]
     assert near.clearance == pytest.approx(0.005, abs=1e-5)
@@ -120,7 +120,7 @@ def test_a_small_clearance_is_reported_and_not_refused(tmp_path: Path) -> None:
 def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> None:
     """Dense around the bound: the way ends where the tip is `beyond` further into it than `block`."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    found = swept(bodies, line(np.zeros(3), folded(bodies, 0.002 - beyond)))
+    found = sweep_curve(bodies, line(np.zeros(3), closest_pose(bodies, 0.002 - beyond)))
     if abs(beyond) > BAND:
         assert bool(found.refused) == (beyond > 0.0)
     elif beyond > 0.0:
@@ -130,20 +130,20 @@ def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> No
 @pytest.mark.parametrize("deep", [-BAND / 2, BAND, 0.001, 0.005])
 def test_a_robot_that_starts_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep: float) -> None:
     bodies = CollisionModel(arm(tmp_path, OPEN))
-    start = folded(bodies, 0.002 - deep)
-    out = swept(bodies, line(start, [0.0, 0.0, 0.0]))
+    start = closest_pose(bodies, 0.002 - deep)
+    out = sweep_curve(bodies, line(start, [0.0, 0.0, 0.0]))
     assert not out.refused
     assert not out.unfinished
-    closer = swept(bodies, line(start, start + np.array([0.0, 0.1, 0.0])))
+    closer = sweep_curve(bodies, line(start, start + np.array([0.0, 0.1, 0.0])))
     assert named(bodies, closer) == [("base", "tip")]
-    back = swept(bodies, line(start, [0.0, 0.0, 0.0], folded(bodies, 0.002 - deep - 0.0002)))
+    back = sweep_curve(bodies, line(start, [0.0, 0.0, 0.0], closest_pose(bodies, 0.002 - deep - 0.0002)))
     assert named(bodies, back) == [("base", "tip")]  # once out, the bound holds again
     assert SLACK < 0.002
 
 
 def test_a_way_that_does_not_move_is_clear() -> None:
     binding = h24()
-    found = swept(CollisionModel(binding), hold(np.array(binding.rest)))
+    found = sweep_curve(CollisionModel(binding), hold(np.array(binding.rest)))
     assert (found.refused, found.warned, found.unfinished) == ((), (), False)
 
 
@@ -152,7 +152,7 @@ def test_a_non_finite_path_is_never_proved_clear(tmp_path: Path, wrong: float) -
     bodies = CollisionModel(arm(tmp_path))
     with np.errstate(all="ignore"):
         path = Trajectory(np.ones(1), np.array([[0.0, wrong, 0.0]]), np.ones(3, np.bool_))
-        found = swept(bodies, interpolate(path, still(np.zeros(3))))
+        found = sweep_curve(bodies, interpolate(path, still(np.zeros(3))))
     assert found.unfinished
 
 
@@ -160,7 +160,7 @@ def test_the_work_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(curve_sweep, "MOST", 200)
     bodies = CollisionModel(arm(tmp_path))
     rows = [[0.0, 1.0 * (k % 2), 0.0] for k in range(200)]
-    found = swept(bodies, line(*rows, seconds=0.5))
+    found = sweep_curve(bodies, line(*rows, seconds=0.5))
     assert found.unfinished
     assert found.work <= 200 + 2 * CHUNK
 
@@ -185,7 +185,7 @@ def test_the_degree_and_the_speed_of_a_way_make_no_difference(tmp_path: Path) ->
         np.ones(3, np.bool_),
         np.array([[0.1, 1.0, 0.0], [0.0, 0.0, 0.0]]),
     )
-    fast = swept(bodies, interpolate(path, still(np.zeros(3))))
-    slow = swept(bodies, interpolate(path.stretched(3.0), still(np.zeros(3))))
+    fast = sweep_curve(bodies, interpolate(path, still(np.zeros(3))))
+    slow = sweep_curve(bodies, interpolate(path.stretched(3.0), still(np.zeros(3))))
     assert named(bodies, fast) == named(bodies, slow)
     assert [close.time * 3.0 for close in fast.refused] == pytest.approx([c.time for c in slow.refused])

@@ -112,12 +112,12 @@ def test_an_excess_torque_is_reported_with_its_first_and_worst_time(pinned: Bind
     assert "most at 1 s" in found.message and "standing still" not in found.message
 
 
-@pytest.mark.parametrize(("share", "told"), [(SHARE * 1.0001, 0), (SHARE * 0.9999, 1)])
-def test_the_bound_is_sharp(pinned: Binding, share: float, told: int) -> None:
+@pytest.mark.parametrize(("share", "count"), [(SHARE * 1.0001, 0), (SHARE * 0.9999, 1)])
+def test_the_bound_is_sharp(pinned: Binding, share: float, count: int) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
     need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     weak = able(pinned, l_shoulder_roll=need / SHARE * share / SHARE)
-    assert len(judge(weak, np.tile(out, (3, 1))).warnings) == told
+    assert len(judge(weak, np.tile(out, (3, 1))).warnings) == count
 
 
 def test_acceleration_counts(pinned: Binding) -> None:

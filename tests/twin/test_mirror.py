@@ -23,14 +23,14 @@ COUNT = 24
 KNEE = ROBOT.names.index("l_knee")
 
 
-def reading(position: Floats, velocity: Floats | None = None, heard: Bools | None = None) -> JointState:
+def reading(position: Floats, velocity: Floats | None = None, fresh: Bools | None = None) -> JointState:
     return JointState(
         time=1.0,
         position=position,
         velocity=np.zeros(COUNT) if velocity is None else velocity,
         effort=np.full(COUNT, np.nan),
         age=np.zeros(COUNT),
-        heard=np.ones(COUNT, np.bool_) if heard is None else heard,
+        heard=np.ones(COUNT, np.bool_) if fresh is None else fresh,
     )
 
 
@@ -93,10 +93,10 @@ def test_stale_joints_keep_their_last_position_in_the_mirror() -> None:
     mirror.update(reading(np.full(COUNT, 0.1)))
     heard = np.ones(COUNT, np.bool_)
     heard[KNEE] = False
-    mirror.update(reading(np.full(COUNT, 0.2), heard=heard))
+    mirror.update(reading(np.full(COUNT, 0.2), fresh=heard))
     assert mirror.position[KNEE] == 0.1
     assert (np.delete(mirror.position, KNEE) == 0.2).all()
-    mirror.update(reading(np.full(COUNT, 0.3), heard=np.zeros(COUNT, np.bool_)))
+    mirror.update(reading(np.full(COUNT, 0.3), fresh=np.zeros(COUNT, np.bool_)))
     assert (np.delete(mirror.position, KNEE) == 0.2).all()
     assert mirror.refused == 0
 
@@ -106,9 +106,9 @@ def test_the_torque_of_a_joint_never_read_is_unknown() -> None:
     assert np.isnan(mirror.effort).all()
     heard = np.zeros(COUNT, np.bool_)
     heard[KNEE] = True
-    mirror.update(reading(np.full(COUNT, np.nan), heard=np.zeros(COUNT, np.bool_)))
+    mirror.update(reading(np.full(COUNT, np.nan), fresh=np.zeros(COUNT, np.bool_)))
     assert np.isnan(mirror.effort).all()
-    mirror.update(reading(np.full(COUNT, 0.1), heard=heard))
+    mirror.update(reading(np.full(COUNT, 0.1), fresh=heard))
     assert np.isfinite(mirror.effort[KNEE])
     assert np.isnan(np.delete(mirror.effort, KNEE)).all()
     mirror.update(reading(np.full(COUNT, 0.1)))
@@ -137,12 +137,12 @@ def test_a_non_finite_reading_never_enters_the_model(bad: float, where: str) -> 
     arrays(np.float64, COUNT, elements=st.floats(allow_nan=True, allow_infinity=True)),
     arrays(np.bool_, COUNT),
 )
-def test_the_model_stays_finite_for_any_reading(position: Floats, velocity: Floats, heard: Bools) -> None:
+def test_the_model_stays_finite_for_any_reading(position: Floats, velocity: Floats, fresh: Bools) -> None:
     mirror = TwinMirror(BINDING)
-    mirror.update(reading(position, velocity, heard))
+    mirror.update(reading(position, velocity, fresh))
     assert np.isfinite(mirror.data.xpos).all()
     assert np.isfinite(mirror.data.qfrc_inverse).all()
-    untouched = ~(heard & np.isfinite(position) & np.isfinite(velocity))
+    untouched = ~(fresh & np.isfinite(position) & np.isfinite(velocity))
     assert (mirror.position[untouched] == BINDING.rest[untouched]).all()
 
 

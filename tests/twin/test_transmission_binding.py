@@ -18,7 +18,7 @@ from twind.exceptions import InvalidInput
 from twind.loop.bus.joint_readings import NOWHERE, efforts, radians, ticks, velocities
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, bind, rebound
-from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, make_spec
 
 WAIST = ("waist_roll", "waist_yaw")
 ANKLE = ("ankle_roll", "ankle_pitch")
@@ -33,7 +33,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def bound(path: Path) -> Binding:
     robot = linked.read_robot(path)
-    return bind(robot, calibration(specimen(robot)))
+    return bind(robot, calibration(make_spec(robot)))
 
 
 @given(shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5))
@@ -117,7 +117,7 @@ def test_full_effort_of_all_joints_of_a_transmission_exceeds_no_actuator(bound: 
 
 def test_limits_that_an_actuator_cannot_follow_are_refused_naming_joint_and_actuator(bound: Binding) -> None:
     robot = bound.robot
-    known = calibration(specimen(bound.robot))
+    known = calibration(make_spec(bound.robot))
     for actuator, joint in (("waist_b", "waist_yaw"), ("ank_in", "ankle_pitch")):
         shorter = tuple(
             replace(entry, sweep_ticks=(entry.sweep_ticks[0] + 300, entry.sweep_ticks[1]))
@@ -144,7 +144,7 @@ def test_an_accepted_goal_at_the_end_of_the_travel_is_not_clamped(tmp_path: Path
         "ankle_roll: {limits_rad: [-0.2, 0.2]}", "ankle_roll: {limits_rad: [-0.1, 0.25]}"
     )
     robot = linked.linked(tmp_path, text.replace("[-0.4, 0.4]}\nact", "[-0.4, 0.37]}\nact"), waved(places))
-    known = calibration(specimen(robot))
+    known = calibration(make_spec(robot))
     seats = {joint.actuator: joint for joint in robot.joints}
     entries = []
     for entry in known.joints:
@@ -163,7 +163,7 @@ def test_an_accepted_goal_at_the_end_of_the_travel_is_not_clamped(tmp_path: Path
 
 
 def test_a_count_too_little_takes_the_limits_in_a_little(bound: Binding) -> None:
-    known = calibration(specimen(bound.robot))
+    known = calibration(make_spec(bound.robot))
     entries = {entry.name: entry for entry in known.joints}
     joint = bound.robot.joints[0]  # waist_roll, on waist_a
     ends = sorted(ticks_of(joint, entries["waist_a"].zero_ticks, angle) for angle in joint.span)
@@ -178,7 +178,7 @@ def test_a_count_too_little_takes_the_limits_in_a_little(bound: Binding) -> None
 @examples(20)
 @given(st.sampled_from(["waist_a", "waist_b", "ank_in", "ank_out"]))
 def test_a_joint_is_calibrated_when_all_its_actuators_are(bound: Binding, missing: str) -> None:
-    known = calibration(specimen(bound.robot))
+    known = calibration(make_spec(bound.robot))
     partly = replace(known, joints=tuple(entry for entry in known.joints if entry.name != missing))
     map_ = bind(bound.robot, partly).joint_map
     lacking = {name for name, whole in zip(map_.names, map_.calibrated, strict=True) if not whole}
@@ -186,7 +186,7 @@ def test_a_joint_is_calibrated_when_all_its_actuators_are(bound: Binding, missin
 
 
 def test_a_calibration_is_kept_by_the_names_of_actuators(bound: Binding) -> None:
-    known = calibration(specimen(bound.robot))
+    known = calibration(make_spec(bound.robot))
     assert [entry.name for entry in known.joints] == ["waist_a", "knee", "ank_out", "waist_b", "ank_in"]
     again = read_calibration(dump_calibration(known), "x.yaml", bound.robot)
     assert again.by_name.keys() == known.by_name.keys()
@@ -198,7 +198,7 @@ def test_narrower_limits_while_it_runs_are_the_joints(bound: Binding) -> None:
         replace(joint, lower=-0.1, upper=0.3) if joint.name == "waist_roll" else joint
         for joint in robot.joints
     )
-    again = rebound(bound, replace(robot, joints=joints), calibration(specimen(robot)))
+    again = rebound(bound, replace(robot, joints=joints), calibration(make_spec(robot)))
     assert again.limits.lower[0] == -0.1
     assert again.limits.hard_lower[0] == pytest.approx(-0.15)
     assert again.joint_map.buses[0].linked[0].lower[0] == again.limits.hard_lower[0]

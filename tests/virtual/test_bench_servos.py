@@ -6,7 +6,7 @@ from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
 from twind.virtual.bench_servos import BusTiming, bench, by_bus, servo, settings
 from twind.virtual.virtual_main import main
-from twind.virtual.virtual_robot_spec import buses, specimen
+from twind.virtual.virtual_robot_spec import buses, make_spec
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
@@ -83,7 +83,7 @@ def test_the_same_seed_lays_the_same_servos_out() -> None:
 
 
 def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
-    made = specimen(load_robot("h24"))
+    made = make_spec(load_robot("h24"))
     extra = by_bus([("main", ServoSpec(7, "XM430-W350", settings(made.robot.bus("main").baud, 400)))])
     bus = buses(made, physics=False, extra=extra)["main"]
     bus.receive(packet.read(7, 0, 2), 0.0)
@@ -91,7 +91,7 @@ def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
 
 
 def test_an_extra_servo_that_does_not_fit_the_robot_is_refused() -> None:
-    made = specimen(load_robot("h24"))
+    made = make_spec(load_robot("h24"))
     with pytest.raises(InvalidInput, match="no bus 'left'; h24 has main"):
         buses(made, physics=False, extra={"left": [ServoSpec(1)]})
     with pytest.raises(InvalidInput, match="first-order"):

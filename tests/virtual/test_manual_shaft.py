@@ -12,7 +12,7 @@ from tests.support.virtual_serial_host import Host
 from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
-from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, specimen
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, make_spec
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.servable_bus import ServableBus
@@ -114,7 +114,7 @@ def test_a_wrong_order_is_refused_and_nothing_moves(order: dict[str, object], wo
 def robot(
     physics: bool, name: str = "h24", **joints: JointGroundTruth
 ) -> tuple[VirtualRobotSpec, dict[str, ServableBus]]:
-    made = specimen(load_robot(name), truth=RobotGroundTruth(joints))
+    made = make_spec(load_robot(name), truth=RobotGroundTruth(joints))
     return made, buses(made, physics=physics)
 
 

@@ -22,7 +22,7 @@ from twind.virtual.robot_ground_truth import (
     load_truth,
     random_truth,
 )
-from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, save, specimen
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, make_spec, save
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
 H24 = load_robot("h24")
@@ -30,7 +30,7 @@ KNEE = H24.joints[H24.names.index("l_knee")]
 
 
 def made_with(**knee: object) -> VirtualRobotSpec:
-    return specimen(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(**knee)}))  # type: ignore[arg-type]
+    return make_spec(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(**knee)}))  # type: ignore[arg-type]
 
 
 def servo(made: VirtualRobotSpec, joint: str, physics: bool = False) -> tuple[VirtualServos, int]:
@@ -120,28 +120,28 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: st
 )
 def test_an_impossible_ground_truth_is_refused(joints: dict[str, JointGroundTruth], words: str) -> None:
     with pytest.raises(InvalidInput) as refused:
-        specimen(H24, truth=RobotGroundTruth(joints))
+        make_spec(H24, truth=RobotGroundTruth(joints))
     assert words in str(refused.value)
 
 
 def test_a_servo_only_ground_truth_is_refused_for_a_can_actuator() -> None:
     mixed = load_robot("h24-mixed")
-    specimen(
+    make_spec(
         mixed,
         truth=RobotGroundTruth({"l_knee": JointGroundTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}),
     )
     with pytest.raises(
         InvalidInput, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
     ):
-        specimen(mixed, truth=RobotGroundTruth({"l_knee": JointGroundTruth(turns=1)}))
+        make_spec(mixed, truth=RobotGroundTruth({"l_knee": JointGroundTruth(turns=1)}))
 
 
 # ---------------------------------------------------------------------------------------- what follows
 
 
 def test_an_empty_ground_truth_changes_only_the_stops() -> None:
-    plain = specimen(H24)
-    told = specimen(H24, truth=RobotGroundTruth())
+    plain = make_spec(H24)
+    told = make_spec(H24, truth=RobotGroundTruth())
     assert plain.zeros == told.zeros == plain.shown == told.shown
     assert plain.hinge("l_knee").stops == (-math.inf, math.inf)
     assert all(map(math.isfinite, told.hinge("l_knee").stops)), "the model's range"
@@ -175,13 +175,13 @@ def test_a_turn_offset_changes_the_count_and_not_the_calibration() -> None:
 
 
 def test_servos_with_exchanged_ids_sit_where_they_were() -> None:
-    made = specimen(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(swapped_with="r_knee")}))
+    made = make_spec(H24, truth=RobotGroundTruth({"l_knee": JointGroundTruth(swapped_with="r_knee")}))
     servos, left = servo(made, "l_knee")
     right = H24.names.index("r_knee")
     ids = servos.registers.ids()
     assert (ids[left], ids[right]) == (H24.joints[right].id, H24.joints[left].id)
     found = calibration(made).by_name
-    plain = specimen(H24)
+    plain = make_spec(H24)
     assert found["l_knee"].zero_ticks == plain.zeros["r_knee"], "of the servo with its id"
     assert found["l_knee"].id == H24.joints[left].id
 
@@ -239,7 +239,7 @@ def test_a_drawn_ground_truth_is_determined_by_its_seed(name: str) -> None:
 @examples(10)
 @given(st.integers(0, 10_000))
 def test_every_drawn_virtual_robot_is_usable_with_its_calibration(seed: int) -> None:
-    made = specimen(H24, truth=random_truth(H24, seed))
+    made = make_spec(H24, truth=random_truth(H24, seed))
     for entry, joint in zip(calibration(made).joints, H24.joints, strict=True):
         low, high = entry.sweep_ticks
         assert 0 <= low < high <= 4095, "position mode goes to one turn alone"
@@ -248,5 +248,7 @@ def test_every_drawn_virtual_robot_is_usable_with_its_calibration(seed: int) -> 
 
 
 def test_drawn_zeros_are_all_over_the_encoder() -> None:
-    zeros = np.array([list(specimen(H24, truth=random_truth(H24, seed)).zeros.values()) for seed in range(5)])
+    zeros = np.array(
+        [list(make_spec(H24, truth=random_truth(H24, seed)).zeros.values()) for seed in range(5)]
+    )
     assert zeros.min() < 900 and zeros.max() > 3200

@@ -10,14 +10,14 @@ from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import body_of
 from twind.virtual.bench_servos import servo
-from twind.virtual.virtual_robot_spec import buses, save, specimen
+from twind.virtual.virtual_robot_spec import buses, make_spec, save
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
 
 def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:
     robot = load_robot("h24")
-    zeros = specimen(robot).zeros
-    assert zeros == specimen(robot).zeros
+    zeros = make_spec(robot).zeros
+    assert zeros == make_spec(robot).zeros
     assert len(set(zeros.values())) > 12
     for joint in robot.joints:
         low, high = tick_range(joint, zeros[joint.name], joint.lower - 0.08, joint.upper + 0.08)
@@ -28,7 +28,7 @@ def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:
 @pytest.mark.parametrize("physics", [True, False])
 def test_every_servo_rests_at_the_rest_pose_of_the_robot_file(name: str, physics: bool) -> None:
     robot = load_robot(name)
-    made = specimen(robot)
+    made = make_spec(robot)
     for bus, virtual in buses(made, physics=physics).items():
         virtual.servos.settle(0.0)
         present = virtual.servos.readings.position.get()
@@ -40,7 +40,7 @@ def test_every_servo_rests_at_the_rest_pose_of_the_robot_file(name: str, physics
 
 def test_the_fitting_calibration_is_read_back_unchanged(tmp_path) -> None:
     robot = load_robot("h24")
-    made = specimen(robot)
+    made = make_spec(robot)
     save(made, tmp_path / "one.yaml")
     found = load_calibration(tmp_path / "one.yaml", robot)
     assert {joint.name: joint.zero_ticks for joint in found.joints} == made.zeros
@@ -53,7 +53,7 @@ def test_the_fitting_calibration_is_read_back_unchanged(tmp_path) -> None:
 
 
 def test_baud_and_return_delay_go_into_the_registers() -> None:
-    made = specimen(load_robot("h24"), baud=1_000_000, return_delay_us=250)
+    made = make_spec(load_robot("h24"), baud=1_000_000, return_delay_us=250)
     servos = buses(made, physics=False)["main"].servos
     assert set(servos["baud_rate"].tolist()) == {3}
     assert servos.registers.delays([0]) == pytest.approx([250e-6])
@@ -65,20 +65,20 @@ def test_baud_and_return_delay_go_into_the_registers() -> None:
 )
 def test_an_impossible_servo_setting_is_refused(baud: int, delay: int) -> None:
     with pytest.raises(InvalidInput, match=r"9600|508"):
-        specimen(load_robot("h24"), baud=baud, return_delay_us=delay)
+        make_spec(load_robot("h24"), baud=baud, return_delay_us=delay)
 
 
 def test_a_travel_that_does_not_fit_one_turn_is_refused() -> None:
     robot = load_robot("h24")
     wide = dataclasses.replace(robot.joints[0], lower=-math.pi, upper=math.pi)
     with pytest.raises(InvalidInput, match="does not fit one turn"):
-        specimen(dataclasses.replace(robot, joints=(wide, *robot.joints[1:])))
+        make_spec(dataclasses.replace(robot, joints=(wide, *robot.joints[1:])))
 
 
 @pytest.mark.parametrize("physics", [True, False])
 def test_the_legs_of_the_mixed_robot_rest_at_the_rest_pose_of_the_robot_file(physics: bool) -> None:
     robot = load_robot("h24-mixed")
-    made = specimen(robot)
+    made = make_spec(robot)
     virtual = buses(made, physics=physics)
     assert {name: bus.kind for name, bus in virtual.items()} == {
         "upper": "dynamixel2",
@@ -96,7 +96,7 @@ def test_the_legs_of_the_mixed_robot_rest_at_the_rest_pose_of_the_robot_file(phy
 
 def test_can_zeros_keep_the_travel_on_the_turn_of_the_start() -> None:
     robot = load_robot("h24-mixed")
-    zeros = specimen(robot).zeros
+    zeros = make_spec(robot).zeros
     legs = [joint for joint in robot.joints if joint.bus != "upper"]
     assert len({zeros[joint.name] for joint in legs}) > 6
     for joint in legs:
@@ -105,7 +105,7 @@ def test_can_zeros_keep_the_travel_on_the_turn_of_the_start() -> None:
 
 
 def test_servos_cannot_hang_on_a_can_bus() -> None:
-    made = specimen(load_robot("h24-mixed"))
+    made = make_spec(load_robot("h24-mixed"))
     bus, spec = servo("l_leg:9:XM430-W350")
     assert isinstance(spec, ServoSpec)
     with pytest.raises(InvalidInput, match="l_leg is a CAN bus: only a serial one takes servos"):
@@ -115,7 +115,7 @@ def test_servos_cannot_hang_on_a_can_bus() -> None:
 def test_a_leg_of_the_body_goes_where_it_is_commanded() -> None:
     """Its model's own servos have ranges for their goals: those must not bound a torque."""
     robot = load_robot("h24-mixed")
-    made = specimen(robot)
+    made = make_spec(robot)
     leg = body_of(robot, made.zeros).impedance(
         [at for at, each in enumerate(robot.joints) if each.bus == "l_leg"]
     )

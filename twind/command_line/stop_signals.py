@@ -22,3 +22,13 @@ def catch_stop_signals() -> Iterator[threading.Event]:
     finally:
         for each, handler in usual.items():
             signal.signal(each, handler)
+
+
+@contextmanager
+def interrupt_on_terminate() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGTERM, as at Ctrl-C: a script that ends a verb gets its last report."""
+    usual = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, usual)

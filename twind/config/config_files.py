@@ -87,8 +87,8 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     path = settings.calibration_path(robot.name)
     files = fingerprints([path] if path is not None else [])  # before it is read
     calibration = load_calibration(path, robot) if path is not None else None
-    files[str(robot.path.absolute())] = robot.text_sha256
-    files[str(robot.mjcf_path.absolute())] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
+    files[str(robot.path)] = robot.text_sha256
+    files[str(robot.mjcf_path)] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
     files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}
     usual = settings.usual_calibration(robot.name)
     denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)

@@ -20,7 +20,7 @@ def difference(old: LoadedConfig, new: LoadedConfig) -> ConfigDifference:
         changes[PROOF] = proofs
     elif not same(old.calibration, new.calibration):
         restart.add("calibration")
-    if old.robot.path.absolute() != new.robot.path.absolute():
+    if old.robot.path != new.robot.path:
         restart.add("robot")
     else:
         robot = hot_changes.robot_difference(old.robot, new.robot)
@@ -63,12 +63,12 @@ def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> L
         made = replace(made, calibration=new.calibration)
     if same(made.calibration, new.calibration) and set(old.files) == set(new.files):
         files = dict(new.files)
-    path = str(old.robot.path.absolute())
+    path = str(old.robot.path)
     if same(new.robot, replace(robot, text_sha256=new.robot.text_sha256)):
         robot = new.robot
     elif path in files:
         files[path] = old.files[path]
-    model = str(old.robot.mjcf_path.absolute())
+    model = str(old.robot.mjcf_path)
     if model in files and new.robot.mjcf != robot.mjcf:
         files[model] = old.files[model]
     if not same(new.robot.transmissions, robot.transmissions):

@@ -123,7 +123,7 @@ def _is_file(path: Path) -> bool:
 
 
 def read_robot(path: Path) -> RobotFile:
-    """The robot file at `path`, and the MJCF it names. Raises ConfigError."""
+    """The robot file at `path`, and the MJCF it names; paths in it are absolute. Raises ConfigError."""
     text = read_text(path)
     top = ConfigReader(str(path), parse(text, str(path)))
     top.require_format(FORMAT)
@@ -138,9 +138,9 @@ def read_robot(path: Path) -> RobotFile:
     gate = given.gate
     return RobotFile(
         name=given.name,
-        path=path,
+        path=path.absolute(),
         text_sha256=hashlib.sha256(text.encode()).hexdigest(),
-        mjcf_path=mjcf_path,
+        mjcf_path=mjcf_path.absolute(),
         mjcf=mjcf,
         base=given.model.base,
         support=given.support,
@@ -152,7 +152,7 @@ def read_robot(path: Path) -> RobotFile:
         legs=legs,
         poses=_poses(given.poses, joints),
         gate=GateSettings(gate.on_velocity, clearance(given.collision, given.support), gate.on_torque),
-        motions=path.parent / given.motions,
+        motions=path.absolute().parent / given.motions,
         transmissions=driven,
         imu=imu_of(top, wires, joints),
     )

@@ -138,9 +138,10 @@ def parse(text: str, file: str) -> YamlMapping:
         return _YamlTreeBuilder(file, yaml.parse(text, Loader=_EVENTS)).document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise ConfigError(
-            file, _mark(mark) if mark else FilePosition(0, 0), "", f"not YAML: {error.problem}"
-        ) from None
+        # The scanner of PyYAML 6.0.4 reads ahead and has a bound of its own, which lies above ours.
+        deep = "nesting depth" in str(error.problem)
+        problem = f"nested more than {MAX_DEPTH} deep" if deep else f"not YAML: {error.problem}"
+        raise ConfigError(file, _mark(mark) if mark else FilePosition(0, 0), "", problem) from None
     except (yaml.YAMLError, UnicodeError) as error:  # characters that YAML does not allow
         raise ConfigError(file, FilePosition(0, 0), "", f"not YAML: {' '.join(str(error).split())}") from None
     except RecursionError:

@@ -65,7 +65,8 @@ def _goal(text: str) -> tuple[str, float]:
     except ValueError:
         value = float("nan")
     if not name or not equals or not isfinite(value):
-        raise UsageError(f"{text!r}: expected JOINT=RAD, a joint and its goal in radians, as 0.5")
+        example = f"{name or 'JOINT'}=0.5"
+        raise UsageError(f"{text!r}: expected JOINT=RAD, a joint and its goal in radians, as {example}")
     return name, value
 
 

@@ -8,7 +8,6 @@ from twind.command_line.text_table import align_columns
 from twind.robot.modes import RESET_STATES
 
 Answer = Mapping[str, Any]
-UNKNOWN = ("disconnected", "identifying")  # states that hide whether a fault is latched
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
@@ -58,15 +57,23 @@ def _fault_lines(status: Answer) -> list[str]:
     from twind.ctl.reasons import remedy  # only a robot with faults pays for it
 
     remedies = dict.fromkeys(f"remedy   {fault['code']}: {remedy(fault['code'])}" for fault in faults)
-    return [*finding_lines(faults, "fault"), *remedies, f"reset    {_reset_text(status['state'])}"]
+    resets = [f"reset    {text}" for text in _reset_texts(status)]
+    return [*finding_lines(faults, "fault"), *remedies, *resets]
 
 
-def _reset_text(state: str) -> str:
-    if state in RESET_STATES:
-        return f"needed: state {state} is latched until `twindctl disarm`, then `twindctl reset`"
-    if state in UNKNOWN:
-        return "unknown until the robot is connected; needed if the state is then `fault` or `estop`"
-    return "not needed: a fault clears once its cause is gone; until then arming is refused"
+def _reset_texts(status: Answer) -> list[str]:
+    """Return which faults need a reset, and which clear by themselves."""
+    codes = list(dict.fromkeys(fault["code"] for fault in status["faults"]))
+    # An older daemon reports no latched codes.
+    latched = status.get("latched", codes if status["state"] in RESET_STATES else [])
+    transient = [code for code in codes if code not in latched]
+    texts = []
+    if latched:
+        texts.append(f"needed for {', '.join(latched)}: `twindctl disarm`, then `twindctl reset`")
+    if transient:
+        names = ", ".join(transient)
+        texts.append(f"not needed for {names}: clears once its cause is gone; until then arming is refused")
+    return texts
 
 
 def latency_text(status: Answer) -> str:

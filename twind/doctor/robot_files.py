@@ -14,9 +14,6 @@ from twind.exceptions import InvalidInput, OperationFailed
 from twind.twin.binding import bind
 
 SHOWN = 4  # names in one finding
-STARTED_ELSEWHERE = (
-    "run `twindctl doctor` in the folder where the daemon was started, or start it with an absolute `--robot`"
-)
 
 ROWS = (
     Check(
@@ -55,8 +52,6 @@ def check_files(context: CheckContext) -> Iterator[DoctorFinding]:
         advice = "correct it there"
         if error.absent:
             advice = f"name an existing file; a relative path starts at {Path.cwd()}"
-            if context.daemon is not None and not Path(error.file).is_absolute():
-                advice = STARTED_ELSEWHERE
         if _is_calibration(context, error.file):
             advice = "restore this robot's file (`individual:` of the settings names it), or calibrate again"
         yield DoctorFinding("FILE_REFUSED", place, text, advice=advice)
@@ -107,8 +102,6 @@ def check_loaded_files(context: CheckContext) -> Iterator[DoctorFinding]:
     daemon = context.need_daemon()
     loaded = daemon.robot
     path = Path(str(loaded["robot"]["path"]))
-    if not path.is_absolute():
-        raise OperationFailed(f"the daemon read {path}, a relative path: {STARTED_ELSEWHERE}")
     if _text_hash(path) not in (loaded["robot"]["text_sha256"], None):
         yield _changed(str(path), "changed since the daemon read it")
     known: Any = loaded.get("calibration")

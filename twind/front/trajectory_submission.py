@@ -16,7 +16,7 @@ from twind.front.joint_naming import JointNames
 from twind.link import pack_path
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.trajectory_validation import PointRow, form
+from twind.safety.trajectory_validation import PointRow, form, unknown_joint
 from twind.sealed_memfd import seal
 
 POLICIES = ("reject", "retime")  # strict first
@@ -91,9 +91,7 @@ def _tolerances(message: TrajectoryMessage, names: JointNames) -> list[Finding]:
         name = tolerance.joint
         place = names.places.get(name)
         if place is None:
-            findings.append(
-                Finding(ReasonCode.UNKNOWN_JOINT, message=f"tolerance of {name!r}: no such joint")
-            )
+            findings.append(unknown_joint(name, names.joints, "tolerance: "))
         elif name in seen:
             findings.append(Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances"))
         seen.add(name)

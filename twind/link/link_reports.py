@@ -116,6 +116,7 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     skew_ms: float | None = None  # between the replies of the first and the last bus
     skew_max_ms: float | None = None  # of the run
     faults: Sequence[Finding]
+    latched: Sequence[str] = ()  # codes of `faults` that only Reset clears
     buses: Sequence[BusInfo]
     loop: LoopInfo
     latencies: Sequence[LatencyInfo]

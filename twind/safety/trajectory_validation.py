@@ -56,14 +56,19 @@ def form(
     return (None if findings else path), tuple(findings)
 
 
+def unknown_joint(name: str, names: Sequence[str], what: str = "") -> Finding:
+    """Return UNKNOWN_JOINT with similar names and a command that lists all. `what`: prefix of the message."""
+    hint = f"{similar_joints(name, names)}; `twindctl status --joints` lists all"
+    return Finding(ReasonCode.UNKNOWN_JOINT, message=f"{what}no joint {name!r}; {hint}")
+
+
 def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Finding]:
     """Check UNKNOWN_JOINT."""
     if not len(joint_names):
         yield Finding(ReasonCode.NO_JOINTS, message="no joint is named")
     for name, times in Counter(joint_names).items():
         if name not in names:
-            message = f"no joint {name!r}; {similar_joints(name, names)}"
-            yield Finding(ReasonCode.UNKNOWN_JOINT, message=message)
+            yield unknown_joint(name, names)
         elif times > 1:
             yield Finding(
                 ReasonCode.DUP_JOINT, joint=names.index(name), value=times, bound=1, message="named twice"

@@ -26,7 +26,7 @@ from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.robot_ground_truth import RobotGroundTruth, load_truth, random_truth
-from twind.virtual.virtual_robot_spec import body_for, buses, save, specimen
+from twind.virtual.virtual_robot_spec import body_for, buses, make_spec, save
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.node_spec import NodeSpec
@@ -149,7 +149,7 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
         ]
         return bench(made, line, baud=options.baud, now=now), None
     robot = load_robot(options.robot or "h24")
-    one = specimen(
+    one = make_spec(
         robot,
         baud=options.baud,
         return_delay_us=options.return_delay,

@@ -86,7 +86,7 @@ class VirtualRobotSpec:
         return {name: self.frames[name].shown(zero) for name, zero in self.zeros.items()}
 
 
-def specimen(
+def make_spec(
     robot: RobotFile,
     *,
     baud: int | None = None,

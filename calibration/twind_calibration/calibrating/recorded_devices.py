@@ -48,12 +48,12 @@ def records(
     return found
 
 
-def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
-    settings = {name: int(value) for name, value in (told.get("settings") or {}).items()}
-    firmware = int(told.get("firmware") or 0)
-    name = told.get("model_name")
-    unique = told.get("unique_id")
-    device = IdentifiedDevice(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
+def _record(slot: CalibrationActuator, reply: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
+    settings = {name: int(value) for name, value in (reply.get("settings") or {}).items()}
+    firmware = int(reply.get("firmware") or 0)
+    name = reply.get("model_name")
+    unique = reply.get("unique_id")
+    device = IdentifiedDevice(slot.joint.id, int(reply["model"]), name, firmware, settings, unique)
     try:
         return make_device_record(device, tagged=tagged)
     except KeyError as error:

@@ -8,10 +8,11 @@ import json
 import select
 import shutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from twind.client import Client
+from twind.client import Client, ClientError
+from twind.command_line.stop_signals import interrupt_on_terminate
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibrated_device import DeviceRecord
 from twind.ctl.command_hint import command_hint
@@ -27,7 +28,6 @@ from twind_calibration.calibrating.sweep_tracker import (
     SweepEvent,
     SweepStage,
     SweepTracker,
-    describe_mismatch,
 )
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
@@ -67,17 +67,18 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
     require_limp(client, clock)
     session.records = records(client, place.robot, every, of_file(calibration) | draft.devices)
     with (
+        interrupt_on_terminate(),
         limp(client, clock, take=options.take) as keep,
         observer(options) as watching,
         readings(watching, place.rate_hz) as stream,
     ):
+        session.begin()
         try:
-            session.begin()
             for reading in stream:
                 keep()
                 if session.take(reading):
                     break
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, ClientError):
             session.cut()
             raise
     session.save(at_once=True)
@@ -143,8 +144,14 @@ class SweepSession:
                 self._keep(name, found)
 
     def cut(self) -> None:
-        """Report an interruption (Ctrl-C): the open joints, each with its reason, and the saved travels."""
+        """Report an interruption: the open joints, each with reason and next step, and the saved travels.
+
+        Ctrl-C, SIGTERM, a daemon that ends and a lost lease interrupt a sweep.
+        """
         left = self._left()
+        if self._options.json:
+            self._print_summary(left, interrupted=True)
+            return
         self._print_left(left)
         self._print_line(
             f"interrupted: {len(self._asked) - len(left)} of {len(self._asked)} are kept in "
@@ -154,30 +161,31 @@ class SweepSession:
     def close(self) -> int:
         """Print the complete and the incomplete actuators; return the exit code."""
         left = self._left()
-        done = [name for name in self._asked if name not in left]
         whole = not left
-        next = self._next()
         if self._options.json:
-            print(
-                json.dumps(
-                    {
-                        "done": done,
-                        "left": {name: self._explain_stop(name) for name in left},
-                        "draft": str(drafts.path_of(self._place.path)),
-                        "next": command_hint(self._options).command(next),
-                    }
-                )
-            )
+            self._print_summary(left, interrupted=False)
             return DONE if whole else REFUSED
         if not self._asked:
             self._print_line("every joint has its travel already: --again, or names, sweep them anew")
             return DONE
         self._print_left(left)
+        done = len(self._asked) - len(left)
         where = f", kept in {drafts.path_of(self._place.path)}" if done else ""
-        self._print_line(f"{len(done)} of {len(self._asked)} swept{where}")
+        self._print_line(f"{done} of {len(self._asked)} swept{where}")
         what = "hold the robot in a pose whose angles are known" if whole else "the rest"
-        self._print_line(f"next: `{next}`, {what}")
+        self._print_line(f"next: `{self._next()}`, {what}")
         return DONE if whole else REFUSED
+
+    def _print_summary(self, left: Sequence[str], *, interrupted: bool) -> None:
+        """Print the last line of JSON."""
+        summary = {
+            "done": [name for name in self._asked if name not in left],
+            "left": {name: self._travels.open_reason(name) for name in left},
+            "interrupted": interrupted,
+            "draft": str(drafts.path_of(self._place.path)),
+            "next": command_hint(self._options).command(self._next()),
+        }
+        print(json.dumps(summary), flush=True)
 
     def _next(self) -> str:
         """Return the command that continues the calibration."""
@@ -191,17 +199,11 @@ class SweepSession:
         return [name for name in self._asked if name not in self.draft.swept]
 
     def _print_left(self, left: Iterable[str]) -> None:
-        """Print the last progress, and a line with the reason for each open joint."""
+        """Print the last progress, and a line with reason and next step for each open joint."""
         self._draw()
         self._board.close()
         for name in left:
-            self._print_line(f"not done: {name}: {self._explain_stop(name)}")
-
-    def _explain_stop(self, name: str) -> str:
-        progress = self._travels.progress(name)
-        if progress.stage is SweepStage.STILL:
-            return "it was not moved"
-        return describe_mismatch(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
+            self._print_line(f"not done: {name}: {self._travels.open_reason(name)}")
 
     def _keep(self, name: str, travel: tuple[int, int]) -> None:
         """Store a travel in the draft, in the frame of the calibration file."""

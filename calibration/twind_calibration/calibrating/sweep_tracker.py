@@ -14,6 +14,7 @@ from twind_calibration.calibrating.travel_verdict import (
 )
 
 NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
+TO_BOTH_ENDS = "move it slowly to both ends and rest half a second at each"
 ALL = 0.9  # of the way between its limits: below it a rest may be one half-way, and only a person knows
 
 
@@ -57,6 +58,7 @@ class SweepTracker:
         self._tracks = {slot.name: UnwrappedEncoder(slot.joint.type.ticks_per_turn) for slot in slots}
         self._kept: dict[str, tuple[int, int]] = {}
         self._stages = dict.fromkeys(self._slots, SweepStage.STILL)
+        self._lost: dict[str, str] = {}  # why an actuator that now stands still began anew
         self._told: set[str] = set()
         self._wide = wide
 
@@ -90,6 +92,16 @@ class SweepTracker:
             return track.low, track.high
         return None
 
+    def open_reason(self, name: str) -> str:
+        """Return why an actuator has no complete travel, and what to do next."""
+        progress = self.progress(name)
+        if progress.stage is SweepStage.STILL:
+            return self._lost.get(name, f"it was not moved; {TO_BOTH_ENDS}")
+        if not progress.judged.wrong:
+            return f"it did not rest at both ends; {TO_BOTH_ENDS}"
+        text = describe_mismatch(progress.judged)
+        return text if progress.judged.share >= 1.0 else f"{text}; {TO_BOTH_ENDS}"
+
     @property
     def is_finished(self) -> bool:
         """True when all requested actuators are complete."""
@@ -102,6 +114,7 @@ class SweepTracker:
         if why:
             self._stages[name] = SweepStage.DONE if name in self._kept else SweepStage.STILL
             text = f"{why}: a reading may be lost; move {name} again, from end to end"
+            self._lost[name] = text
             return [SweepEvent("lost", name, text)] if name in self.asked and name not in self._kept else []
         if before is SweepStage.STILL and track.span > self._slots[name].ticks(NEAR):
             self._stages[name] = SweepStage.MOVING

@@ -244,6 +244,10 @@ def test_watch_prints_events(loop: StandIn) -> None:
         (["fly"], "no verb 'fly'"),
         (["move"], "JOINT=RAD"),
         (["move", "knee"], "expected JOINT=RAD"),
+        (
+            ["move", "knee=45deg"],
+            "'knee=45deg': expected JOINT=RAD, a joint and its goal in radians, as knee=0.5",
+        ),
         (["move", "knee=nan"], "expected JOINT=RAD"),
         (["move", "a=1", "a=2"], "named twice"),
         (["register", "write", "main", "1", "x"], "write takes a VALUE"),

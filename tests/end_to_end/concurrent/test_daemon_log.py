@@ -18,10 +18,12 @@ from twind.link import Event
 from twind.robot.finding import Finding, ReasonCode
 
 
-def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict[str, object]]]) -> list[str]:
+def lines(
+    *, journal: bool, level: str = "info", entries: list[tuple[str, str, dict[str, object]]]
+) -> list[str]:
     reader, writer = os.pipe()
     log = DaemonLog(LogWriter(writer), level, journal=journal)
-    for place, (severity, event, fields) in enumerate(said):
+    for place, (severity, event, fields) in enumerate(entries):
         log.write(severity, event, float(place), **fields)
     log.close()
     os.close(writer)
@@ -30,14 +32,14 @@ def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict
 
 
 def test_the_journal_gets_a_level_and_json() -> None:
-    (line,) = lines(journal=True, said=[("warning", "LATE", {"message": "slow", "ms": 1.5})])
+    (line,) = lines(journal=True, entries=[("warning", "LATE", {"message": "slow", "ms": 1.5})])
     assert line.startswith("<4>")
     assert json.loads(line[3:]) == {"event": "LATE", "level": "warning", "message": "slow", "ms": 1.5}
 
 
 def test_a_log_event_is_one_readable_line() -> None:
     (line,) = lines(
-        journal=False, said=[("info", "ARMED", {"message": "all joints", "holder": "uid 0, pid 1"})]
+        journal=False, entries=[("info", "ARMED", {"message": "all joints", "holder": "uid 0, pid 1"})]
     )
     assert line[8:] == " info    ARMED: all joints holder='uid 0, pid 1'"
 
@@ -45,7 +47,7 @@ def test_a_log_event_is_one_readable_line() -> None:
 @pytest.mark.parametrize("journal", [True, False])
 def test_client_text_neither_breaks_a_log_line_nor_controls_a_terminal(journal: bool) -> None:
     evil = "x\n<0>forged\x1b[2J\x07\u202e"
-    (line,) = lines(journal=journal, said=[("info", "E", {"message": evil, "reason": evil})])
+    (line,) = lines(journal=journal, entries=[("info", "E", {"message": evil, "reason": evil})])
     assert line.isprintable()
 
 

@@ -92,19 +92,19 @@ def joint_states(node: Node) -> Callable[[int], None]:
     return lambda stamp: node.publish(HW_JOINTS, buffer.fill(stamp, numbers, numbers, numbers))
 
 
-def until_heard(send: Callable[[int], None], *heard: Callable[[], Sized]) -> None:
+def until_received(send: Callable[[int], None], *receivers: Callable[[], Sized]) -> None:
     """Warm up: stamp 0 until each peer has had one."""
 
-    def everybody() -> bool:
+    def all_received() -> bool:
         send(0)
-        return all(len(each()) for each in heard)
+        return all(len(each()) for each in receivers)
 
-    until(everybody, PATIENCE, "a joint state at every peer")
+    until(all_received, PATIENCE, "a joint state at every peer")
 
 
 def stamps_of(cyclone: ros_dds_peer.Peer) -> list[int]:
     """Stamps of the messages that the peer received since the last call, ns."""
-    states = cyclone.ask("heard", topic=HW_JOINTS.name)
+    states = cyclone.ask("received", topic=HW_JOINTS.name)
     return [state["header"]["stamp"]["nanosec"] for state in states]
 
 
@@ -130,10 +130,10 @@ def test_fast_dds_and_cyclone_receive_every_joint_state(
     send = joint_states(node)
     store = get_typestore(Stores.ROS2_JAZZY)
     whole = list(range(1, count + 1))
-    until_heard(send, fast.heard, lambda: stamps_of(cyclone))
+    until_received(send, fast.received, lambda: stamps_of(cyclone))
     paced(send, count, 500.0)
-    until(lambda: stamp_of(fast.heard()[-1][1]) == count, PATIENCE, "the last joint state")
-    states: Any = [store.deserialize_cdr(data, JOINT_STATE) for _, data in fast.heard()]
+    until(lambda: stamp_of(fast.received()[-1][1]) == count, PATIENCE, "the last joint state")
+    states: Any = [store.deserialize_cdr(data, JOINT_STATE) for _, data in fast.received()]
     assert all(state.name == NAMES and len(state.effort) == 24 for state in states)
     assert [state.header.stamp.nanosec for state in states if state.header.stamp.nanosec] == whole
     came: list[int] = []
@@ -149,8 +149,8 @@ def test_a_late_subscriber_receives_the_latched_status(
         node.publish(STATUS, encode(STRING, {"data": text}))
     late = dds_peers.FastDds(fast_dds, domain, tmp_path / "late", STATUS_ON_DDS)
     try:
-        until(late.heard, PATIENCE, "the status")
-        assert [decode(STRING, data) for _, data in late.heard()] == [{"data": "last"}]
+        until(late.received, PATIENCE, "the status")
+        assert [decode(STRING, data) for _, data in late.received()] == [{"data": "last"}]
     finally:
         late.kill()
 
@@ -161,9 +161,9 @@ def test_a_peer_finds_names_types_qualities_and_a_node_as_those_of_ros(
 ) -> None:
     node = Node(domain, distro)
     try:
-        until(lambda: fast.heard(2), PATIENCE, "the graph's message")
-        until_heard(joint_states(node), fast.heard)
-        ((_, graph),) = fast.heard(2)
+        until(lambda: fast.received(2), PATIENCE, "the graph's message")
+        until_received(joint_states(node), fast.received)
+        ((_, graph),) = fast.received(2)
         lines = fast.end()
     finally:
         node.close()
@@ -202,7 +202,7 @@ def _sides(lines: list[str]) -> Sides:
 
 
 def test_no_topic_that_would_command_has_a_subscription(node: Node, cyclone: ros_dds_peer.Peer) -> None:
-    until_heard(joint_states(node), lambda: stamps_of(cyclone))  # both sides have found each other
+    until_received(joint_states(node), lambda: stamps_of(cyclone))  # both sides have found each other
     cyclone.ask("speak", topics=[[topic.name, topic.kind.rpartition("/")[2]] for topic in INTO])
     time.sleep(SETTLED)
     assert cyclone.ask("readers") == {topic.name: 0 for topic in INTO}
@@ -213,7 +213,7 @@ def test_a_text_of_any_length_arrives_unchanged(node: Node, cyclone: ros_dds_pee
     for length in (*range(9), 1_000_000):
         text = {"data": "x" * length}
         node.publish(STATUS, encode(STRING, text))
-        came = until(lambda: cyclone.ask("heard", topic=STATUS.name), PATIENCE, "the text")
+        came = until(lambda: cyclone.ask("received", topic=STATUS.name), PATIENCE, "the text")
         assert came == [text]
 
 
@@ -222,7 +222,7 @@ def test_a_stopped_or_killed_reader_delays_no_write(
     node: Node, fast: dds_peers.FastDds, cyclone: ros_dds_peer.Peer, number: signal.Signals
 ) -> None:
     send = joint_states(node)
-    until_heard(send, fast.heard, lambda: stamps_of(cyclone))
+    until_received(send, fast.received, lambda: stamps_of(cyclone))
     fast.process.send_signal(number)
     longest = 0.0
     for stamp in range(1, 1001):

@@ -36,9 +36,9 @@ class World:
         """As an event: a pointer waits until a page stands still."""
         self.page.get_by_role("button", name=name, exact=True).dispatch_event("click", timeout=WAIT)
 
-    def reads(self, said: str) -> None:
+    def reads(self, text: str) -> None:
         """Wait until the page says so."""
-        self.page.get_by_text(said).first.wait_for(timeout=WAIT)
+        self.page.get_by_text(text).first.wait_for(timeout=WAIT)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.daemon_stand_ins import Answers, answering, told
+from tests.support.daemon_stand_ins import Answers, answering, next_outcome
 from tests.support.fleet_viewer_rig import known, without_loop
 from tests.support.processes import until
 from tests.support.viewer_messages import h24, other, state, status
@@ -76,8 +76,8 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
     Broadcast("e-stop", lambda: {name: each.estop for name, each in stops.items()}).ask(outcomes.put)
     until(lambda: answering_one.asked == ["EStop"], 1.0, "the one that does not hang was asked")
     assert outcomes.empty()
-    failed = told(outcomes)
-    total = told(outcomes)
+    failed = next_outcome(outcomes)
+    total = next_outcome(outcomes)
     assert failed.title == "hangs: e-stop NOT confirmed" and "own switch" in failed.text
     assert (total.title, total.text) == ("e-stop: 1 of 2 robots", "not hangs")
 
@@ -197,7 +197,7 @@ class Robots:
     problem: str = ""
 
 
-class Said(FleetPage):
+class RecordedPage(FleetPage):
     """A page whose words a test reads."""
 
     status_html: dict[str | None, str]
@@ -211,21 +211,23 @@ class Said(FleetPage):
 @pytest.fixture
 def fleet(
     server: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> tuple[FleetViewer, Said, ViewerState]:
+) -> tuple[FleetViewer, RecordedPage, ViewerState]:
     """On a page that somebody looks at: one of another version, behind it one that is well."""
     well = known(status(), state(h24()), clock=FakeClock())
     unused = StopThreads(local(str(tmp_path)))
-    pages = list[Said]()
+    pages = list[RecordedPage]()
     members = [SimpleNamespace(name="odd", known=without_loop(), stops=unused)]
     members += [SimpleNamespace(name="good", known=well, stops=unused)]
     monkeypatch.setattr(show_module, "RobotRegistry", lambda _: Robots(tuple(members)))
-    monkeypatch.setattr(show_module, "FleetPage", lambda *given: pages.append(Said(*given)) or pages[-1])
+    monkeypatch.setattr(
+        show_module, "FleetPage", lambda *given: pages.append(RecordedPage(*given)) or pages[-1]
+    )
     monkeypatch.setattr(server, "get_clients", lambda: {0: SimpleNamespace(camera=SimpleNamespace())})
     return FleetViewer(server, dict), pages[0], well
 
 
 def test_a_robot_with_invalid_messages_changes_no_text_of_the_others(
-    fleet: tuple[FleetViewer, Said, ViewerState],
+    fleet: tuple[FleetViewer, RecordedPage, ViewerState],
 ) -> None:
     shown, page_of, well = fleet
     for _ in range(4):
@@ -239,7 +241,7 @@ def test_a_robot_with_invalid_messages_changes_no_text_of_the_others(
 
 
 def test_a_picture_that_fails_again_and_again_is_traced_once(
-    fleet: tuple[FleetViewer, Said, ViewerState],
+    fleet: tuple[FleetViewer, RecordedPage, ViewerState],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:

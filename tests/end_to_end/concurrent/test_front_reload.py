@@ -25,7 +25,7 @@ KEY = "joints.head_yaw.limits_rad"
 @pytest.fixture
 def loop(tmp_path: Path) -> Iterator[StandIn]:
     told = briefed(files(tmp_path))
-    stand_in = StandIn(tmp_path, told=told, goal=np.zeros(24).tobytes())
+    stand_in = StandIn(tmp_path, given_briefing=told, goal=np.zeros(24).tobytes())
     stand_in.await_lookahead()
     yield stand_in
     assert stand_in.close() == 0
@@ -115,7 +115,7 @@ def test_a_refused_settings_file_is_reported_to_the_loop_and_to_the_caller(
 @pytest.mark.slow
 def test_a_loop_without_a_reply_to_new_values_gets_another_front_process(tmp_path: Path) -> None:
     """It may have taken the values: a front that does not know goes; the next is told what is in force."""
-    stand_in = StandIn(tmp_path, told=briefed(files(tmp_path)))
+    stand_in = StandIn(tmp_path, given_briefing=briefed(files(tmp_path)))
     stand_in.answers[link.ApplyChanges] = lambda _: []
     stand_in.await_lookahead()
     files(tmp_path, "log_level: debug\n")

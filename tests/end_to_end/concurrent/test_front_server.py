@@ -255,7 +255,7 @@ def test_a_message_too_large_is_refused_and_the_connection_closed(
 
 def test_a_slow_subscriber_loses_the_oldest_telemetry_and_receives_the_count(tmp_path: Path) -> None:
     # A rate far above that of the loop: each tick is due, however early a busy machine makes it.
-    loop = StandIn(tmp_path, told=msgspec.structs.replace(briefing(), rate_hz=1e6, binding=b""))
+    loop = StandIn(tmp_path, given_briefing=msgspec.structs.replace(briefing(), rate_hz=1e6, binding=b""))
     with contextlib.closing(loop), Raw(loop) as client:
         assert "error" not in client.call("GetStatus")  # the front serves
         client.send("Monitor", parameters={"topics": ["state"], "rate": 1e6}, more=True)

@@ -79,8 +79,8 @@ def total(port: int, name: str, **labels: str) -> float:
     return sum(value for found, value in samples(port).get(name, ()) if labels.items() <= found.items())
 
 
-def wait(what: Callable[[], object], said: str) -> None:
-    until(lambda: bool(what()), SINCE, said)
+def wait(what: Callable[[], object], message: str) -> None:
+    until(lambda: bool(what()), SINCE, message)
 
 
 def test_metrics_follow_a_daemon_from_start_to_end_and_restart(tmp_path: Path) -> None:

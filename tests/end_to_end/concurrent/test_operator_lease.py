@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.daemon_stand_ins import Daemons, answering, told
+from tests.support.daemon_stand_ins import Daemons, answering, next_outcome
 from twind.observe.viewing.operator_lease import OperatorThread, arm, look_after
 from twind.observe.viewing.stop_threads import StopOutcome
 
@@ -27,18 +27,18 @@ def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path
     operator = OperatorThread(str(tmp_path), holders.put)
     outcomes = queue.Queue()
     operator.call(1, arm, outcomes.put)
-    assert not told(outcomes).done  # nobody took it
+    assert not next_outcome(outcomes).done  # nobody took it
     assert daemon.asked == []
     operator.take(1, outcomes.put)
-    assert told(outcomes).title == "lease taken"
+    assert next_outcome(outcomes).title == "lease taken"
     assert holders.get(timeout=5.0) == 1
     operator.take(2, outcomes.put)
-    assert not told(outcomes).done
+    assert not next_outcome(outcomes).done
     operator.call(2, arm, outcomes.put)
-    assert not told(outcomes).done
+    assert not next_outcome(outcomes).done
     assert "Arm" not in daemon.asked
     operator.call(1, arm, outcomes.put)
-    assert told(outcomes).title == "armed"
+    assert next_outcome(outcomes).title == "armed"
     operator.on_tab_closed(1)
     assert holders.get(timeout=5.0) is None
     assert daemon.ended.get(timeout=5.0) == "closed"
@@ -61,13 +61,13 @@ def test_a_request_during_a_running_call_is_refused_and_never_run_later(
     operator = OperatorThread(str(tmp_path), lambda tab: None)
     outcomes = queue.Queue()
     operator.take(1, outcomes.put)
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
     operator.call(1, arm, outcomes.put)
     assert begun.wait(5.0)
     operator.call(1, lambda client: StopOutcome(True, "played", ""), outcomes.put)
-    assert told(outcomes).text == "what was asked before is still being done"
+    assert next_outcome(outcomes).text == "what was asked before is still being done"
     going_on.set()
-    assert told(outcomes).title == "armed"
+    assert next_outcome(outcomes).title == "armed"
     assert outcomes.empty() and daemon.asked.count("Arm") == 1
 
 
@@ -76,7 +76,7 @@ def test_a_page_that_does_not_answer_loses_the_lease(daemons: Daemons, tmp_path:
     operator = OperatorThread(str(tmp_path), lambda tab: None)
     outcomes = queue.Queue()
     operator.take(1, outcomes.put)
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
     answers = iter([RuntimeError("it may not read what it keeps"), TimeoutError("nothing came")])
 
     def ask() -> None:
@@ -85,7 +85,7 @@ def test_a_page_that_does_not_answer_loses_the_lease(daemons: Daemons, tmp_path:
     look_after(operator, 1, ask)
     assert daemon.ended.get(timeout=5.0) == "closed"
     operator.take(1, outcomes.put)  # it came back, and asks anew
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
 
 
 def test_a_lease_that_was_lost_is_not_taken_again_by_itself(daemons: Daemons, tmp_path: Path) -> None:
@@ -116,9 +116,9 @@ def test_a_completed_call_is_reported_even_if_the_lease_is_lost_afterwards(
     operator = OperatorThread(str(tmp_path), holders.put)
     outcomes = queue.Queue()
     operator.take(1, outcomes.put)
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
     operator.call(1, arm, outcomes.put)
-    outcome = told(outcomes)
+    outcome = next_outcome(outcomes)
     assert (outcome.done, outcome.title) == (True, "armed")
     assert "the lease is gone: the lease is held by uid 0" in outcome.text
     assert [holders.get(timeout=5.0), holders.get(timeout=5.0)] == [1, None]
@@ -129,11 +129,11 @@ def test_an_invalid_reply_fails_only_its_own_call(daemons: Daemons, tmp_path: Pa
     operator = OperatorThread(str(tmp_path), lambda tab: None)
     outcomes = queue.Queue()
     operator.take(1, outcomes.put)
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
     operator.call(1, arm, outcomes.put)
-    assert told(outcomes).title == "NOT confirmed"
+    assert next_outcome(outcomes).title == "NOT confirmed"
     operator.give(1, outcomes.put)
-    assert told(outcomes).title == "lease given back"
+    assert next_outcome(outcomes).title == "lease given back"
 
 
 def test_a_page_that_cannot_be_asked_loses_the_lease(daemons: Daemons, tmp_path: Path) -> None:
@@ -141,6 +141,6 @@ def test_a_page_that_cannot_be_asked_loses_the_lease(daemons: Daemons, tmp_path:
     operator = OperatorThread(str(tmp_path), lambda tab: None)
     outcomes = queue.Queue()
     operator.take(1, outcomes.put)
-    assert told(outcomes).done
+    assert next_outcome(outcomes).done
     look_after(operator, 1, lambda: {}["no such page"])
     assert daemon.ended.get(timeout=5.0) == "closed"

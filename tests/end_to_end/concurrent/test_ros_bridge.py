@@ -72,14 +72,14 @@ class Paper:
         self,
         topics: Sequence[RosTopic],
         services: Sequence[RosService],
-        heard: MessageHandler,
+        handler: MessageHandler,
         asked: RequestHandler,
     ) -> None:
         if self.broken:
             raise OperationFailed(self.broken)
         self.topics = topics
         self.services = services
-        self.heard = heard
+        self.heard = handler
         self.asked = asked
         self.opened += 1
 

@@ -61,7 +61,7 @@ class Graph:
 
     def results(self, number: int) -> list[dict[str, Any]]:
         """Results of a command so far."""
-        told = [json.loads(each["data"]) for each in self.peer.ask("heard", topic=RESULTS.name)]
+        told = [json.loads(each["data"]) for each in self.peer.ask("received", topic=RESULTS.name)]
         return [each for each in told if each.get("frame_id") == str(number)]
 
     def ended(self, number: int) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Graph:
 
     def place(self) -> float:
         """Position of the joint by the newest message, rad."""
-        newest = self.peer.ask("heard", topic=SIM_JOINTS.name)[-1]
+        newest = self.peer.ask("received", topic=SIM_JOINTS.name)[-1]
         return float(newest["position"][newest["name"].index(JOINT)])
 
 
@@ -129,8 +129,8 @@ def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_published(graph: 
 
 def test_the_last_status_waits_for_who_comes_later_and_services_answer(graph: Graph) -> None:
     graph.peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
-    until(lambda: graph.peer.ask("heard", topic=STATUS.name), PATIENCE, "a status comes")
-    assert json.loads(graph.peer.ask("heard", topic=STATUS.name)[0]["data"])["mode"] == "sim"
+    until(lambda: graph.peer.ask("received", topic=STATUS.name), PATIENCE, "a status comes")
+    assert json.loads(graph.peer.ask("received", topic=STATUS.name)[0]["data"])["mode"] == "sim"
     told = graph.peer.ask("call", service=GET_STATUS.name, kind=TRIGGER, request=EMPTY)
     assert told["success"] and json.loads(told["message"])["mode"] == "sim"
 

@@ -93,7 +93,7 @@ def check_all_arrive(spool: Spool, made: SpoolSender, endpoint: Odd) -> None:
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "told"),
+    ("behaviour", "message"),
     [
         (says_and_hangs_up(b"\x00\xff rubbish \r\n\r\n"), "no HTTP"),
         (says_and_hangs_up(b"HTTP/1.1 abc\r\n\r\n"), "no HTTP"),
@@ -104,13 +104,15 @@ def check_all_arrive(spool: Spool, made: SpoolSender, endpoint: Odd) -> None:
         (says(b"HTTP/1.1 401 Who\r\nContent-Length: 5\r\n\r\nare u"), "401 Who: are u"),
     ],
 )
-def test_a_misbehaving_endpoint_still_receives_each_message_in_order(behaviour: Behaviour, told: str) -> None:
+def test_a_misbehaving_endpoint_still_receives_each_message_in_order(
+    behaviour: Behaviour, message: str
+) -> None:
     endpoint = Odd(behaviour, behaviour)
     with sender(endpoint) as (spool, made, lines):
         check_all_arrive(spool, made, endpoint)
         assert made.failures == 2
         first, last = lines
-        assert told in first and "3 messages wait" in first
+        assert message in first and "3 messages wait" in first
         assert "takes messages again" in last
 
 

@@ -172,7 +172,7 @@ def test_dead_letters_are_listed_and_sent_again_on_request(run: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("--url", "ftp://x/"), "http://HOST"),
         (("--url", "http://user:secret@x/"), "--token-file"),
@@ -184,10 +184,10 @@ def test_dead_letters_are_listed_and_sent_again_on_request(run: Path, tmp_path: 
     ],
 )
 def test_an_invalid_stream_option_is_refused_before_any_file_is_made(
-    tmp_path: Path, words: tuple[str, str], said: str
+    tmp_path: Path, words: tuple[str, str], message: str
 ) -> None:
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=message):
         verb.run(parser.parse_args(["--spool", str(tmp_path / "spool"), *words]))
     assert not (tmp_path / "spool").exists()

@@ -75,7 +75,7 @@ def test_a_ros_peer_receives_the_joints(simulated: Service) -> None:
             return json.loads(peer.stdout.readline())["answer"]
 
         asked("listen", kind="JointState")
-        heard = machine.until(lambda: asked("heard"), 20.0, "joint states")
+        heard = machine.until(lambda: asked("received"), 20.0, "joint states")
         assert "head_yaw" in heard[0]["name"]
         harmless(unit)
     finally:

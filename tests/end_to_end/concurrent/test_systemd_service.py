@@ -112,14 +112,14 @@ def test_metrics_are_served_locally_by_a_user_without_files(plain: Service) -> N
     unit = Unit(machine, "twind-metrics.service")
     scrape = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9797/metrics').read().decode())"
 
-    def told(line: str) -> bool:
+    def has_line(line: str) -> bool:
         done = machine.try_run("/opt/twind/bin/python", "-c", scrape)
         return line in done.stdout.splitlines()
 
     assert unit.show("UnitFileState") == "disabled"
     unit.start()
     try:
-        machine.until(lambda: told('twind_mode{twind_mode="mirror"} 1.0'), 10.0, "figures")
+        machine.until(lambda: has_line('twind_mode{twind_mode="mirror"} 1.0'), 10.0, "figures")
         assert unprivileged_user(unit.main()) >= DYNAMIC_USER
     finally:
         unit.stop()

@@ -116,7 +116,7 @@ def test_a_robot_certificate_publishes_for_no_other_robot(
 ) -> None:
     with closing(Far(ground.place("operator"), ROBOT)) as far, ended() as brief:
         false = brief(ground.uplink(daemon.sockets, OTHER, ROBOT))
-        until(lambda: "is up" in false.said, PATIENCE, "for itself it is up")
+        until(lambda: "is up" in false.output, PATIENCE, "for itself it is up")
         heard = far.listen("news", "*")
         with open_now(ground.place(OTHER), PATIENCE) as other, open_now(ground.place(ROBOT), PATIENCE) as own:
             other.put(f"twind/{ROBOT}/news/status", f"said as {OTHER}".encode())

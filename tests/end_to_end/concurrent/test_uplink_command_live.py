@@ -351,8 +351,8 @@ def test_an_uplink_without_command_permission_grants_no_remote_commands(here: Si
     assert elsewhere.ask("ask", "GetStatus")["status"]["mode"] == "sim"
     refused = elsewhere.lease()
     assert refused["error"] == "io.twind.Uplink.NoDaemon" and "permission" in refused["parameters"]["message"]
-    until(lambda: "no remote client can command" in other.said, PATIENCE, "said here too")
-    assert other.said.count("permission denied") == 1
+    until(lambda: "no remote client can command" in other.output, PATIENCE, "said here too")
+    assert other.output.count("permission denied") == 1
     assert elsewhere.ask("stop", "EStop")["state"] == "estop", "a stop needs no right"
     elsewhere.close()
     with Client(run) as client:

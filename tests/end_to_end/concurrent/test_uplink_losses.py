@@ -54,7 +54,7 @@ def quiet(here: Site) -> tuple[int, int]:
 @pytest.fixture(autouse=True)
 def at_rest(here: Site) -> Iterator[None]:
     """Each begins with a robot that is there and that nobody has; and leaves it so."""
-    until(here.far.there, PATIENCE, f"the robot is there: {here.uplink.said}")
+    until(here.far.there, PATIENCE, f"the robot is there: {here.uplink.output}")
     until(lambda: free(here), PATIENCE, "nobody has it")
     yield
     here.far.deaf()
@@ -129,7 +129,7 @@ def moving(here: Site) -> dict[str, Any]:
 
 def alive_again(here: Site) -> None:
     """It is found again, and commanded."""
-    until(here.far.there, PATIENCE, f"it is back: {here.uplink.said}")
+    until(here.far.there, PATIENCE, f"it is back: {here.uplink.output}")
     told = here.far.listen("goals", "*")
     with here.far.holding() as lease:
         name = f"again{time.monotonic_ns()}"
@@ -246,7 +246,7 @@ def test_a_daemon_that_restarts_is_waited_for_and_what_was_granted_before_is_voi
     here.daemon.reach(mode="sim")
     assert here.far.goal("after", lease, 0.1, 1.0)["error"].endswith("Refused")
     alive_again(here)
-    said = here.uplink.said
+    said = here.uplink.output
     assert said.count("waiting for the daemon") == said.count("the daemon is there again") == 1, said
 
 

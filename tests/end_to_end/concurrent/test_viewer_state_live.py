@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.daemon_stand_ins import Daemons, answering, told
+from tests.support.daemon_stand_ins import Daemons, answering, next_outcome
 from tests.support.processes import until
 from tests.support.viewer_messages import h24, state, status
 from twind.observe.viewing import robot_viewer
@@ -64,7 +64,7 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     daemons: Daemons, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
     monkeypatch.setattr(robot_viewer, "RobotScene", lambda *_: SimpleNamespace(remove=lambda: None))
-    monkeypatch.setattr(robot_viewer, broken, lambda told: {}["no such pose"])
+    monkeypatch.setattr(robot_viewer, broken, lambda next_outcome: {}["no such pose"])
     daemons("control", lambda method: {"parameters": {"state": "estop"}})
     stops = StopThreads(local(str(tmp_path)))
     outcomes = queue.Queue()
@@ -80,7 +80,7 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
         until(lambda: any("mode live" in each for each in canvas.words), 5.0, "the words")
         assert drawing.is_alive()
         stops.estop.ask(outcomes.put)
-        assert told(outcomes).done
+        assert next_outcome(outcomes).done
     finally:
         ended.set()
         drawing.join(5.0)

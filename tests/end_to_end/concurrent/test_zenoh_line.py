@@ -38,7 +38,7 @@ def accepted(_asked: dict[str, Any]) -> dict[str, Any]:
     return {"id": "7", "phase": "accepted", "progress": 0.0, "verdict": {"refusals": []}}
 
 
-def told(robot: FarRobot, **what: Any) -> None:
+def send_report(robot: FarRobot, **what: Any) -> None:
     """Report progress of the submitted goal."""
     name = robot.times("goal")[0]["goal"]
     robot.tell(f"goals/{name}", {"id": "7", **what})
@@ -213,7 +213,7 @@ def test_a_failed_renewal_is_repeated_until_the_lease_is_reported_missing(
     with robot.client() as client:
         client.call("AcquireLease")
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        threading.Timer(6.0 * RENEWED, lambda: told(robot, phase="aborted", progress=0.5)).start()
+        threading.Timer(6.0 * RENEWED, lambda: send_report(robot, phase="aborted", progress=0.5)).start()
         assert list(reports)[-1]["phase"] == "aborted"
     assert [each["op"] for each in robot.times("lease")] == ["acquire", "renew", "renew"]
 
@@ -231,7 +231,7 @@ def test_while_a_goal_is_judged_it_is_not_sent_again(
     with robot.client() as client, lease(client):
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
         next(reports)
-        told(robot, phase="succeeded", progress=1.0)
+        send_report(robot, phase="succeeded", progress=1.0)
         list(reports)
     assert len(robot.times("goal")) == 1
 
@@ -253,8 +253,8 @@ def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: Far
     """Whatever overtakes whatever: here the robot tells before it answers."""
 
     def answer(asked: dict[str, Any]) -> dict[str, Any]:
-        told(robot, phase="accepted", progress=0.0)
-        told(robot, phase="running", progress=0.3)
+        send_report(robot, phase="accepted", progress=0.0)
+        send_report(robot, phase="running", progress=0.3)
         time.sleep(0.1)
         return accepted(asked)
 
@@ -263,8 +263,8 @@ def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: Far
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
         first = next(reports)
         second = next(reports)
-        told(robot, phase="running", progress=0.6)
-        told(robot, phase="succeeded", progress=1.0, findings=[])
+        send_report(robot, phase="running", progress=0.6)
+        send_report(robot, phase="succeeded", progress=1.0, findings=[])
         rest = list(reports)
     assert (first["phase"], first["verdict"]) == ("accepted", {"refusals": []})
     assert [second["progress"], *(each["progress"] for each in rest)] == [0.3, 0.6, 1.0]
@@ -310,7 +310,7 @@ def test_the_lease_is_renewed_in_time_however_slowly_the_robot_answers(robot: Fa
     with robot.client() as client, lease(client):
         robot.slow = 0.8 * LEASE_S
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        threading.Timer(2.5, lambda: told(robot, phase="succeeded", progress=1.0)).start()
+        threading.Timer(2.5, lambda: send_report(robot, phase="succeeded", progress=1.0)).start()
         assert list(reports)[-1]["phase"] == "succeeded"
         robot.slow = 0.0
     renewed = [at for at, part, what in robot.asked if part == "lease" and what["op"] == "renew"]
@@ -399,5 +399,5 @@ def test_invalid_bytes_from_the_network_end_a_stream_and_not_the_process(robot: 
         name = robot.times("goal")[0]["goal"]
         for rubbish in (b"\xff", b"[]", b"{}", b'{"phase": null}', json.dumps({"phase": "dancing"}).encode()):
             robot.tell(f"goals/{name}", rubbish)
-        told(robot, phase="succeeded", progress=1.0)
+        send_report(robot, phase="succeeded", progress=1.0)
         assert list(reports)[-1]["phase"] == "succeeded"

@@ -63,7 +63,7 @@ def us(router: Router, peer: Peer) -> Iterator[Us]:
 
 
 def received_messages(peer: Peer, topic: RosTopic) -> list[str]:
-    return [each["data"] for each in peer.ask("heard", topic=topic.name)]
+    return [each["data"] for each in peer.ask("received", topic=topic.name)]
 
 
 def endpoints(peer: Peer) -> dict[str, dict[str, str]]:
@@ -120,16 +120,16 @@ def test_a_published_message_arrives_unchanged(us: Us, peer: Peer) -> None:
         for topic, data in ((HW_JOINTS, state), (LATENCY, numbers), (DIAGNOSTICS, status)):
             us.node.publish(topic, data)
         time.sleep(0.05)
-        return all(peer.ask("heard", topic=topic.name) for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS))
+        return all(peer.ask("received", topic=topic.name) for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS))
 
     until(came, PATIENCE, "all three come")
-    joints = peer.ask("heard", topic=HW_JOINTS.name)[0]
+    joints = peer.ask("received", topic=HW_JOINTS.name)[0]
     assert joints["name"] == JOINTS and joints["header"]["frame_id"] == "base"
     assert [joints["header"]["stamp"][part] for part in ("sec", "nanosec")] == [1_500_000_000, 7]
     assert [joints[part] for part in ("position", "velocity", "effort")] == columns
-    told = peer.ask("heard", topic=LATENCY.name)[0]
+    told = peer.ask("received", topic=LATENCY.name)[0]
     assert told["data"] == [0.5, 1.5] and told["layout"]["dim"][0]["label"] == "hop"
-    assert peer.ask("heard", topic=DIAGNOSTICS.name)[0]["status"][0]["values"][0]["value"] == "3"
+    assert peer.ask("received", topic=DIAGNOSTICS.name)[0]["status"][0]["values"][0]["value"] == "3"
 
 
 def test_a_late_subscriber_receives_the_last_latched_message(us: Us, peer: Peer) -> None:

@@ -24,7 +24,7 @@ def virtual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Virtual]:
     made.close()
 
 
-def said(relay: Relayed, *texts: bytes) -> None:
+def send_texts(relay: Relayed, *texts: bytes) -> None:
     """A host that opens the port, says this, and listens a while."""
     fd = os.open(relay.link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     tty.setraw(fd)
@@ -41,8 +41,8 @@ def said(relay: Relayed, *texts: bytes) -> None:
 def test_a_read_only_client_is_relayed_and_causes_no_violation(tmp_path: Path, virtual: Virtual) -> None:
     port = virtual.folder / "ports" / "l_leg"
     with relayed(tmp_path, port, load_robot(ROBOT).path, virtual.calibration, bus="l_leg") as relay:
-        said(relay, b"\r\rC\rS8\rO\r", *[QUESTION] * 5)
-        assert relay.end() == 0, relay.said()
+        send_texts(relay, b"\r\rC\rS8\rO\r", *[QUESTION] * 5)
+        assert relay.end() == 0, relay.output()
         counts = relay.counts()
         assert counts["packets"] == 5
         assert counts["answers"] >= 5
@@ -61,6 +61,6 @@ def test_a_wrong_line_ends_it_by_its_rule(tmp_path: Path, virtual: Virtual, text
     given = (tmp_path, port, load_robot(ROBOT).path, virtual.calibration)
     with relayed(*given, bus="l_leg", options=options) as relay:
         relay.tell(told="mode", mode="live")
-        said(relay, b"C\rS8\rO\r", QUESTION, text, QUESTION)
-        assert relay.end() == 1, relay.said()
-        assert f" {rule} " in relay.said() or f" {rule}:" in relay.said()
+        send_texts(relay, b"C\rS8\rO\r", QUESTION, text, QUESTION)
+        assert relay.end() == 1, relay.output()
+        assert f" {rule} " in relay.output() or f" {rule}:" in relay.output()

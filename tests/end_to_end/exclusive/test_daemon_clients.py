@@ -95,9 +95,9 @@ def held(running: Daemon) -> bool:
     return status["motion"] == "holding" and status["lease"] is None
 
 
-def time_until(what: Callable[[], bool], seconds: float, said: str) -> float:
+def time_until(what: Callable[[], bool], seconds: float, message: str) -> float:
     began = time.monotonic()
-    until(what, seconds, said)
+    until(what, seconds, message)
     return time.monotonic() - began
 
 

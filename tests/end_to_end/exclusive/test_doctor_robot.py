@@ -49,16 +49,14 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
 
 def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> DoctorReport:
     """Findings of the doctor's checks of buses and servos."""
-    seen = examined(virtual, *words, running=running)
+    seen = survey(virtual, *words, running=running)
     try:
         return runner.run(seen, MINE, ROWS)
     finally:
         seen.close()
 
 
-def examined(
-    virtual: Virtual, *words: str, running: Daemon | None = None, serial: bool = True
-) -> CheckContext:
+def survey(virtual: Virtual, *words: str, running: Daemon | None = None, serial: bool = True) -> CheckContext:
     """Context of the checks. On a free port ids above 30 are not pinged, which saves a second."""
     given = ["--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     if running is None:
@@ -71,7 +69,7 @@ def examined(
     return seen
 
 
-def told(outcome: DoctorReport) -> list[str]:
+def describe(outcome: DoctorReport) -> list[str]:
     return [f"{each.code} {each.thing}: {each.measured}" for each in outcome.found]
 
 
@@ -89,14 +87,14 @@ def hit(case: Case, found: Iterable[DoctorFinding]) -> list[DoctorFinding]:
 def require(cases: tuple[Case, ...], outcome: DoctorReport) -> None:
     """Each is found once, and nothing that was not planted; what a calibration records may be changed."""
     missed = [case.code for case in cases if len(hit(case, outcome.found)) != case.times]
-    assert not missed, "\n".join([*missed, *told(outcome), *map(str, outcome.unseen)])
+    assert not missed, "\n".join([*missed, *describe(outcome), *map(str, outcome.unseen)])
     assert not outcome.unseen
     recorded = {case.id for case in cases for address, _ in case.registers if address in RECORDED}
     recorded |= {case.id for case in cases if case.code == "CALIBRATION_CHANGED"}
     changed = [each for each in outcome.found if each.code == "CALIBRATION_CHANGED"]
     assert {int(re.findall(r" id (\d+)", each.thing)[0]) for each in changed} == recorded
     others = {each.code for each in outcome.found} - {"CALIBRATION_CHANGED"}
-    assert others == {case.code for case in cases} - {"CALIBRATION_CHANGED"}, told(outcome)
+    assert others == {case.code for case in cases} - {"CALIBRATION_CHANGED"}, describe(outcome)
 
 
 def mended(
@@ -104,13 +102,13 @@ def mended(
 ) -> dict[str, FixResult]:
     """Results of `--fix --yes` for these findings."""
     outcome.found = [each for each in outcome.found if each.code in codes]
-    done = runner.mend(outcome, lambda: examined(virtual, running=running), MINE, ROWS)
+    done = runner.mend(outcome, lambda: survey(virtual, running=running), MINE, ROWS)
     return {each.found.code: each for each in done}
 
 
 def test_a_healthy_robot_has_no_finding(ground: Ground) -> None:
     outcome = look(ground.virtual)
-    assert not told(outcome)
+    assert not describe(outcome)
     assert outcome.looked == ["serial buses", "servos"]
 
 
@@ -143,7 +141,7 @@ def test_planted_servo_faults_are_found_on_the_port_and_by_the_daemon_and_fixed(
             for case in LIMP:
                 if case.mended:
                     assert vendor.read(case.id, case.mended[0]) == case.mended[1], case.code
-    assert not told(look(ground.virtual))
+    assert not describe(look(ground.virtual))
 
 
 def test_torque_without_a_daemon_is_reported_and_nothing_is_written_to_that_servo(ground: Ground) -> None:
@@ -170,7 +168,7 @@ def test_the_doctor_reports_torque_and_missing_servos_through_the_daemon(
             )
             running.process.kill()  # a daemon that ends well would lower the robot
         untouched(ground)
-    assert not told(look(ground.virtual))
+    assert not describe(look(ground.virtual))
 
 
 def untouched(ground: Ground) -> None:
@@ -185,7 +183,7 @@ def test_torque_that_came_on_meanwhile_stops_a_mending(ground: Ground) -> None:
         outcome = look(ground.virtual)
         with Vendor(ground.port) as vendor:
             ground.set(vendor, 1, 64, 1)
-        [done] = runner.mend(outcome, lambda: examined(ground.virtual), MINE, ROWS)
+        [done] = runner.mend(outcome, lambda: survey(ground.virtual), MINE, ROWS)
         assert "torque is on by now" in done.error
         assert done.there
         with Vendor(ground.port) as vendor:
@@ -194,7 +192,7 @@ def test_torque_that_came_on_meanwhile_stops_a_mending(ground: Ground) -> None:
 
 def test_a_reversed_servo_is_reported_even_without_a_calibration(ground: Ground) -> None:
     with planted(ground, UNCALIBRATED):
-        seen = examined(ground.virtual)
+        seen = survey(ground.virtual)
         assert "CALIBRATION_CHANGED" in {each.code for each in runner.run(seen, MINE, ROWS).found}
         seen.calibration = None
         found = runner.run(seen, MINE, ROWS).found
@@ -204,7 +202,7 @@ def test_a_reversed_servo_is_reported_even_without_a_calibration(ground: Ground)
 
 
 def test_a_firmware_changed_since_the_calibration_is_reported(ground: Ground) -> None:
-    seen = examined(ground.virtual)
+    seen = survey(ground.virtual)
     old = {case.id for case in OLDER}
     assert seen.calibration is not None
     joints = tuple(
@@ -223,7 +221,7 @@ def test_each_planted_line_fault_is_found(ground: Ground, case: Case) -> None:
         outcome = look(ground.virtual)
     finally:
         ground.virtual.order(**dict(case.heal))
-    assert hit(case, outcome.found), told(outcome)
+    assert hit(case, outcome.found), describe(outcome)
 
 
 def test_foreign_duplicate_outdated_and_missing_servos_are_all_found(
@@ -237,13 +235,13 @@ def test_foreign_duplicate_outdated_and_missing_servos_are_all_found(
             vendor.talk.write1ByteTxRx(vendor.port, 1, 8, 1)
         outcome = look(virtual)
         missed = [case.code for case in STRANGE if len(hit(case, outcome.found)) != 1]
-        assert not missed, "\n".join([*missed, *told(outcome), *map(str, outcome.unseen)])
+        assert not missed, "\n".join([*missed, *describe(outcome), *map(str, outcome.unseen)])
         [fresh] = [each for each in outcome.found if "adopt" in each.command]
         assert fresh.command == "twindctl adopt JOINT"
         with Vendor(virtual.ports["main"]) as vendor:
             vendor.talk.write1ByteTxRx(vendor.port, 5, 8, 3)  # 1 Mbaud
         outcome = look(virtual)
-        assert all(len(hit(case, outcome.found)) == 1 for case in AWAY), told(outcome)
+        assert all(len(hit(case, outcome.found)) == 1 for case in AWAY), describe(outcome)
     finally:
         virtual.close()
 
@@ -270,7 +268,7 @@ def walker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Virtual]:
 
 def test_a_healthy_robot_with_can_has_no_finding_on_its_ports(walker: Virtual) -> None:
     outcome = look(walker)
-    assert {each.code for each in outcome.found} == {"WATCHDOG_UNKNOWN"}, told(outcome)
+    assert {each.code for each in outcome.found} == {"WATCHDOG_UNKNOWN"}, describe(outcome)
     assert outcome.looked == ["serial buses", "servos", "CAN actuators"]
 
 
@@ -292,7 +290,7 @@ def test_planted_can_actuator_faults_are_found_through_the_daemon(walker: Virtua
 def test_each_planted_can_line_fault_is_found(walker: Virtual, case: Case) -> None:
     on_can = [check for check in MINE if check.what == can_bus.ACTUATORS]
     walker.order(bus="l_leg", **dict(case.order))
-    seen = examined(walker, serial=False)
+    seen = survey(walker, serial=False)
     try:
         found = runner.run(seen, runner.select_checks(on_can, [case.code]), ROWS).found
     finally:
@@ -307,11 +305,11 @@ def test_the_built_in_robots_have_no_finding_on_ports_and_through_the_daemon(
     name: str, tmp_path: Path
 ) -> None:
     with robot(name) as (virtual, _):
-        assert not told(look(virtual))
+        assert not describe(look(virtual))
         with daemon(virtual, tmp_path) as running:
             running.reach(state="connected")
             outcome = look(virtual, running=running)
-            assert not told(outcome)
+            assert not describe(outcome)
             assert not outcome.unseen
             running.end()
 

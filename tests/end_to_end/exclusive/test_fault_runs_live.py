@@ -18,7 +18,7 @@ from tests.support.fault_cases import CASES, FAULT, Case, healing, order
 from tests.support.processes import Daemon, Virtual, daemon, patiently, robot
 from twind.client import CallError, Client, ClientError
 from twind.config.robot_file import load_robot
-from twind.virtual.virtual_robot_spec import specimen
+from twind.virtual.virtual_robot_spec import make_spec
 
 # s that a refresh may lie before the stamp of its reading, and after it on a loaded machine. A reading in
 # trouble has 35 bytes of each servo, 4.2 ms at 2 Mbaud, and 2 ms of patience; the rest is scheduling.
@@ -58,7 +58,7 @@ class LiveJudge:
     def __init__(self, virtual: Virtual, watch: Watch) -> None:
         self._virtual = virtual
         self._watch = watch
-        made = specimen(load_robot("h24"))
+        made = make_spec(load_robot("h24"))
         self._joints = {joint.name: joint for joint in made.robot.joints}
         self._zeros = made.zeros
         self._seen = 0
@@ -85,7 +85,7 @@ class LiveJudge:
         self._since -= 5.0  # messages that this process took up late are older than the last page
         return np.array(times), np.array(rows), ids
 
-    def judge(self, said: str) -> None:
+    def judge(self, context: str) -> None:
         """All messages that came since the last time. Raises AssertionError."""
         states = self._watch.states[self._seen :]
         self._seen += len(states)
@@ -99,7 +99,7 @@ class LiveJudge:
             for joint in state["joints"]:
                 shown = rows[first:last, ids.index(joint["id"])] if last > first else np.empty(0)
                 wrong += self._one(joint, shown, state["time"])
-        assert not wrong, "\n".join([said, *wrong[:10]])
+        assert not wrong, "\n".join([context, *wrong[:10]])
 
     def _one(self, joint: dict[str, Any], shown: np.ndarray, at: float) -> list[str]:
         name = joint["name"]

@@ -46,7 +46,7 @@ def flooded(graph: Graph, folder: Path, what: str, gap: float) -> Iterator[None]
     with Peer(graph.router.endpoint) as mad:
         os.setpriority(os.PRIO_PROCESS, mad.process.pid, 19)  # it would have a machine of its own
         mad.ask("flood", topic=COMMAND, data=str(data), gap=gap)
-        until(lambda: mad.ask("heard", topic=RESULTS), 60.0, "an answer to the peer that floods")
+        until(lambda: mad.ask("received", topic=RESULTS), 60.0, "an answer to the peer that floods")
         yield
 
 
@@ -69,9 +69,9 @@ def test_while_a_peer_floods_what_runs_goes_on_and_an_e_stop_is_not_held_up(
 ) -> None:
     away = graph.knee() > 0.5
     graph.command(0.0 if away else 1.0, 3, f"runs {what}")
-    graph.told(frame_id=f"runs {what}", phase="accepted")
+    graph.result(frame_id=f"runs {what}", phase="accepted")
     with flooded(graph, tmp_path, what, gap):
-        graph.told(frame_id=f"runs {what}", phase="succeeded")
+        graph.result(frame_id=f"runs {what}", phase="succeeded")
         begun = time.monotonic()
         graph.peer.ask("send", topic="/bridge/estop_cmd", message={"data": "settle"})
         until(lambda: graph.daemon.status()["faults"], 40.0, "the e-stop")
@@ -89,7 +89,7 @@ def test_a_flood_displaces_other_commands_is_reported_and_ends_with_its_sender(
         for place in range(10):
             graph.command(0.1, 1, f"sane {place}")
             time.sleep(0.2)
-        assert graph.told(phase="dropped")["count"] > 0
+        assert graph.result(phase="dropped")["count"] > 0
         with graph.daemon.client() as client:
 
             def acquired() -> bool:
@@ -103,7 +103,7 @@ def test_a_flood_displaces_other_commands_is_reported_and_ends_with_its_sender(
     heard = [place for place in range(10) if graph.results(frame_id=f"sane {place}")]
     print(f"{len(heard)} of 10 sane commands were answered in the flood")
     graph.command(0.2, 1, "after")
-    graph.told(frame_id="after", phase="succeeded")
+    graph.result(frame_id="after", phase="succeeded")
 
 
 def test_a_foreign_stop_prevents_every_trajectory_submitted_before_it(graph: Graph) -> None:

@@ -224,7 +224,7 @@ def test_a_service_is_stopped_with_the_sockets_that_would_start_it(place: str | 
 
 
 @pytest.mark.parametrize(
-    ("more", "code", "said"),
+    ("more", "code", "message"),
     [
         (["wrist", "--port", "/dev/null", "--json"], 2, "--json asks no question: add --yes"),
         (["wrist", "--port", "/dev/null"], 2, "standard input is no terminal; add --yes"),
@@ -236,11 +236,11 @@ def test_a_service_is_stopped_with_the_sockets_that_would_start_it(place: str | 
     ],
 )
 def test_an_invalid_adopt_option_is_refused_before_a_port_is_opened(
-    words: list[str], capsys: pytest.CaptureFixture[str], more: list[str], code: int, said: str
+    words: list[str], capsys: pytest.CaptureFixture[str], more: list[str], code: int, message: str
 ) -> None:
     assert main([*words, *more]) == code
     shown = capsys.readouterr()
-    assert said in shown.err + shown.out
+    assert message in shown.err + shown.out
 
 
 @pytest.mark.slow

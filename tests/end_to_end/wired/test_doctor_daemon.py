@@ -22,8 +22,8 @@ from tests.support.doctor_rig import (
     look,
     mended,
     needs_root,
-    nobody,
     run_with_own_mounts,
+    unprivileged,
     way_to,
     wrong,
 )
@@ -298,13 +298,13 @@ def test_a_user_without_socket_permission_receives_the_name_of_the_group(tmp_pat
         path.chmod(0o660)
         os.chown(path, 0, 20)
         look(socket=tmp_path / "none")  # every module is loaded before the user is another one
-        with nobody():
+        with unprivileged():
             outcome = look(socket=tmp_path, only=["DAEMON_DENIED"])
         (finding,) = outcome.found
         assert finding.code == "DAEMON_DENIED" and "user nobody is not in group" in finding.measured
         assert finding.command.startswith("sudo usermod -aG ") and "log in again" in finding.advice
         os.chown(path, 0, 0)
-        with nobody():
+        with unprivileged():
             outcome = look(socket=tmp_path, only=["DAEMON_DENIED"])
         (finding,) = outcome.found
         assert "started by hand" in finding.measured and finding.command in (
@@ -313,12 +313,12 @@ def test_a_user_without_socket_permission_receives_the_name_of_the_group(tmp_pat
         )
         assert "usermod" not in f"{finding.command} {finding.advice}", "nobody joins the group root"
         tmp_path.chmod(0o700)
-        with nobody():
+        with unprivileged():
             outcome = look(socket=tmp_path, only=["DAEMON_DENIED"])
         assert "may not enter the folder" in outcome.found[0].measured
     for mode in (0o700, 0o755):  # the socket is left, and nobody has it
         tmp_path.chmod(mode)
-        with nobody():
+        with unprivileged():
             outcome = look(socket=tmp_path, only=["DAEMON_DENIED", "NO_DAEMON"])
         assert [each.code for each in outcome.found] == ["NO_DAEMON"], mode
 

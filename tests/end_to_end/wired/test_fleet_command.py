@@ -108,22 +108,22 @@ def test_a_named_absent_robot_is_lost_and_an_absent_network_is_reported(world: W
 def test_a_robot_that_disappears_stays_listed_as_lost_and_returns(world: World) -> None:
     watch = Process(*world.words("--watch"))
 
-    def told(name: str) -> dict[str, Any]:
+    def row_of(name: str) -> dict[str, Any]:
         return {each["name"]: each for each in watch.first()["robots"]}[name]
 
-    until(lambda: not told(FAR)["lost"] and not told(HERE)["lost"], PATIENCE, "both are there")
+    until(lambda: not row_of(FAR)["lost"] and not row_of(HERE)["lost"], PATIENCE, "both are there")
     world.uplink.gone()
-    until(lambda: told(FAR)["lost"], PATIENCE, "the one without an uplink is lost")
-    was = told(FAR)
+    until(lambda: row_of(FAR)["lost"], PATIENCE, "the one without an uplink is lost")
+    was = row_of(FAR)
     assert (was["state"], was["mode"]) == ("disconnected", "sim") and was["age_s"] > 0.0
-    assert not told(HERE)["lost"]
+    assert not row_of(HERE)["lost"]
     world.up()
-    until(lambda: not told(FAR)["lost"] and told(FAR)["age_s"] < 2.0, PATIENCE, "it is back")
+    until(lambda: not row_of(FAR)["lost"] and row_of(FAR)["age_s"] < 2.0, PATIENCE, "it is back")
     world.router.kill()
-    until(lambda: told(FAR)["lost"], PATIENCE, "without a router nobody elsewhere is there")
-    assert not told(HERE)["lost"]
+    until(lambda: row_of(FAR)["lost"], PATIENCE, "without a router nobody elsewhere is there")
+    assert not row_of(HERE)["lost"]
     world.router.start()
-    until(lambda: not told(FAR)["lost"], PATIENCE, "the way is found again")
+    until(lambda: not row_of(FAR)["lost"], PATIENCE, "the way is found again")
     assert watch.end()[0] == 0
 
 
@@ -171,8 +171,8 @@ def test_names_and_answers_that_no_robot_may_have_cost_the_others_nothing(world:
     assert "nested" in told["odd"]["odd"] and "status" in told["odder"]["odd"]
 
 
-def replied(key: str, said: bytes, query: zenoh.Query) -> None:
-    query.reply(key, said)
+def replied(key: str, payload: bytes, query: zenoh.Query) -> None:
+    query.reply(key, payload)
 
 
 def test_on_a_terminal_it_is_drawn_over_and_a_key_ends_it(world: World) -> None:

@@ -45,7 +45,7 @@ class World:
         assert self.front.pid is not None
         return self.front.pid
 
-    def heard(self) -> bool:
+    def has_heartbeat(self) -> bool:
         """Has it said anything yet?"""
         assert self.front.socket is not None
         with suppress(BlockingIOError):
@@ -125,7 +125,7 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         stack.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))
         world = stack.enter_context(started(tmp_path))
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        until(world.heard, 20.0, "the front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the front's first heartbeat")
 
         channel = world.front.socket
         assert channel is not None
@@ -171,7 +171,7 @@ def test_a_front_runs_nothing_of_the_folder_it_is_started_in(
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')")
     monkeypatch.chdir(tmp_path)
     with started(tmp_path) as world:
-        until(world.heard, 20.0, "the front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the front's first heartbeat")
         assert not world.front.reap()
 
 
@@ -235,7 +235,7 @@ def test_a_socket_that_was_bound_again_is_given_to_the_next_front_and_the_old_on
         os.waitpid(first, 0)
         world.front.pid = None
         world.front.start(101.0)
-        until(world.heard, 20.0, "the second front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the second front's first heartbeat")
         assert descriptors(world.pid)[5] == descriptors(os.getpid())[made.fileno()]
         world.front.close()
         assert made.fileno() == -1
@@ -243,11 +243,11 @@ def test_a_socket_that_was_bound_again_is_given_to_the_next_front_and_the_old_on
 
 def test_a_front_ends_by_itself_when_the_loops_end_of_the_link_closes(tmp_path: Path) -> None:
     with started(tmp_path) as world:
-        until(world.heard, 20.0, "the front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the front's first heartbeat")
         assert world.front.socket is not None
         os.kill(world.pid, signal.SIGINT)  # neither of these ends it
         os.kill(world.pid, signal.SIGTERM)
-        until(world.heard, 5.0, "another heartbeat")
+        until(world.has_heartbeat, 5.0, "another heartbeat")
         assert not world.front.reap()
         world.front.socket.close()
         world.front.socket = None
@@ -269,7 +269,7 @@ def test_a_killed_front_is_noticed_and_the_next_one_waits_a_moment(tmp_path: Pat
         world.front.start(101.0)
         assert world.pid != first
         assert world.front.starts == 2
-        until(world.heard, 20.0, "the second front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the second front's first heartbeat")
 
 
 def test_ending_a_front_kills_it_and_closes_the_link(tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ def test_ending_a_front_kills_it_and_closes_the_link(tmp_path: Path) -> None:
 
 def test_a_front_that_is_finished_ends_by_itself_and_is_collected(tmp_path: Path) -> None:
     with started(tmp_path) as world:
-        until(world.heard, 20.0, "the front's first heartbeat")
+        until(world.has_heartbeat, 20.0, "the front's first heartbeat")
         pid = world.pid
         world.front.finish()
         assert (world.front.pid, world.front.socket) == (None, None)

@@ -1,5 +1,6 @@
 """The robot with legs on CAN as a user runs it: real processes, real pseudo-terminals, slcan text."""
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,9 +57,12 @@ def test_a_leg_that_is_unplugged_is_lost_and_found_again_over_its_link(mixed: Li
     assert mixed.running.end() == 0
 
 
-def test_the_daemon_brings_its_own_virtual_robot_with_can_buses(tmp_path: Path) -> None:
+def test_the_daemon_brings_its_own_virtual_robot_with_can_buses_and_removes_its_sockets(
+    tmp_path: Path,
+) -> None:
     running = Daemon(tmp_path / "run", "--virtual", "--robot", "h24-mixed", "--mode", "mirror")
     status = running.reach(state="connected")
     assert [bus["name"] for bus in status["buses"]] == BUSES
     assert [bus["port"].startswith("can:slcan:/dev/pts/") for bus in status["buses"]] == [False, True, True]
-    assert running.end() == 0
+    assert running.end(signal.SIGINT) == 0  # Ctrl-C
+    assert not list(running.sockets.glob("*.sock"))

@@ -34,7 +34,7 @@ COLUMNS = {"position": "/hw/joint_states", "goal": "/hw/joint_commands", "simula
 SMALL = 100_000  # bytes that the recorder with the small disk may write
 
 
-class Witness:
+class StateRecorder:
     """Another client of the daemon: every answer of `Monitor` that it got, and when."""
 
     def __init__(self, running: Daemon) -> None:
@@ -105,7 +105,7 @@ class Story:
     """Result of the run, for the tests."""
 
     folder: Path
-    witness: Witness
+    witness: StateRecorder
     killed: float = 0.0  # s, monotonic, just before SIGKILL
     ends: dict[str, tuple[int, dict[str, Any]]] = field(default_factory=dict)
 
@@ -120,7 +120,7 @@ def story() -> Iterator[Story]:
     with robot() as (virtual, folder), ended(recorders):
         with daemon(virtual, folder, mode="mirror") as running:
             running.reach(hw_connected=True)
-            told = Story(folder, Witness(running))
+            told = Story(folder, StateRecorder(running))
             recorders |= {
                 "whole": RecordProcess(running, folder / "whole", "--task", "wave"),
                 "killed": RecordProcess(running, folder / "killed"),
@@ -150,11 +150,11 @@ def story() -> Iterator[Story]:
         yield told
 
 
-def known(path: Path, witness: Witness) -> dict[int, list[dict[str, Any]]]:
+def known(path: Path, observed: StateRecorder) -> dict[int, list[dict[str, Any]]]:
     """Messages of the second subscriber, by log time."""
     about = open_recording(path).meta
     clocks = ClockPair(float(about["monotonic"]), int(about["wall_ns"]))
-    return {clocks.wall(time): joints for time, joints in list(witness.states.items())}
+    return {clocks.wall(time): joints for time, joints in list(observed.states.items())}
 
 
 def column(joints: list[dict[str, Any]], name: str) -> list[float | None]:

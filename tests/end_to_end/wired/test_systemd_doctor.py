@@ -23,9 +23,9 @@ def ask(machine: Machine, *words: str, user: str | None = None) -> Json:
     return said
 
 
-def codes(said: Json) -> set[str]:
+def codes(report: Json) -> set[str]:
     """Findings that are not informative only."""
-    return {each["code"] for each in said["found"] if each["severity"] != "note"}
+    return {each["code"] for each in report["found"] if each["severity"] != "note"}
 
 
 @pytest.fixture(scope="module")

@@ -184,7 +184,7 @@ def give_up(live: Service) -> Unit:
     safe = Unit(live.machine, "twind-failsafe@body.service")
     deadline = time.monotonic() + 30.0
     while live.show("ActiveState") != "failed":
-        assert time.monotonic() < deadline, live.machine.told()
+        assert time.monotonic() < deadline, live.machine.diagnostics()
         if live.show("MainPID") != "0":
             live.machine.try_run("systemctl", "kill", "-s", "KILL", "--kill-whom=main", live.unit)
         time.sleep(0.02)

@@ -30,7 +30,7 @@ def running() -> Iterator[tuple[Virtual, Daemon]]:
         yield virtual, one
 
 
-def said_by(running: Daemon, words: Words, capsys: Captured, code: int) -> tuple[str, str]:
+def output_of(running: Daemon, words: Words, capsys: Captured, code: int) -> tuple[str, str]:
     """Output of `twindctl wiggle`; repeated where the machine had no time for the servos."""
     capsys.readouterr()
     deadline = time.monotonic() + 30.0
@@ -48,9 +48,9 @@ def said_by(running: Daemon, words: Words, capsys: Captured, code: int) -> tuple
                 arm(client)
 
 
-def told(running: Daemon, words: Words, capsys: Captured, code: int) -> dict[str, Any]:
+def json_of(running: Daemon, words: Words, capsys: Captured, code: int) -> dict[str, Any]:
     """The one line of JSON."""
-    return dict(json.loads(said_by(running, ["--json", *words], capsys, code)[0]))
+    return dict(json.loads(output_of(running, ["--json", *words], capsys, code)[0]))
 
 
 def test_a_robot_that_is_not_armed_is_not_moved(running: tuple[Virtual, Daemon], capsys: Captured) -> None:
@@ -74,16 +74,16 @@ def test_a_free_joint_moves_and_returns_and_a_blocked_one_is_reported(
         arm(client)
     before = [servo["position"] for servo in virtual.servos()]
     monkeypatch.setattr(sys, "stdin", Terminal("y\n" * 100))
-    out, err = said_by(one, ["l_knee"], capsys, 0)
+    out, err = output_of(one, ["l_knee"], capsys, 0)
     assert "l_knee: watch: l_foot moves backward, and back" in err
     assert "l_foot moves backward, and back: was it so? [y/n, else unknown]" in err
     assert out.startswith("ok   l_knee (main id 16): follows: went +")
     assert "by eye: l_foot moves backward, and back: confirmed" in out
     assert "an encoder cannot tell sign, gear ratio and which joint it sits at" in out
     virtual.order(fault="lock", id=10)
-    held = told(one, ["r_elbow"], capsys, 1)
+    held = json_of(one, ["r_elbow"], capsys, 1)
     while held["motion"] == "ended" and any(each.startswith(tuple(BUSY)) for each in held["ended"]):
-        held = told(one, ["r_elbow"], capsys, 1)
+        held = json_of(one, ["r_elbow"], capsys, 1)
     virtual.order(fault="free", id=10)
     assert (held["motion"], held["good"], held["confirmed"]) == ("still", False, None)
     assert max(abs(n["position"] - b) for n, b in zip(virtual.servos(), before, strict=True)) <= 2
@@ -98,7 +98,7 @@ def test_in_sim_and_mirror_only_the_gate_is_asked_near_a_limit_it_goes_the_other
         client.call("SetMode", mode="sim")
     before = [servo["position"] for servo in virtual.servos()]
     assert main(["--socket", str(one.sockets), "move", "l_elbow=0.095", "--time", "1"]) == 0
-    out, err = said_by(one, ["l_elbow"], capsys, 0)
+    out, err = output_of(one, ["l_elbow"], capsys, 0)
     assert "mode sim: only the simulation is moved" in err
     assert "ok   l_elbow (main id 6): the gate takes -2.00° and back" in out  # its limit is 0.1
     assert "follows" not in out and "by eye" not in out
@@ -185,7 +185,7 @@ class Terminal(io.StringIO):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ([], "name JOINTs, or --all of them"),
         (["l_knee", "--all"], "name JOINTs, or --all of them"),
@@ -195,7 +195,7 @@ class Terminal(io.StringIO):
     ],
 )
 def test_an_invalid_option_is_a_usage_error(
-    words: Words, said: str, tmp_path: Path, capsys: Captured
+    words: Words, message: str, tmp_path: Path, capsys: Captured
 ) -> None:
     assert main(["--socket", str(tmp_path), "wiggle", *words]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

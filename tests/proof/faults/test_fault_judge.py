@@ -157,7 +157,7 @@ def test_the_judge_finds_the_defect_and_blames_no_sound_driver(
 
 
 @pytest.mark.parametrize(
-    ("seen", "change", "said"),
+    ("seen", "change", "message"),
     [
         (False, lambda state: {"position": np.nan_to_num(state.position)}, "never heard, and yet a number"),
         (True, lambda state: {"age": state.age * state.heard}, "not heard, and yet a new stamp"),
@@ -165,7 +165,7 @@ def test_the_judge_finds_the_defect_and_blames_no_sound_driver(
     ],
 )
 def test_the_judge_finds_each_wrong_reading_of_a_stale_joint(
-    seen: bool, change: Callable[[JointState], dict[str, Any]], said: str
+    seen: bool, change: Callable[[JointState], dict[str, Any]], message: str
 ) -> None:
     rig = Rig(mode=Mode.MIRROR, muscles=Moved)
     exchange = rig.loop.hardware.exchange
@@ -179,7 +179,7 @@ def test_the_judge_finds_each_wrong_reading_of_a_stale_joint(
     rig.ticks(10 if seen else 0)
     rig.virtual["main"].faults.silence(3)
     rig.ticks(10)
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         judge.verdict()
     rig.close()
 

@@ -197,11 +197,11 @@ class Machine:
         """Wait until `what` returns a true value, at most `seconds`, and return it. Raises AssertionError."""
         deadline = time.monotonic() + seconds
         while not (found := what()):
-            assert time.monotonic() < deadline, f"not within {seconds} s: {message}\n{self.told()}"
+            assert time.monotonic() < deadline, f"not within {seconds} s: {message}\n{self.diagnostics()}"
             time.sleep(0.05)  # asking costs as much as what is waited for
         return found
 
-    def told(self) -> str:
+    def diagnostics(self) -> str:
         """The end of the journal, or of the console while there is none."""
         if self.init:
             with contextlib.suppress(subprocess.SubprocessError):

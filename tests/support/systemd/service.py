@@ -83,7 +83,7 @@ class Unit:
         for pid in self.pids():
             if _inner(pid) == inside:
                 return pid
-        raise AssertionError(f"{self.unit} has no main process\n{self.machine.told()}")
+        raise AssertionError(f"{self.unit} has no main process\n{self.machine.diagnostics()}")
 
     def within(self, *command: str) -> str:
         """Output of a command that runs under the unit's device rules and in its view of the machine."""

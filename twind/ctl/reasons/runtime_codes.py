@@ -35,7 +35,7 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.BUS_ERRORS: ReasonText(
         "warning; HOLD; fault",
         "Devices did not answer, or bytes were dropped. From HOLD on, arming is refused.",
-        "wiring, termination, power, baud rate of the bus; if virtual: load of this machine",
+        "check wiring, termination, power and baud rate; if virtual, end other programs",
     ),
     ReasonCode.RX_SHAPE: ReasonText(
         "warning",

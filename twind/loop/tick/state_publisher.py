@@ -128,6 +128,7 @@ class StatePublisher:
             lease=self.lease(now),
             lease_client=loop.lease.holder_client(now),
             faults=self._faulty(),
+            latched=[code.value for code in loop.latches],
             buses=[self._bus(place) for place in range(len(loop.hardware.ports))],
             loop=loop.figures.info(whole=whole),
             latencies=[_latency(hop, window, now, whole) for hop, window in self._windows()],

@@ -53,11 +53,11 @@ def marked(now: ViewerSnapshot, model: RobotModel) -> dict[int, Colour]:
 class RobotScene:
     """One robot below a root of its own: `/robots/NAME`."""
 
-    def __init__(self, scene: Any, likeness: RobotModel, root: str) -> None:
+    def __init__(self, scene: Any, robot_model: RobotModel, root: str) -> None:
         self._scene = scene
-        self.likeness = likeness
+        self.likeness = robot_model
         self._root = root
-        model = likeness.model
+        model = robot_model.model
         self._all = scene.add_frame(root, show_axes=False)
         self._solid = RobotFigure(scene, f"{root}/solid", model)
         self._goal = RobotFigure(scene, f"{root}/goal", model, (GOAL, 0.35))
@@ -66,10 +66,10 @@ class RobotScene:
         self._line: Any = None
         self._touching: Any = None
         self._drawn: tuple[object, ...] = ()
-        self._pose = likeness.rest.copy()
+        self._pose = robot_model.rest.copy()
         self.near: NearestBodies | None = None
         self.contacts = 0
-        self._solid.place(likeness.places(self._pose))
+        self._solid.place(robot_model.places(self._pose))
 
     def draw(self, now: ViewerSnapshot, choice: str) -> None:
         """Draw the newest values. Unchanged parts are not sent."""
