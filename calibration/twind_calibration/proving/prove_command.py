@@ -20,9 +20,9 @@ from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
+from twind_calibration.calibrating.calibration_steps import LEAST, MOST
 from twind_calibration.calibrating.entry_writer import agreed, require_terminal
 from twind_calibration.calibrating.file_ownership import lock_folder, save
-from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_plan import print_plan
