@@ -26,8 +26,7 @@ from twind_calibration.calibrating import (
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
-from twind_calibration.calibrating.joint_capture import JointCapture
-from twind_calibration.calibrating.raw_exchanges import RawExchange
+from twind_calibration.calibrating.joint_capture import JointCapture, RawExchange
 from twind_calibration.calibrating.sweep_command import SweepSession
 from twind_calibration.calibrating.torque_free import limp
 from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot, travels_of

@@ -33,8 +33,7 @@ from twind.twin.binding import bind
 from twind.virtual.bench_servos import BusTiming, can_bus
 from twind.virtual.can_node_setup import unloaded
 from twind.virtual.robot_ground_truth import RobotGroundTruth
-from twind.virtual.virtual_imu import sensor_of
-from twind.virtual.virtual_robot_spec import calibration, fence, specimen
+from twind.virtual.virtual_robot_spec import calibration, fence, sensor_of, specimen
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.can_loopback import CanLoopback

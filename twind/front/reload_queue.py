@@ -86,7 +86,7 @@ class ReloadQueue:
             working = self._front.loop.run_in_executor(None, self._work, briefing)
             working.add_done_callback(lambda done: self._read(request, done.result()))
             return
-        from twind.front.next_briefing import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
+        from twind.front.reload_worker import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
 
         try:
             made = with_settings(briefing, request.changes)

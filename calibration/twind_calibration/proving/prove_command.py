@@ -31,9 +31,12 @@ from twind_calibration.proving.proof_records import in_force, measurement_record
 from twind_calibration.proving.proof_report import BLIND, ProofVerdict
 from twind_calibration.proving.proof_sweep import ProofSweep, mean_loads, sweeps
 from twind_calibration.rejection_hints import with_hints
-from twind_calibration.wiggling.joint_move import MoveResult, allowed, go, goal_of
-from twind_calibration.wiggling.move_checks import (
+from twind_calibration.wiggling.joint_move import (
     AROUND,
+    MoveResult,
+    allowed,
+    go,
+    goal_of,
     pose,
     print_note,
     require_amounts,

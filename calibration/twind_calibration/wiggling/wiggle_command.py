@@ -17,9 +17,12 @@ from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
 from twind.exceptions import InvalidInput
 from twind_calibration.rejection_hints import unknown_joint, with_hints
-from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
-from twind_calibration.wiggling.move_checks import (
+from twind_calibration.wiggling.joint_move import (
     AROUND,
+    MoveResult,
+    direction,
+    go,
+    goal_of,
     pose,
     print_note,
     require_armed,
