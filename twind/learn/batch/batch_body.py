@@ -32,7 +32,7 @@ class BatchBody:
     """`count` robots of one plant, each by itself. One Python thread may use it at a time."""
 
     def __init__(
-        self, plant: Plant, ranges: RandomisationRanges, period: float, count: int, threads: int | None = None
+        self, plant: Plant, ranges: RandomisationRanges, period: float, count: int, threads: int | None
     ) -> None:
         """`ranges`: what differs from episode to episode; `threads`: None, as many as there are cores."""
         hush()
