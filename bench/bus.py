@@ -4,11 +4,8 @@ A cycle reads current, velocity and position of N servos into numpy floats and w
 `bench.responder`, a process of its own; CPU is of this process alone.
 """
 
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
 from typing import Any
@@ -25,6 +22,7 @@ from bench.harness import (
     as_in_the_loop,
     interleaved,
     medians,
+    responder_port,
     spread,
 )
 from bench.peers import ControlCycle
@@ -45,22 +43,6 @@ PATIENCE = 0.05  # s: the servos are a process on a shared machine; what is meas
 SILENT_CYCLES = 20  # that a peer has to become fresh again
 TURN = 2.0 * np.pi / 4096.0
 WAYS = {"fast": True, "plain": False}
-
-
-@contextmanager
-def servos(*arguments: str) -> Iterator[str]:
-    """Start a responder process and yield its port."""
-    command = [sys.executable, "-m", "bench.responder", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        path = process.stdout.readline().strip()
-        if not path:
-            raise MeasurementUnavailable("the responder did not start")
-        yield path
-    finally:
-        process.kill()
-        process.wait()
 
 
 class DynamixelDriverCycle:
@@ -145,7 +127,7 @@ def _cpu(make: Callable[[], ControlCycle], count: int) -> float:
 
 def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]]:
     """Measure the CPU time (µs) per cycle, keyed by "name count"; the implementations are interleaved."""
-    with servos() as path:
+    with responder_port("bench.responder") as path:
         takes = {
             f"{name} {count}": partial(_cpu, make, count)
             for count in counts
@@ -204,7 +186,7 @@ def take_wire() -> Mapping[str, MeasuredFigure]:
     figures = {}
     for name, baud in (("1m", 1_000_000), ("3m", 3_000_000)):
         ideal = budget(COUNT, baud, fast=True, return_delay_us=0.0).reachable_hz
-        with servos("--baud", str(baud), "--tick", str(USB_TICK)) as path:
+        with responder_port("bench.responder", "--baud", str(baud), "--tick", str(USB_TICK)) as path:
             makers = cycles(path, COUNT, fast=True, baud=baud)
             makers.pop("bare syscalls")
             takes = {who: partial(_rate, make, COUNT, ideal) for who, make in makers.items()}
@@ -234,7 +216,7 @@ def _fresh_after(make: Callable[[], ControlCycle]) -> float:
 
 def take_dead() -> Mapping[str, MeasuredFigure]:
     """Measure fast sync read while one servo in the middle is silent from the first cycle on."""
-    with servos("--silent", str(COUNT // 2)) as path:
+    with responder_port("bench.responder", "--silent", str(COUNT // 2)) as path:
         makers = cycles(path, COUNT, fast=True)
         makers.pop("bare syscalls")
         took: dict[str, Any] = {who: _fresh_after(make) for who, make in makers.items()}

@@ -4,11 +4,8 @@ Who is measured sends a command to each of 24 actuators and takes their answers 
 `bench.can_responder`, a process of its own; CPU is of this process alone.
 """
 
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Protocol
 
@@ -25,6 +22,7 @@ from bench.harness import (
     as_in_the_loop,
     interleaved,
     medians,
+    responder_port,
     spread,
 )
 from twind_drivers.can.can_ports import open_channel
@@ -48,22 +46,6 @@ class FrameExchange(Protocol):
 
     def close(self) -> None:
         """Let go of the port."""
-
-
-@contextmanager
-def adapter() -> Iterator[str]:
-    """The port of an adapter of our own, with actuators behind it."""
-    command = [sys.executable, "-m", "bench.can_responder"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        path = process.stdout.readline().strip()
-        if not path:
-            raise MeasurementUnavailable("the adapter did not start")
-        yield path
-    finally:
-        process.kill()
-        process.wait()
 
 
 class SlcanChannelExchange:
@@ -133,7 +115,7 @@ def average(make: Callable[[], FrameExchange], clock: Callable[[], float]) -> fl
 
 def take_slcan() -> Mapping[str, MeasuredFigure]:
     """CPU of a frame out and its answer in, and frames a second, both ways counted."""
-    with adapter() as path:
+    with responder_port("bench.can_responder") as path:
         makers: dict[str, Callable[[], FrameExchange]] = {
             "twind": partial(SlcanChannelExchange, path),
             "python-can": partial(PythonCanExchange, path),

@@ -14,9 +14,18 @@ import can
 import numpy as np
 from can.interfaces.slcan import slcanBus
 
-from bench.can import COUNT, PATIENCE, RATE, FrameExchange, adapter, average
+from bench.can import COUNT, PATIENCE, RATE, FrameExchange, average
 from bench.can_responder import OFFSET
-from bench.harness import ROUNDS, FigureSpec, MeasuredFigure, Measurement, interleaved, medians, spread
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    interleaved,
+    medians,
+    responder_port,
+    spread,
+)
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.can_units import COUNT as RADIAN
@@ -139,7 +148,7 @@ def take_cycle() -> Mapping[str, MeasuredFigure]:
     figures = {}
     for count, key in ((1, "can.cycle_cpu_24"), (2, "can.cycle_cpu_24_split")):
         with ExitStack() as stack:
-            paths = [stack.enter_context(adapter()) for _ in range(count)]
+            paths = [stack.enter_context(responder_port("bench.can_responder")) for _ in range(count)]
             makers: dict[str, Callable[[], FrameExchange]] = {
                 "twind": partial(CanDriverCycle, paths),
                 "python-can": partial(ManualPythonCanCycle, paths),

@@ -4,6 +4,8 @@ import gc
 import json
 import os
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -166,3 +168,18 @@ def _number(value: object) -> str:
     return (
         "—" if not isinstance(value, int | float) else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     )
+
+
+@contextmanager
+def responder_port(module: str, *arguments: str) -> Iterator[str]:
+    """Start a responder process; yield its port, whose path is the first line of its output."""
+    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        path = process.stdout.readline().strip()
+        if not path:
+            raise MeasurementUnavailable(f"{module} did not start")
+        yield path
+    finally:
+        process.kill()
+        process.wait()

@@ -34,8 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: every joint did what it should, as far as it can be told."""
-    from twind_calibration.wiggling.wiggle_command import (
-        wiggle,  # a second of imports that the list need not pay
-    )
+    # A second of imports that the list of verbs need not pay.
+    from twind_calibration.wiggling.joint_move import require_amounts
+    from twind_calibration.wiggling.wiggle_command import wiggle
 
+    require_amounts(options, LEAST, MOST)
     return wiggle(options)

@@ -16,9 +16,9 @@ from msgspec import convert
 from tests.support.scripted_line import ScriptedDaemon, ended, ended_in_words
 from twind.bridge.motion_session import MotionSession
 from twind.bridge.uplink.lease_keeper import LeaseKeeper
-from twind.bridge.uplink.planned_durations import PlannedDurations
 from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
 from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.uplink.uplink_goals import PlannedDurations
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client import CallError, Refused
 

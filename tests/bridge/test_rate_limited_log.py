@@ -1,6 +1,6 @@
 """Log of an uplink: complete, unless a remote sender causes too many lines."""
 
-from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
+from twind.bridge.uplink.uplink_command import AT_ONCE, EACH, RateLimitedLog
 
 
 def test_a_flood_of_lines_is_cut_and_replaced_by_a_count() -> None:

@@ -24,13 +24,12 @@ from twind_calibration.calibrating import (
     file_ownership,
     history_command,
     import_command,
-    import_verb,
-    limits,
     limits_command,
 )
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.calibration_conversion import ImportResult
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft, DraftTravel
+from twind_calibration.calibrating.calibration_steps import STEPS
 from twind_calibration.calibrating.entry_writer import write_entries
 
 Captured = pytest.CaptureFixture[str]
@@ -146,7 +145,7 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
 
     replace_limits_peers(monkeypatch, place, Daemon(), agreed=asked)
     with pytest.raises(Rejected, match="another program calibrated l_knee meanwhile"):
-        limits_command.limits(options(limits, KNEE, "--yes"))
+        limits_command.limits(options("limits", KNEE, "--yes"))
     assert "WriteRegister" not in calls
     assert known(place).by_name[KNEE] == moved(mine, KNEE, 50)
 
@@ -169,17 +168,17 @@ def test_the_folder_is_held_while_servos_are_fenced(
             return {"register": {"value": how["value"]}}
 
     replace_limits_peers(monkeypatch, place, Daemon(), next_steps=lambda *_: None)
-    assert limits_command.limits(options(limits, KNEE, "--yes")) == 0
+    assert limits_command.limits(options("limits", KNEE, "--yes")) == 0
     assert sorted(refused) == ["max_position_limit", "min_position_limit"]
     assert known(place).by_name[KNEE].zero_ticks == mine.by_name[KNEE].zero_ticks
 
 
-def options(step: Any, *words: str) -> Namespace:
+def options(step: str, *words: str) -> Namespace:
     """Options of a step, as its parser gives them."""
     parser = ArgumentParser()
     parser.add_argument("--socket")
     parser.add_argument("--json", action="store_true")
-    step.add_arguments(parser)
+    STEPS[step].add_arguments(parser)
     return parser.parse_args(words)
 
 
@@ -349,7 +348,7 @@ def test_the_travel_of_a_servo_changed_since_its_sweep_is_rejected_and_reported(
     }.items():
         monkeypatch.setattr(import_command, name, stands)
     words = ["--from", "servo", "--zero-at", "2000", "--yes", KNEE]
-    assert import_command.take(options(import_verb, *words)) == 0
+    assert import_command.take(options("import", *words)) == 0
     out = capsys.readouterr().out
     assert load_calibration(place.path, ROBOT).by_name[KNEE].sweep_ticks == travel
     assert message in out and ("position limits" in out) == bool(message)

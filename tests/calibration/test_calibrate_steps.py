@@ -23,18 +23,14 @@ from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (
     history_command,
-    limits,
     limits_command,
-    sweep,
     sweep_command,
-    zero,
     zero_command,
 )
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
-from twind_calibration.calibrating.joint_capture import JointCapture
-from twind_calibration.calibrating.raw_exchanges import RawExchange
+from twind_calibration.calibrating.joint_capture import JointCapture, RawExchange
 from twind_calibration.calibrating.sweep_command import SweepSession
 from twind_calibration.calibrating.torque_free import limp
 from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot, travels_of
@@ -173,7 +169,7 @@ def test_an_interrupted_sweep_reports_each_open_joint_with_reason_and_next_step(
     monkeypatch.setattr(daemon, "readings", readings)
     handler = signal.getsignal(signal.SIGTERM)
     with pytest.raises(error):
-        sweep_command.sweep(options_of(sweep, "l_knee", "l_elbow", *words))
+        sweep_command.sweep(options_of("sweep", "l_knee", "l_elbow", *words))
     assert signal.getsignal(signal.SIGTERM) == handler
     reason = "it was not moved; move it slowly to both ends and rest half a second at each"
     said = capsys.readouterr().out
@@ -224,7 +220,7 @@ def test_calibration_never_arms_however_long_the_readings_take(
             yield each
 
     monkeypatch.setattr(daemon, "readings", readings)
-    assert zero_command.zero(options_of(zero, "l_knee", "--samples", "400", "--yes")) == DONE
+    assert zero_command.zero(options_of("zero", "l_knee", "--samples", "400", "--yes")) == DONE
     assert daemon.now > 104.0 and set(daemon.states) == {"calibrating"}
     assert daemon.state == "connected"
 
@@ -255,12 +251,12 @@ def test_a_joint_with_a_zero_gets_another_only_on_request(
     standing(daemon)
     before = daemon.file.read_text()
     with pytest.raises(Rejected, match="name those that are to get another, or --all for all"):
-        zero_command.zero(options_of(zero, *how, "--yes"))
+        zero_command.zero(options_of("zero", *how, "--yes"))
     assert daemon.file.read_text() == before
-    assert zero_command.zero(options_of(zero, *how, "--yes", "l_knee")) == DONE
+    assert zero_command.zero(options_of("zero", *how, "--yes", "l_knee")) == DONE
     changed = [name for name in ROBOT.names if method(daemon, name) != "import"]
     assert changed == ["l_knee"]
-    assert zero_command.zero(options_of(zero, *how, "--yes", "--all")) == DONE
+    assert zero_command.zero(options_of("zero", *how, "--yes", "--all")) == DONE
     assert {method(daemon, name) for name in ROBOT.names} == {"sweep" if how else "jig"}
 
 
@@ -286,7 +282,7 @@ def test_a_joint_with_one_known_stop_has_an_unknown_zero_uncertainty(capsys: Cap
 def test_an_impossible_actuator_pose_is_reported_by_its_joints(tmp_path: Path) -> None:
     robot = linked.linked(tmp_path)
     place = CalibrationContext(robot, tmp_path / "linked.yaml", named=True)
-    options = options_of(zero, "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
+    options = options_of("zero", "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
     with pytest.raises(Rejected, match="`--at waist_roll=RAD --at waist_yaw=RAD` gives waist_roll and"):
         zero_command.parse_angles(options, place, slots(robot))
 
@@ -304,10 +300,10 @@ def test_a_tag_is_compared_and_kept_whatever_is_calibrated(
     save_calibration(known, daemon.file.parent, "h24")
     standing(daemon)
     with pytest.raises(Rejected, match=r"moving_threshold \(24\) is 10, was 613"):
-        limits_command.limits(options_of(limits, "l_knee", "--yes"))
+        limits_command.limits(options_of("limits", "l_knee", "--yes"))
     daemon.servos[knee.id]["moving_threshold"] = 613
-    assert limits_command.limits(options_of(limits, "l_knee", "head_yaw", "--yes")) == DONE
-    assert zero_command.zero(options_of(zero, "l_knee", "head_yaw", "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", "l_knee", "head_yaw", "--yes")) == DONE
+    assert zero_command.zero(options_of("zero", "l_knee", "head_yaw", "--yes")) == DONE
     after = load_calibration(daemon.file, ROBOT).by_name
     assert after["l_knee"].device.tag == 613 and after["head_yaw"].device.tag is None
     assert after["l_knee"].method == "jig"
@@ -327,7 +323,7 @@ def test_limits_are_written_in_an_order_that_a_servo_takes(
     others = [one for one in FITTING.joints if one.name != "l_knee"]
     save_calibration(replace(FITTING, joints=(*others, knee)), daemon.file.parent, "h24")
     daemon.servos[knee.id] |= {"min_position_limit": first[0], "max_position_limit": first[1]}
-    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", "l_knee", "--yes")) == DONE
     assert held(daemon, "l_knee") == recorded(daemon, "l_knee") == fence_of("l_knee")
     assert "WriteRegister" not in daemon.asked[daemon.asked.index("ReleaseLease") :]
 
@@ -368,7 +364,7 @@ def test_an_interrupted_limits_command_is_completed_by_running_it_again(
         scans = iter([known])
         daemon.scan = lambda: iter(next(scans, []))  # type: ignore[method-assign]
     with pytest.raises((Rejected, type(error))) as raised:
-        limits_command.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of("limits", *PAIR, "--yes"))
     said = capsys.readouterr().err + str(raised.value)
     assert "`twindctl calibrate limits head_pitch l_knee` brings servos and file to agreement" in said
     in_hand = PAIR[(writes - 1) // 2]
@@ -378,20 +374,20 @@ def test_an_interrupted_limits_command_is_completed_by_running_it_again(
     # type: ignore[method-assign]
     daemon.break_off = lambda method, how: None
     daemon.scan = scan
-    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", *PAIR, "--yes")) == DONE
     for name in PAIR:
         assert held(daemon, name) == recorded(daemon, name) == fence_of(name)
-    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", *PAIR, "--yes")) == DONE
     assert "every servo has the limits of its joint" in capsys.readouterr().out
 
 
 def test_limits_already_on_the_servo_are_recorded_without_a_write(daemon: FakeDaemon) -> None:
     """As after a rollback past it."""
-    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", "l_knee", "--yes")) == DONE
     save_calibration(FITTING, daemon.file.parent, "h24")
     assert recorded(daemon, "l_knee") != held(daemon, "l_knee")
     daemon.asked.clear()
-    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", "l_knee", "--yes")) == DONE
     assert "WriteRegister" not in daemon.asked
     assert recorded(daemon, "l_knee") == held(daemon, "l_knee") == fence_of("l_knee")
 
@@ -400,10 +396,10 @@ def test_a_servo_that_is_another_is_not_fenced(daemon: FakeDaemon) -> None:
     daemon.servos[daemon.ids["l_knee"]]["homing_offset"] = 20
     before = held(daemon, "l_knee")
     with pytest.raises(Rejected, match=r"l_knee is not as it was calibrated: homing_offset \(20\) is 20"):
-        limits_command.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of("limits", *PAIR, "--yes"))
     del daemon.servos[daemon.ids["l_knee"]]
     with pytest.raises(Rejected, match="no device answers there"):
-        limits_command.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of("limits", *PAIR, "--yes"))
     assert "WriteRegister" not in daemon.asked and before != fence_of("l_knee")
 
 
@@ -423,7 +419,7 @@ def test_limits_that_leave_the_counts_are_refused_before_anything_is_written(dae
 def test_a_rollback_past_recorded_limits_names_the_command_that_restores_agreement(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of("limits", *PAIR, "--yes")) == DONE
 
     def rollback() -> str:
         options = argparse.Namespace(
@@ -431,7 +427,7 @@ def test_a_rollback_past_recorded_limits_names_the_command_that_restores_agreeme
         )
         place = CalibrationContext(ROBOT, daemon.file, named=True)
         monkeypatch.setattr(history_command, "_place", lambda options: place)
-        assert history_command.STEPS["rollback"](options) == DONE
+        assert history_command.rollback(options) == DONE
         return capsys.readouterr().out
 
     assert "`twindctl calibrate limits head_pitch l_knee`" in rollback()

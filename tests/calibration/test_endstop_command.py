@@ -17,8 +17,8 @@ from twind.config.calibration_file import load_calibration, save_calibration
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot, read_robot
 from twind.virtual.virtual_robot_spec import calibration, make_spec
-from twind_calibration.calibrating import endstop
 from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.calibration_steps import STEPS
 from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_endstop_entry
 
 ROBOT = load_robot("h24")
@@ -94,7 +94,7 @@ def options(*words: str) -> argparse.Namespace:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--socket", default=None)
     parser.add_argument("--instance", default=None)
-    endstop.add_arguments(parser)
+    STEPS["endstop"].add_arguments(parser)
     return parser.parse_args(words)
 
 

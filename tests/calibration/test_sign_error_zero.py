@@ -16,7 +16,7 @@ from twind.robot.arrays import Floats
 from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.zero_placement import by_ends, by_pose
-from twind_calibration.proving.sign_error_zero import mirror, offsets
+from twind_calibration.proving.expected_loads import mirror, offsets
 from twind_calibration.proving.sign_proof import GROSS, ContradictionKind, SignProof
 
 MADE = calibration(make_spec(H24))

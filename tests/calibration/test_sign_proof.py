@@ -19,8 +19,7 @@ from tests.support.proof_rig import (
     place,
 )
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, look_ahead
-from twind_calibration.proving.sign_error_zero import mirror
+from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, look_ahead, mirror
 from twind_calibration.proving.sign_proof import (
     GROSS,
     ContradictionKind,

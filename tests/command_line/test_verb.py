@@ -5,7 +5,7 @@ import argparse
 import pytest
 
 from twind.command_line.verb import complain, harmless, show
-from twind.ctl.watch_events_command import WATCH
+from twind.ctl.monitor_command import WATCH
 
 EVIL = "a\x1b[2J\x9b31m\rb"
 TOLD = "a?[2J?31m?b"
@@ -44,6 +44,6 @@ def test_an_event_is_one_line_whatever_its_text(
             }
             return [{"topic": "events", "dropped": 0, "event": event}]
 
-    monkeypatch.setattr("twind.ctl.watch_events_command.observer", lambda options: Observer())
+    monkeypatch.setattr("twind.ctl.monitor_command.observer", lambda options: Observer())
     assert WATCH.run(argparse.Namespace(topic="events", count=1, json=False)) == 0
     assert capsys.readouterr().out == f"1.000 info    NOTE: {TOLD}?2.000\n"

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support import transmission_robot_file as linked
-from twind.config.counts import joint_angles, slot_angles
+from tests.support.slot_poses import joint_angles
+from twind.config.counts import slot_angles
 from twind.config.robot_file import read_robot
 from twind.config.robot_report import check_robot
 from twind.config.robot_spec import RobotFile

@@ -1,7 +1,7 @@
 """The methods that the front serves are those of the interface that it ships."""
 
 from twind.front.interface_methods import METHODS
-from twind.protocol.interfaces import CONTROL, load
+from twind.protocol import CONTROL, load
 
 
 def test_the_front_serves_every_method_of_the_interface_and_no_other() -> None:

@@ -9,8 +9,8 @@ from tests.support.loop_stand_in import briefing
 from twind.front.joint_naming import JointNames
 from twind.front.state_cache import StateCache
 from twind.link import Event
+from twind.protocol import CONTROL, load
 from twind.protocol.idl import StructType
-from twind.protocol.interfaces import CONTROL, load
 from twind.robot.finding import Finding, ReasonCode
 
 NAMES = JointNames(["hip", "knee"])

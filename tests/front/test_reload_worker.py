@@ -10,8 +10,7 @@ from tests.support.reload_rig import briefed, files
 from twind.briefing import Briefing, ReloadResult
 from twind.config.config_files import unpacked
 from twind.exceptions import InvalidInput
-from twind.front.next_briefing import BY_CLIENT, with_settings
-from twind.front.reload_worker import read_again
+from twind.front.reload_worker import BY_CLIENT, read_again, with_settings
 from twind.twin import binding_transfer
 
 YAW_ID = "head_yaw:         {id: 1, "

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.learn.streaming.delivery_outcome import (
     FIRST,
     LONGEST,

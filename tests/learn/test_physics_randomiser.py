@@ -9,7 +9,6 @@ import pytest
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from tests.support.learn_rig import body, places
-from twind.learn.randomise.episode_draw import DrawSampler, EpisodeDraw
 from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import (
     CHANGES,
@@ -18,7 +17,12 @@ from twind.learn.randomise.physics_randomiser import (
     SingleModelWriter,
     in_steps,
 )
-from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
+from twind.learn.randomise.randomisation_ranges import (
+    DrawSampler,
+    EpisodeDraw,
+    RandomisationRanges,
+    load_ranges,
+)
 
 JOINTS = 24
 LINKS = 25

@@ -12,7 +12,7 @@ from tests.support.processes import until
 from tests.support.sample_recordings import JOINTS, event, joint, state
 from twind.client import Disconnected
 from twind.observe import record
-from twind.observe.recording.recording_columns import open_recording
+from twind.observe.recording import open_recording
 from twind.observe.writing import record_subscriber as record_daemon
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_subscriber import RecordSubscriber

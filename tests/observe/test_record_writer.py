@@ -24,7 +24,7 @@ from tests.support.sample_recordings import (
 )
 from twind.client.clock_pair import ClockPair
 from twind.command_line.verb import Rejected
-from twind.observe.recording.recording_columns import open_recording
+from twind.observe.recording import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing import record_writer
 from twind.observe.writing.record_encoder import RecordEncoder

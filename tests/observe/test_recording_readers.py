@@ -26,8 +26,9 @@ from tests.support.sample_recordings import (
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, LoadedFlight, save
 from twind.observe.export import export
+from twind.observe.recording import open_recording
 from twind.observe.recording.mcap_record_scanner import McapRecordScanner
-from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked, open_recording
+from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked
 from twind.observe.recording.recording_topics import WIRE
 from twind.observe.writing.record_schemas import json_schemas
 from twind.ros import JOINT_STATE, definition_text, encode, stamp

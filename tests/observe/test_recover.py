@@ -14,8 +14,8 @@ from rosbags.highlevel import AnyReader
 from tests.support.sample_recordings import FullDisk, SteppedWriter, write
 from twind.command_line.verb import Rejected
 from twind.observe import recover as verb
+from twind.observe.recording import open_recording
 from twind.observe.recording.mcap_record_scanner import McapRecordScanner
-from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing.record_file import RecordFile
 

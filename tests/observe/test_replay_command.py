@@ -18,7 +18,7 @@ from twind.ctl.ctl_main import main
 from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing
-from twind.observe.recording.recording_columns import open_recording
+from twind.observe.recording import open_recording
 from twind.observe.replaying.recorded_states import messages
 from twind.observe.replaying.replay_calls import call
 from twind.observe.replaying.replay_files import lay_out

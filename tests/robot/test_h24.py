@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.ctl.motion_paths import motions_of
-from twind.ctl.offline_check import standing
+from twind.ctl.offline_check import motions_of, standing
 from twind.robot import splines
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Reference

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tests.support.can_loopback import CanLoopback
 from tests.support.driver_rig import DriverRig
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
@@ -12,7 +13,6 @@ from twind_drivers.can.can_units import COUNT, TURN
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.can_controller import CanAdapter
-from twind_drivers.virtual.can.can_loopback import CanLoopback
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus

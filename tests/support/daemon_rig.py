@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from tests.support.can_loopback import CanLoopback
+from tests.support.slot_poses import joint_angles
 from twind import link, sealed_memfd
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
-from twind.config.counts import joint_angles, slot_angles, ticks_of
+from twind.config.counts import slot_angles, ticks_of
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.flight import FlightRing
@@ -33,11 +35,9 @@ from twind.twin.binding import bind
 from twind.virtual.bench_servos import BusTiming, can_bus
 from twind.virtual.can_node_setup import unloaded
 from twind.virtual.robot_ground_truth import RobotGroundTruth
-from twind.virtual.virtual_imu import sensor_of
-from twind.virtual.virtual_robot_spec import calibration, fence, make_spec
+from twind.virtual.virtual_robot_spec import calibration, fence, make_spec, sensor_of
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.can_loopback import CanLoopback
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus

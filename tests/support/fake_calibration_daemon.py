@@ -11,17 +11,18 @@ import pytest
 from twind.client import CallError, Disconnected, NoAnswer
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_spec import RobotFile
+from twind_calibration.calibrating.calibration_steps import STEPS
 
 __all__ = ["FakeDaemon", "held", "options_of", "recorded", "stand_in"]
 LEASE = 1.0  # s
 
 
-def options_of(step: ModuleType, *words: str) -> argparse.Namespace:
+def options_of(step: str, *words: str) -> argparse.Namespace:
     """As `twindctl calibrate STEP` parses them."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--socket", default=None)
-    step.add_arguments(parser)
+    STEPS[step].add_arguments(parser)
     return parser.parse_args(words)
 
 

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import JointCalibration
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected_loads import ExpectedLoads, at_places
+from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, mirror
 from twind_calibration.proving.proof_sweep import MeasuredLoads
-from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import LoadVerdict, judge, slack
 from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans

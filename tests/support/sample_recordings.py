@@ -9,7 +9,8 @@ from typing import Any
 from mcap.reader import make_reader
 
 from twind.client.clock_pair import ClockPair
-from twind.observe.recording.recording_columns import RobotRecording, open_recording
+from twind.observe.recording import open_recording
+from twind.observe.recording.recording_columns import RobotRecording
 from twind.observe.recording.recording_topics import TRAJECTORY
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_file import BufferedFile, RecordFile

@@ -8,7 +8,7 @@ import pytest
 from tests.support.clearance_rig import FILE, arm, arm_file
 from twind.config.robot_file import load_robot, read_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.motion_paths import motions_of
+from twind.ctl.offline_check import motions_of
 from twind.robot.trajectory import Trajectory
 from twind.twin.binding import bind
 from twind.twin.clearance_survey import survey

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.can_loopback import CanLoopback
 from tests.support.driver_rig import is_output_full
 from tests.support.virtual_can_host import LIMP, CanHost, mit
 from twind.exceptions import InvalidInput
@@ -17,7 +18,6 @@ from twind_drivers.bus import PortError
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR
 from twind_drivers.virtual.can.can_controller import CanAdapter
-from twind_drivers.virtual.can.can_loopback import CanLoopback
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames
 from twind_drivers.virtual.can.node_spec import NodeSpec
 

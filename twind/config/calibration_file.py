@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from twind.config.atomic_save import FileOwnership, save_text
+from twind.config.atomic_save import save_text
 from twind.config.calibrated_device import (
     DeviceRecord,
     Ticks,
@@ -258,14 +258,12 @@ def render(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]])
     return "\n".join(lines) + "\n"
 
 
-def save_calibration(
-    calibration: Calibration, folder: Path, individual: str, rights: FileOwnership | None = None
-) -> Path:
+def save_calibration(calibration: Calibration, folder: Path, individual: str) -> Path:
     """Write `folder/individual.yaml`, the earlier one kept as numbered history: old or new, never mixed.
 
     Raises ConfigError (a name that is no file name, a file that does not read back), OSError (disk full).
     """
-    return save_text(folder, individual, dump_calibration(calibration), HISTORY, rights)
+    return save_text(folder, individual, dump_calibration(calibration), HISTORY)
 
 
 def _entries(joint: JointCalibration) -> dict[str, Plain]:

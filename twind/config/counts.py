@@ -51,12 +51,3 @@ def slot_angles(robot: RobotFile, pose: Mapping[str, float]) -> dict[str, float]
         angles = each.law.inverse(np.array([pose[name] for name in each.joints]))
         found |= zip(each.joints, angles.tolist(), strict=True)
     return found
-
-
-def joint_angles(robot: RobotFile, slots: Mapping[str, float]) -> dict[str, float]:
-    """The pose (rad) of the joints whose slots stand at these angles, by joint; NaN: nobody knows."""
-    found = dict(slots)
-    for each in robot.transmissions:
-        angles = each.law.forward(np.array([slots[name] for name in each.joints]))
-        found |= zip(each.joints, angles.tolist(), strict=True)
-    return found

@@ -145,7 +145,7 @@ def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots
     lower, upper = given.limits_rad
     _require_limits(entry, lower, upper)
     if seat is None:
-        _within_a_turn(slot, (lower, upper), entry, "limits_rad")
+        _within_a_turn(slot, (lower, upper), entry)
     require_stops(entry, given.stop_rad, lower, upper)
     own_speed = given.velocity_limit_rad_s
     own_pull = given.acceleration_limit_rad_s2
@@ -218,7 +218,7 @@ def _together(
         )
         for place, joint in enumerate(own):
             travel = float(low[place]), float(high[place])
-            _within_a_turn(joint, travel, section.section(joint.name), "limits_rad")
+            _within_a_turn(joint, travel, section.section(joint.name))
             by_name[joint.name] = replace(
                 joint,
                 velocity_limit=float(speed[place]),
@@ -228,13 +228,13 @@ def _together(
     return list(by_name.values())
 
 
-def _within_a_turn(
-    slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigReader, key: str
-) -> None:
+def _within_a_turn(slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigReader) -> None:
     turns = (travel[1] - travel[0]) * slot.ratio / (2.0 * math.pi)
     if turns > 1.0:
         name = "the actuator" if isinstance(slot, ActuatorSlot) else f"actuator {slot.actuator}"
-        raise entry.refuse(key, f"the travel is {turns:.2f} turns of {name}: one turn at most without homing")
+        raise entry.refuse(
+            "limits_rad", f"the travel is {turns:.2f} turns of {name}: one turn at most without homing"
+        )
 
 
 def _type(name: str, section: ConfigReader) -> TypeSpec:

@@ -85,7 +85,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.config.robot_file import load_robot
     from twind.config.robot_report import check_robot
     from twind.config.yaml_tree import ConfigError
-    from twind.ctl.motion_paths import motions_of
+    from twind.ctl.offline_check import motions_of
     from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
 

@@ -1,27 +1,23 @@
-"""`twindctl monitor`: a live picture of everything, or NDJSON. Its pictures need rich, its JSON nothing."""
+"""`twindctl monitor` and `twindctl watch`: streams of Monitor. Pictures need rich, text and JSON nothing."""
 
 import argparse
 import json
-import os
 import signal
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping
 from math import isfinite
 from types import FrameType
 from typing import Any
 
-from twind.client import Client, ClientError
+from twind.client.monitor_stream import monitor_messages
 from twind.command_line.verb import DONE, FunctionVerb, UsageError, harmless, observer
 
-TOPICS = ("status", "state", "latency", "events", "verdicts")  # of a picture
 TEXT = """\
 Show live data of the whole robot; with --json, stream them.
 
 Joints, buses, loop, latency of each hop, lease, faults with their remedies, refusals. On a terminal q ends,
 space freezes, Tab turns pages, up and down move the joints. In a pipe, pictures are printed one after the
 other. If the daemon restarts, the verb waits for it."""
-AGAIN = 0.3  # s between two tries to reach a daemon that went away
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +65,7 @@ def _lines(options: argparse.Namespace) -> int:
     def on_disconnect(why: str) -> None:
         print(f"twindctl: {harmless(why)}; waiting for the next daemon", file=sys.stderr, flush=True)
 
-    news = steady(lambda: observer(options), options.topics.split(","), options.rate, on_disconnect)
+    news = monitor_messages(lambda: observer(options), options.topics.split(","), options.rate, on_disconnect)
     for shown, message in enumerate(news, 1):
         print(json.dumps(message, ensure_ascii=False), flush=True)
         if shown == options.count:
@@ -77,40 +73,39 @@ def _lines(options: argparse.Namespace) -> int:
     return DONE
 
 
-def steady(
-    connect: Callable[[], Client], topics: Sequence[str], rate: float, gone: Callable[[str], None]
-) -> Iterator[dict[str, Any]]:
-    """Messages of Monitor without end, of one daemon after the other. `gone` receives the reason of each end.
-
-    Blocks. Raises ClientError if the first one cannot be reached or does not answer.
-    """
-    client = connect()
-    answered = False
-    while True:
-        try:
-            with client:
-                for message in client.stream("Monitor", topics=list(topics), rate=rate):
-                    answered = True
-                    yield message
-        except ClientError as error:
-            if not answered:
-                raise
-            gone(str(error))
-        client = _reconnect(connect)
-
-
-def _reconnect(connect: Callable[[], Client]) -> Client:
-    while True:
-        time.sleep(AGAIN)
-        try:
-            return connect()
-        except ClientError:
-            continue
-
-
-def is_live() -> bool:
-    """Standard output is a terminal that can be drawn on."""
-    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
-
-
 MONITOR = FunctionVerb("see", TEXT, _arguments, _run, supports_remote=True)
+
+
+def _watch_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "topic", nargs="?", default="events", choices=["events", "verdicts"], help="default: events"
+    )
+    parser.add_argument("--count", type=int, metavar="N", help="end after N")
+
+
+def _watch(options: argparse.Namespace) -> int:
+    with observer(options) as client:
+        for shown, news in enumerate(client.stream("Monitor", topics=[options.topic]), 1):
+            print(
+                json.dumps(news, ensure_ascii=False) if options.json else harmless(_news_line(news)),
+                flush=True,
+            )
+            if shown == options.count:
+                break
+    return DONE
+
+
+def _news_line(news: Mapping[str, Any]) -> str:
+    lost = f"({news['dropped']} lost) " if news["dropped"] else ""
+    if news["topic"] == "verdicts":
+        verdict = news["verdict"]
+        said = [finding["message"] for key in ("refusals", "warnings", "changes") for finding in verdict[key]]
+        return (
+            f"{news['time']:.3f} {lost}{'refused' if verdict['refusals'] else 'accepted'} {'; '.join(said)}"
+        )
+    event = news["event"]
+    found = "".join(f"; {finding['message']}" for finding in event["findings"])
+    return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
+
+
+WATCH = FunctionVerb("see", "Print events as they happen.", _watch_arguments, _watch, supports_remote=True)

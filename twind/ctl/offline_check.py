@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 
 from twind.client.errors import CallError
-from twind.command_line.verb import UsageError
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.robot_file import RobotFile
 from twind.exceptions import InvalidInput
 from twind.front import trajectory_submission
@@ -110,3 +111,22 @@ def _as_sent(found: dict[str, Any]) -> dict[str, Any]:
     """Convert a result to the form that a client receives: values that are no numbers become null."""
     sent: dict[str, Any] = msgspec.json.decode(encode(found))
     return sent
+
+
+def motions_of(robot: RobotFile) -> tuple[dict[str, Trajectory], list[str]]:
+    """Paths by name, and what is wrong with the files that are none for this robot."""
+    names = JointNames(robot.names)
+    paths = {}
+    wrong = []
+    for name in motion_names(robot.motions) if robot.motions.is_dir() else ():
+        try:
+            message = trajectory_submission.message_of(load_motion(name, robot.motions))
+        except (Rejected, InvalidInput) as error:
+            wrong.append(f"motion {name}: {error}")
+            continue
+        path, findings = trajectory_submission.judge(message, names)
+        if path is None:
+            wrong.append(f"motion {name}: {names.findings(findings)[0]['message']}")
+        else:
+            paths[name] = path
+    return paths, wrong

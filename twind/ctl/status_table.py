@@ -1,10 +1,12 @@
-"""Status and joints as text. Standard library only."""
+"""`twindctl status`: status and joints as text. Standard library only."""
 
+import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
+from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.robot.modes import RESET_STATES
 
 Answer = Mapping[str, Any]
@@ -130,3 +132,23 @@ def _ms(value: float | None) -> str:
 
 def _us(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.0f} µs"
+
+
+def _status_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--joints", action="store_true", help="a line for every joint too")
+
+
+def _print_status(options: argparse.Namespace) -> int:
+    with observer(options) as client:
+        answer = client.call("GetStatus", joints=options.joints or None)
+    show(options, answer, render(answer["status"], answer.get("joints")))
+    return DONE
+
+
+STATUS = FunctionVerb(
+    "see",
+    "Show the state of the daemon and the robot.",
+    _status_arguments,
+    _print_status,
+    supports_remote=True,
+)

@@ -8,9 +8,9 @@ from twind.command_line.verb import GROUPS, Verb, help_text
 
 # name -> module, and the object in it where the module itself is not the verb
 BUILT_IN = {
-    "status": "twind.ctl.status_command:STATUS",
+    "status": "twind.ctl.status_table:STATUS",
     "monitor": "twind.ctl.monitor_command:MONITOR",
-    "watch": "twind.ctl.watch_events_command:WATCH",
+    "watch": "twind.ctl.monitor_command:WATCH",
     "mode": "twind.ctl.single_call_commands:MODE",
     "arm": "twind.ctl.single_call_commands:ARM",
     "disarm": "twind.ctl.single_call_commands:DISARM",
@@ -24,8 +24,8 @@ BUILT_IN = {
     "reload": "twind.ctl.reload_commands:RELOAD",
     "parameters": "twind.ctl.reload_commands:PARAMETERS",
     "check": "twind.ctl.check_command",
-    "register": "twind.ctl.device_commands:REGISTER",
-    "reboot": "twind.ctl.device_commands:REBOOT",
+    "register": "twind.ctl.single_call_commands:REGISTER",
+    "reboot": "twind.ctl.single_call_commands:REBOOT",
     "demo": "twind.ctl.demo",
 }
 ENTRY_POINTS = "twind.verbs"

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from twind.briefing import Briefing
+from twind.front.client_session import ClientSession
 from twind.front.daemon_log import DaemonLog, LogWriter
 from twind.front.flight_dumper import RecorderHandover
 from twind.front.front_server import FrontServer
@@ -70,7 +71,7 @@ async def _serve(
     listeners: Mapping[str, tuple[int | None, str | None]],
     recorded: RecorderHandover,
 ) -> None:
-    front = FrontServer(link, briefing, log, recorded)
+    front = FrontServer(link, briefing, log, ClientSession, recorded)
     front.loop.set_exception_handler(front.unexpected)
     for name, (fd, label) in listeners.items():
         if fd is not None:

@@ -5,10 +5,11 @@ Front process. A failure here ends only this session.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from twind.exceptions import InvalidInput
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.front_server import FrontServer
 from twind.front.interface_methods import METHODS, OBSERVER, refuse_overlong, service
 from twind.front.message_stream import MessageStream
 from twind.front.overlong_trajectory import overlong
@@ -16,9 +17,6 @@ from twind.protocol import CONTROL, SERVICE
 from twind.protocol.strict_json import loads
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
-
-if TYPE_CHECKING:
-    from twind.front.front_server import FrontServer
 
 HANDSHAKE = 5.0  # s in which the first call must come; a reserved place is for that long only
 STRIKES = 10  # messages that are no calls before the connection is closed

@@ -16,7 +16,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from math import inf, isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from twind.briefing import fingerprint
 from twind.exceptions import InvalidInput
@@ -24,13 +23,11 @@ from twind.flight import copy, held_span, signature
 from twind.front.client_calls import ClientCall
 from twind.front.daemon_log import printable
 from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
+from twind.front.front_core import FrontCore
 from twind.front.state_cache import encode
 from twind.link import CrashRecordingDone, Event
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import RESET_STATES
-
-if TYPE_CHECKING:
-    from twind.front.front_server import FrontServer
 
 AFTERMATH = 2.0  # s after a fault that are in its file
 AGAIN = 10.0  # s between two files of faults
@@ -66,7 +63,7 @@ class _FlightRequest:
 class FlightDumper:
     """Queue of the files to write, and the record of those written."""
 
-    def __init__(self, front: FrontServer, recorded: RecorderHandover | None) -> None:
+    def __init__(self, front: FrontCore, recorded: RecorderHandover | None) -> None:
         self._front = front
         self._parent = os.getppid()
         self._recorded = recorded or RecorderHandover(Path())

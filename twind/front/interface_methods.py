@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from twind import link
 from twind.config.file_changes import edited
@@ -15,6 +15,7 @@ from twind.front import trajectory_submission
 from twind.front.accepted_trajectories import AcceptedTrajectory, strip_points
 from twind.front.client_calls import STOPS, ClientCall
 from twind.front.daemon_log import printable
+from twind.front.front_server import FrontServer
 from twind.front.monitor_subscribers import TOPICS
 from twind.front.overlong_trajectory import OverlongTrajectory
 from twind.front.reload_queue import PARAMETERS
@@ -27,9 +28,6 @@ from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.safety.trajectory_validation import form
 
-if TYPE_CHECKING:
-    from twind.front.front_server import FrontServer
-
 # What observe.sock may call: what only reads what is known, a word of streamers, and the stop. Not Check:
 # it takes the loop's time, and a second one is refused while the first is judged.
 OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop", "ReportStream"})
@@ -38,7 +36,7 @@ SIDES = ("lower", "upper")  # of a joint's stops
 NAME = 40  # characters of an unknown name in an error
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
-Method = Callable[["FrontServer", ClientCall], None]
+Method = Callable[[FrontServer, ClientCall], None]
 
 
 def forward(

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from twind import link
 from twind.briefing import Briefing, ReloadResult
 from twind.config.hot_keys import BLOCK, LEVEL, WARN, of_robot
 from twind.front.client_calls import ClientCall
+from twind.front.front_core import FrontCore
 from twind.front.state_cache import encode
 from twind.front.trajectory_check_queue import NOBODY
 from twind.robot.event_codes import EventCode
@@ -26,7 +28,6 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.sealed_memfd import seal
 
 if TYPE_CHECKING:
-    from twind.front.front_server import FrontServer
     from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
 READING = 15.0  # s that reading and checking the files may take
@@ -50,8 +51,12 @@ class ReloadRequest:
 class ReloadQueue:
     """Queue of reload requests: the one under way and those that wait."""
 
-    def __init__(self, front: FrontServer) -> None:
+    def __init__(
+        self, front: FrontCore, adopt: Callable[[Briefing, TrajectoryPrecheck | None], None]
+    ) -> None:
+        """Make the queue; `adopt` puts new values in force on this side."""
         self._front = front
+        self._adopt = adopt
         self._waiting: deque[ReloadRequest] = deque()
         self._now: ReloadRequest | None = None
         self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
@@ -81,7 +86,7 @@ class ReloadQueue:
             working = self._front.loop.run_in_executor(None, self._work, briefing)
             working.add_done_callback(lambda done: self._read(request, done.result()))
             return
-        from twind.front.next_briefing import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
+        from twind.front.reload_worker import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
 
         try:
             made = with_settings(briefing, request.changes)
@@ -174,7 +179,7 @@ class ReloadQueue:
             return True
         assert request.reading is not None
         assert request.reading.briefing is not None
-        self._front.adopt(request.reading.briefing, request.foresight)
+        self._adopt(request.reading.briefing, request.foresight)
         if request.changes is None:
             self._finish_reload(lambda call: call.reply(encode(named)))
         else:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.front.client_calls import ClientCall
+from twind.front.front_core import FrontCore
 from twind.front.ticket_table import OUTSTANDING
 from twind.link import RenewLease, Tick
 from twind.robot.arrays import Floats
@@ -24,7 +25,6 @@ from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference, Trajectory
 
 if TYPE_CHECKING:
-    from twind.front.front_server import FrontServer
     from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
 Forward = Callable[[Verdict, float], None]  # what was found, and when the state that it rests on was true
@@ -53,7 +53,7 @@ class TrajectoryCheckQueue:
     One path of a connection at a time, in the order of its calls.
     """
 
-    def __init__(self, front: FrontServer) -> None:
+    def __init__(self, front: FrontCore) -> None:
         self._front = front
         self._foresight: TrajectoryPrecheck | None = None
         self._why = "the model is not loaded"

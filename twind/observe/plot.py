@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     out = options.out or options.file.with_name(options.file.name + ".png")
     _spare(out)
     from twind.observe.plotting.plot_figure import figure, save
-    from twind.observe.recording.recording_columns import open_recording
+    from twind.observe.recording import open_recording
 
     recording = open_recording(options.file)
     chosen = None if options.joints is None else tuple(filter(None, re.split(r"[,\s]+", options.joints)))

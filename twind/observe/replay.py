@@ -255,7 +255,7 @@ def _outcome(what: str, outcome: "RunOutcome") -> Iterator[str]:
 
 def _view(options: argparse.Namespace) -> int:
     """The states in the viewer, until Ctrl-C."""
-    from twind.observe.recording.recording_columns import open_recording
+    from twind.observe.recording import open_recording
     from twind.observe.replaying.recorded_states import messages
     from twind.observe.viewing import show as show_in_browser
     from twind.observe.viewing.robot_model import RobotModel

@@ -234,4 +234,4 @@ def _wait_for_stop(server: VirtualBusServer) -> None:
     except OSError:  # started without standard input
         return
     if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
-        server.end_with(0)
+        server.input = 0

@@ -24,10 +24,14 @@ from twind.config.calibration_file import (
     turn_band,
 )
 from twind.config.counts import slot_angles, ticks_of, turn_start
-from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.exceptions import InvalidInput
+from twind.robot.arrays import Floats
+from twind.robot.attitude import Quaternion, matrix, product
+from twind.robot.joint_state import Imu
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.base_support import BY_TORQUE
+from twind.twin.imu_model import mount_of, still
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.version import __version__
 from twind.virtual.bench_servos import FIRMWARE, BusTiming, can_bus, laid_out, settings, virtual_bus
@@ -42,14 +46,15 @@ from twind.virtual.joint_actuators import (
     zero_of,
 )
 from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
-from twind.virtual.virtual_imu import sensor_of
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.register_sensor import SensorField
 from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics, FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.servable_bus import ServableBus
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.virtual_sensor import SensorRegisters, VirtualSensor
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec
 
 
@@ -288,3 +293,33 @@ def _start(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:
     """Counts of the joints of a bus in the rest pose."""
     rest = slot_angles(made.robot, made.robot.poses["rest"])
     return [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in made.joints(bus.name)]
+
+
+def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> VirtualSensor | None:
+    """The IMU of that bus, at the `body`, or (None) at a base that stands still; None: there is none."""
+    imu = robot.imu
+    if imu is None or imu.bus != bus:
+        return None
+    spec = imu
+    turned = mount_of(robot, imu)
+
+    def tell() -> list[Floats]:
+        """Return the measurements of the body in the axes of the device."""
+        return in_device(still(0.0) if body is None else body.imu(), spec, turned)
+
+    cells = [
+        SensorRegisters(SensorField(each.address, each.kind, each.count), each.lsb, each.zero)
+        for each in imu.registers
+    ]
+    return VirtualSensor(imu.id, cells, tell, return_delay=imu.return_delay_us * 1e-6)
+
+
+def in_device(measured: Imu, imu: ImuSpec, turned: Quaternion) -> list[Floats]:
+    """Field by field, in the device's own axes and order. `turned`: from these axes to the base's."""
+    back = matrix(turned).T
+    values = [back @ measured.gyro, back @ measured.acceleration]
+    if imu.quaternion is not None:
+        w, x, y, z = measured.quaternion.tolist()
+        w, x, y, z = product((w, x, y, z), turned)
+        values.append(np.array((w, x, y, z) if imu.quaternion.order == "wxyz" else (x, y, z, w)))
+    return values

@@ -69,13 +69,9 @@ class VirtualBusServer:
         self._on_plugged = on_plugged
         self._crane = support
         self._lost = clock.skipped_time  # s, that the clock registers have counted
-        self._input = -1  # descriptor whose end of file ends the server
+        self.input = -1  # descriptor of a pipe whose end ends the server; -1: none
         self.ended = False
         self.orders: FaultCommandSocket | None = None
-
-    def end_with(self, descriptor: int) -> None:
-        """End when `descriptor` (a pipe) is at its end."""
-        self._input = descriptor
 
     def run(self) -> None:
         """Serve until `ended`."""
@@ -118,12 +114,12 @@ class VirtualBusServer:
                 soon = min(soon, bus.next_output_time())
         left = min(soon - BUSY, late) - self._clock.now()
         sources = [port.fd for bus, port in self._pairs if port.present and not bus.faults.stalled]
-        if self._input >= 0:
-            sources.append(self._input)
+        if self.input >= 0:
+            sources.append(self.input)
         if self.orders is not None:
             sources += self.orders.filenos()
         ready, _, _ = select.select(sources, [], [], max(left, 0.0))
-        if self._input in ready and not os.read(self._input, 4096):
+        if self.input in ready and not os.read(self.input, 4096):
             self.ended = True
         return set(ready)
 

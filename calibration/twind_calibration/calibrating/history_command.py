@@ -22,7 +22,7 @@ from twind_calibration.calibrating.calibration_diff import CalibrationChange, ch
 from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_terminal
 from twind_calibration.calibrating.recorded_devices import FENCE
 from twind_calibration.calibrating.zero_placement import spread
-from twind_calibration.rejection_hints import Command, with_hints
+from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import read
 
 HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")
@@ -50,7 +50,9 @@ def _archive(place: CalibrationContext) -> CalibrationArchive:
 # ------------------------------------------------------------------------------------------- show
 
 
-def _show(options: argparse.Namespace) -> int:
+@with_hints
+def show_file(options: argparse.Namespace) -> int:
+    """Print the calibration file, or an earlier one."""
     place = _place(options)
     archive = _archive(place)
     one = archive.read(options.which)
@@ -96,7 +98,9 @@ def _proved(proof: Any) -> str:
 # ------------------------------------------------------------------------------------------- diff
 
 
-def _diff(options: argparse.Namespace) -> int:
+@with_hints
+def diff(options: argparse.Namespace) -> int:
+    """Print the differences between two calibration files."""
     place = _place(options)
     archive = _archive(place)
     before = options.before or _latest(archive)
@@ -129,7 +133,8 @@ def _lines(found: Sequence[CalibrationChange]) -> list[str]:
 # ------------------------------------------------------------------------------------------- rollback
 
 
-def _rollback(options: argparse.Namespace) -> int:
+@with_hints
+def rollback(options: argparse.Namespace) -> int:
     """Restore an earlier file; the file that it replaces becomes the latest earlier one."""
     require_terminal(options)
     place = _place(options)
@@ -194,10 +199,3 @@ def _against_now(archive: CalibrationArchive, earlier: Calibration, place: Calib
         return _lines(changes(archive.read(CURRENT), earlier, slots(place.robot)))
     except Rejected as error:
         return [f"what it holds now cannot be used: {error}"]
-
-
-STEPS: Mapping[str, Command] = {
-    "show": with_hints(_show),
-    "diff": with_hints(_diff),
-    "rollback": with_hints(_rollback),
-}

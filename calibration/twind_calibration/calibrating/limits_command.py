@@ -19,6 +19,7 @@ from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
+from twind_calibration.calibrating.calibration_steps import format_option
 from twind_calibration.calibrating.entry_writer import (
     agreed,
     next_steps,
@@ -26,7 +27,6 @@ from twind_calibration.calibrating.entry_writer import (
     unchanged,
     write_entries,
 )
-from twind_calibration.calibrating.file_option import format_option
 from twind_calibration.calibrating.recorded_devices import FENCE, differences, of_file, records
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import expected_servo_limits, misfits

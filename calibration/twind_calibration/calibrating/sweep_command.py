@@ -20,8 +20,8 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.calibration_draft import DraftTravel
-from twind_calibration.calibrating.file_option import format_option
-from twind_calibration.calibrating.raw_exchanges import RawExchange, readings
+from twind_calibration.calibrating.calibration_steps import format_option
+from twind_calibration.calibrating.joint_capture import RawExchange, readings
 from twind_calibration.calibrating.recorded_devices import of_file, records
 from twind_calibration.calibrating.sweep_display import SweepDisplay, line
 from twind_calibration.calibrating.sweep_tracker import (

@@ -24,8 +24,7 @@ from twind_calibration.calibrating.entry_writer import (
     require_terminal,
     write_entries,
 )
-from twind_calibration.calibrating.joint_capture import JointCapture, capture
-from twind_calibration.calibrating.raw_exchanges import readings
+from twind_calibration.calibrating.joint_capture import JointCapture, capture, readings
 from twind_calibration.calibrating.recorded_devices import differences, records
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import (

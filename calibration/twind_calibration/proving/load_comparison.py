@@ -1,25 +1,69 @@
 """Comparison of the load in a sweep of one joint with the model, and with the model of other joints."""
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
 from twind.config.calibration_file import JointCalibration
-from twind.robot.arrays import Floats
-from twind_calibration.proving.expected_loads import ExpectedLoads
-from twind_calibration.proving.joint_match import JointMatch, by_others, by_own
+from twind.robot.arrays import Bools, Floats
+from twind_calibration.proving.expected_loads import ExpectedLoads, mirror
 from twind_calibration.proving.proof_sweep import MeasuredLoads
-from twind_calibration.proving.sign_error_zero import mirror
 from twind_calibration.proving.sign_proof import (
     NEAR,
     ContradictionKind,
     LoadVerdict,
     SignProof,
+    apart,
     is_explained,
     judge,
     misfits,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
+
+
+class JointMatch(Enum):
+    """Result of the comparison with one other joint whose servo may be here."""
+
+    HERE = "here"  # excluded: with that servo another load would have been measured
+    THERE = "there"  # the servos are exchanged: that is what was measured
+    UNTOLD = "untold"  # both would have measured the same
+
+
+def by_own(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> JointMatch:
+    """By the joint's own load (k,); families (d, k)."""
+    if not np.isfinite(measured.sum()) or apart(right, exchanged) <= 2.0 * slack:
+        return JointMatch.UNTOLD
+    return _place(measured, right, exchanged, slack)
+
+
+def by_others(measured: Floats, right: Floats, exchanged: Floats, slack: Floats, others: Bools) -> JointMatch:
+    """By how the load of the joints `others` (n,) changed; loads (k, n), slack (n,).
+
+    Whose load does not change says nothing: it may be propped, or stick.
+    """
+    found = JointMatch.UNTOLD
+    for joint in np.flatnonzero(others):
+        one, two, three = (_changes(loads[:, joint]) for loads in (measured, right, exchanged))
+        speaks = np.sqrt(np.mean(one**2)) > slack[joint]  # False for NaN
+        if not speaks or apart(two[None], three[None]) <= 2.0 * slack[joint]:
+            continue
+        told = _place(one, two[None], three[None], float(slack[joint]))
+        if told is JointMatch.THERE:
+            return told
+        found = told if told is JointMatch.HERE else found
+    return found
+
+
+def _place(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> JointMatch:
+    here, there = (bool((misfits(measured, each) <= slack).any()) for each in (right, exchanged))
+    return JointMatch.UNTOLD if here == there else JointMatch.HERE if here else JointMatch.THERE
+
+
+def _changes(loads: Floats) -> Floats:
+    """Without what is the same everywhere: what sticks in a joint that stays."""
+    return np.asarray(loads - loads.mean())
+
 
 MOST_NAMED = 4  # joints that are named instead
 BENT = 0.1  # rad: a neighbour that stands nearer to nought is no reason

@@ -20,9 +20,9 @@ from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
+from twind_calibration.calibrating.calibration_steps import LEAST, MOST
 from twind_calibration.calibrating.entry_writer import agreed, require_terminal
 from twind_calibration.calibrating.file_ownership import lock_folder, save
-from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.proof_plan import print_plan
@@ -31,9 +31,12 @@ from twind_calibration.proving.proof_records import in_force, measurement_record
 from twind_calibration.proving.proof_report import BLIND, ProofVerdict
 from twind_calibration.proving.proof_sweep import ProofSweep, mean_loads, sweeps
 from twind_calibration.rejection_hints import with_hints
-from twind_calibration.wiggling.joint_move import MoveResult, allowed, go, goal_of
-from twind_calibration.wiggling.move_checks import (
+from twind_calibration.wiggling.joint_move import (
     AROUND,
+    MoveResult,
+    allowed,
+    go,
+    goal_of,
     pose,
     print_note,
     require_amounts,

@@ -4,6 +4,7 @@ Repeated requests take a short way: the same sync read, goals by sync write. All
 to `instructions`. While a fault is ordered, replies take the long way, one by one.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import accumulate, groupby
 from typing import Any
@@ -27,7 +28,6 @@ from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.instruction_set import InstructionReplies, InstructionSet, ServoStatus
 from twind_drivers.virtual.register_columns import NO_ID
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
-from twind_drivers.virtual.servo_ground_truth import truth
 from twind_drivers.virtual.servo_physics import ServoPhysics
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.uart_receiver import clash, misheard
@@ -342,3 +342,34 @@ class VirtualBus:
                     status(servos.registers.id_of(row), StatusErrorCode.INSTRUCTION), there, here
                 )
                 self.wire.schedule_replies(self.wire.ends([0.0], [len(noise)]), [len(noise)], noise)
+
+
+def truth(servos: VirtualServos, now: float) -> list[dict[str, Any]]:
+    """Return one dict per servo, in rows, as of `now` (s, the servos' own clock).
+
+    position and goal in the register's frame (position unrounded); encoder in continuous ticks; velocity raw;
+    torque, watchdog register, tripped. heard_ago: s since the last packet that it received; tripped_at: s of
+    the last trip; trip_delay: s from the packet before it; None: never.
+    """
+    position = servos.muscles.position * servos.direction + servos.shift
+    return [
+        {
+            "id": servos.registers.id_of(row),
+            "position": float(position[row]),
+            "encoder": float(servos.muscles.position[row]),
+            "velocity": float(servos.muscles.velocity[row]),
+            "goal": int(servos["goal_position"][row]),
+            "torque": bool(servos["torque_enable"][row]),
+            "watchdog": int(servos["bus_watchdog"][row]),
+            "tripped": bool(servos.tripped[row]),
+            "listening": bool(servos.listening[row]),
+            "heard_ago": now - float(servos.heard_at[row]),
+            "tripped_at": _number(servos.tripped_at[row]),
+            "trip_delay": _number(servos.trip_delay[row]),
+        }
+        for row in range(len(servos.tripped))
+    ]
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)

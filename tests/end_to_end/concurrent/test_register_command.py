@@ -11,7 +11,7 @@ from tests.support.loop_stand_in import StandIn
 from twind import link
 from twind.client import CallError
 from twind.command_line.verb import DONE
-from twind.ctl.device_commands import REGISTER
+from twind.ctl.single_call_commands import REGISTER
 
 WRITTEN = {"name": "Homing Offset", "address": 20, "size": 4, "value": 0}
 LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}

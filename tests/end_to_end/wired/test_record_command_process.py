@@ -27,7 +27,8 @@ from tests.support.processes import Daemon, daemon, favour, patiently, robot, un
 from tests.support.sample_recordings import trajectories
 from twind.client import Client, ClientError
 from twind.client.clock_pair import ClockPair
-from twind.observe.recording.recording_columns import RobotRecording, open_recording
+from twind.observe.recording import open_recording
+from twind.observe.recording.recording_columns import RobotRecording
 from twind.observe.recover import recover
 
 COLUMNS = {"position": "/hw/joint_states", "goal": "/hw/joint_commands", "simulated": "/sim/joint_states"}

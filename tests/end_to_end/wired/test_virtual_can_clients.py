@@ -9,13 +9,13 @@ import can
 import numpy as np
 import pytest
 
+from tests.support.python_can_bridge import PythonCanBridge
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
-from twind_drivers.virtual.can.python_can_bridge import PythonCanBridge
 from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 NODES = [NodeSpec(1, "DM4310", 0x11), NodeSpec(3, "ODrive"), NodeSpec(0x7F, "RS01")]

@@ -19,7 +19,7 @@ from twind.bridge.fleet.fleet_table import rows, to_json
 from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, NO_DAEMON, UsageError, harmless
-from twind.ctl.monitor_command import is_live
+from twind.ctl.dashboard.terminal_screen import TerminalScreen, is_live
 
 group = "connect"
 
@@ -86,7 +86,6 @@ def _draw(monitor: FleetMonitor, count: int | None, stop: threading.Event) -> No
 
     from twind.ctl.dashboard.dashboard_renderer import Palette
     from twind.ctl.dashboard.styled_lines import cut, line
-    from twind.ctl.dashboard.terminal_screen import TerminalScreen
 
     palette = Palette.for_console(Console(file=sys.stdout))
     pictures = 0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 FRESH = 0.5  # s after which a message counts as stale

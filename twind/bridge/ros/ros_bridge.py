@@ -37,7 +37,7 @@ from twind.bridge.ros.ros_transport import RosTransport
 from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
 from twind.client import Client, NoDaemon
 from twind.client.clock_pair import clocks
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.exceptions import OperationFailed
 
 OTHERS = ("status", "latency", "events", "trajectories")

@@ -15,7 +15,6 @@ from math import inf
 from typing import Any
 
 from twind.bridge.motion_session import LOST, MotionEnd, MotionSession, reported_end
-from twind.bridge.uplink.planned_durations import PlannedDurations
 from twind.bridge.uplink.remote_contract import (
     GoalQuery,
     LeaseQuery,
@@ -25,7 +24,7 @@ from twind.bridge.uplink.remote_contract import (
     no_daemon,
 )
 from twind.bridge.uplink.remote_lease import RemoteLease, missing
-from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_time
+from twind.bridge.uplink.uplink_goals import PlannedDurations, UplinkGoal, UplinkGoalTable, in_time
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.client import CallError, ClientError, Refused
 from twind.client.errors import as_error

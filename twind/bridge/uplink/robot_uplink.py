@@ -22,15 +22,15 @@ from twind.bridge.motion_session import MotionSession
 from twind.bridge.uplink.coalesced_stop import CoalescedStop
 from twind.bridge.uplink.lease_keeper import PERIOD, LeaseKeeper
 from twind.bridge.uplink.name_claim import NameClaim
-from twind.bridge.uplink.planned_durations import PlannedDurations
 from twind.bridge.uplink.query_server import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
 from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
 from twind.bridge.uplink.remote_lease import RemoteLease
 from twind.bridge.uplink.topic_outlets import MonitorRelay
+from twind.bridge.uplink.uplink_goals import PlannedDurations
 from twind.bridge.uplink.worker_queue import WorkerQueue
 from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key, robot_name
 from twind.client import Client, ClientError, NoDaemon
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.command_line.verb import connected, observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate

@@ -14,17 +14,47 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
-from twind.bridge.uplink.rate_limited_log import RateLimitedLog
 from twind.bridge.zenoh import zenoh_session
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.bridge.zenoh.zenoh_session import NetworkConfig
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, Rejected, UsageError, harmless, show
+
+AT_ONCE = 20  # lines
+EACH = 1.0  # s from one to the next after that
+
+
+@dataclass(slots=True)
+class RateLimitedLog:
+    """`write` gets a line; `now`: s. Lines without room are counted, and reported with the next one."""
+
+    write: Callable[[str], None]
+    now: Callable[[], float]
+    _room: float = AT_ONCE
+    _looked: float = float("-inf")
+    _left_out: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __call__(self, line: str) -> None:
+        """Log a line. From any thread."""
+        with self._lock:
+            now = self.now()
+            self._room = min(AT_ONCE, self._room + (now - self._looked) / EACH)
+            self._looked = now
+            if self._room < 1.0:
+                self._left_out += 1
+                return
+            self._room -= 1.0
+            more = self._left_out
+            self._left_out = 0
+        self.write(f"{line} (and {more} lines before it, left out)" if more else line)
+
 
 group = "connect"
 

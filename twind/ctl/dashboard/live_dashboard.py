@@ -10,14 +10,15 @@ from dataclasses import replace
 from rich.console import Console
 
 from twind.client import Client, ClientError
+from twind.client.monitor_stream import AGAIN, monitor_messages
 from twind.command_line.verb import DONE
 from twind.ctl.dashboard.dashboard_layout import PAGES, PageSelection, picture
 from twind.ctl.dashboard.dashboard_renderer import Palette, plain
 from twind.ctl.dashboard.dashboard_state import DashboardState, MonitorCollector
-from twind.ctl.dashboard.terminal_screen import TerminalScreen
-from twind.ctl.monitor_command import AGAIN, TOPICS, is_live, steady
+from twind.ctl.dashboard.terminal_screen import TerminalScreen, is_live
 from twind.robot.event_codes import EventCode
 
+TOPICS = ("status", "state", "latency", "events", "verdicts")
 FASTEST = 15.0  # pictures a second
 STEP = 5  # joints that an arrow key moves by
 PLAIN_WIDTH = 120  # columns where there is no terminal, unless COLUMNS is set
@@ -68,7 +69,7 @@ class MonitorFeed:
 
     def _follow(self) -> None:
         watched = self.watched
-        for news in steady(
+        for news in monitor_messages(
             self._next, TOPICS, self._rate, lambda why: watched.record_disconnect(why, time.monotonic())
         ):
             if self._ended.is_set():

@@ -140,3 +140,8 @@ def meant(data: bytes) -> Iterator[str]:
             data = data[length:]
         else:
             data = data[1:]
+
+
+def is_live() -> bool:
+    """Standard output is a terminal that can be drawn on."""
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")

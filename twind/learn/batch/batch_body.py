@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from twind.learn.environment.camera_renderer import CameraRenderer
 from twind.learn.randomise.disturbances import PushSchedule
-from twind.learn.randomise.episode_draw import DrawSampler
 from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import BatchModelWriter, PhysicsRandomiser
-from twind.learn.randomise.randomisation_ranges import ZERO, RandomisationRanges
+from twind.learn.randomise.randomisation_ranges import ZERO, DrawSampler, RandomisationRanges
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Bools, Floats, Ints
@@ -33,7 +32,7 @@ class BatchBody:
     """`count` robots of one plant, each by itself. One Python thread may use it at a time."""
 
     def __init__(
-        self, plant: Plant, ranges: RandomisationRanges, period: float, count: int, threads: int | None = None
+        self, plant: Plant, ranges: RandomisationRanges, period: float, count: int, threads: int | None
     ) -> None:
         """`ranges`: what differs from episode to episode; `threads`: None, as many as there are cores."""
         hush()

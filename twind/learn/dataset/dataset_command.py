@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> int:
-    from twind.learn.dataset.dataset_card import absent
+    from twind.learn.dataset.dataset_folder import absent
     from twind.learn.dataset.episode_collection import line
 
     data = {

@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 
 from twind.learn.randomise.disturbances import PushSchedule
-from twind.learn.randomise.episode_draw import DrawSampler
 from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import PhysicsRandomiser, SingleModelWriter
-from twind.learn.randomise.randomisation_ranges import RandomisationRanges
+from twind.learn.randomise.randomisation_ranges import DrawSampler, RandomisationRanges
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import Plant, fill
 from twind.robot.arrays import Floats

@@ -5,8 +5,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind.learn.randomise.episode_draw import EpisodeDraw
 from twind.learn.randomise.physics_randomiser import ModelAddresses
+from twind.learn.randomise.randomisation_ranges import EpisodeDraw
 from twind.robot.arrays import Floats, Ints
 from twind.twin.base_pose import touch_down, touching
 

@@ -12,8 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind.learn.randomise.episode_draw import EpisodeDraw
-from twind.learn.randomise.randomisation_ranges import SAME, ZERO, RandomisationRanges, Span
+from twind.learn.randomise.randomisation_ranges import SAME, ZERO, EpisodeDraw, RandomisationRanges, Span
 from twind.robot.arrays import Ints
 
 Fields = Mapping[str, Any]  # of a model, or of one simulation: name -> array

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.command_line.verb import observer
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.stream_samples import StreamedRobot, sample

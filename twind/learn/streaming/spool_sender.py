@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.exceptions import OperationFailed
 from twind.learn.streaming.delivery_outcome import DeliveryBackoff, DeliveryOutcome, fate, retry_after
 from twind.learn.streaming.http_endpoint import HttpEndpoint, HttpReply

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool
 from twind.learn.streaming.stream_samples import SampleBatch, message

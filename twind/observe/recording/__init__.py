@@ -1,5 +1,30 @@
 """Recordings as columns of numbers: .mcap and .flight files. Reads files alone."""
 
-from twind.observe.recording.recording_columns import RobotRecording, open_recording
+from pathlib import Path
+
+from twind.command_line.verb import Rejected
+from twind.observe.recording.recording_columns import RobotRecording
 
 __all__ = ["RobotRecording", "open_recording"]
+
+
+def open_recording(path: Path | str) -> RobotRecording:
+    """The recording at `path`, as far as it is readable (`damage` names what is missing).
+
+    Raises Rejected: no such file, another kind of file, or no data of a robot.
+    """
+    path = Path(path)
+    try:
+        with open(path, "rb") as file:
+            head = file.read(5)
+    except OSError as error:
+        raise Rejected(f"{path}: {error.strerror}") from None
+    if head == b"\x89MCAP":
+        from twind.observe.recording.mcap_reader import read as read_mcap
+
+        return read_mcap(path)
+    if head == b"twind":
+        from twind.observe.recording.flight_reader import read as read_flight
+
+        return read_flight(path)
+    raise Rejected(f"{path}: neither an .mcap nor a .flight file, by its first bytes")

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.command_line.verb import Rejected
-
 Floats = NDArray[np.float64]
 Parameters = Mapping[str, Any]  # an object of the interface, as the daemon sent it
 
@@ -122,28 +120,6 @@ class RobotRecording:
     def target(self) -> Floats:
         """(k, n), rad: the positions of whatever commands went to, which are to follow `goal`."""
         return np.where(self.live[:, None], self.measured, self.simulated)
-
-
-def open_recording(path: Path | str) -> RobotRecording:
-    """The recording at `path`, as far as it is readable (`damage` names what is missing).
-
-    Raises Rejected: no such file, another kind of file, or no data of a robot.
-    """
-    path = Path(path)
-    try:
-        with open(path, "rb") as file:
-            head = file.read(5)
-    except OSError as error:
-        raise Rejected(f"{path}: {error.strerror}") from None
-    if head == b"\x89MCAP":
-        from twind.observe.recording.mcap_reader import read as read_mcap
-
-        return read_mcap(path)
-    if head == b"twind":
-        from twind.observe.recording.flight_reader import read as read_flight
-
-        return read_flight(path)
-    raise Rejected(f"{path}: neither an .mcap nor a .flight file, by its first bytes")
 
 
 def marked(events: Sequence[RecordedMessage]) -> tuple[RecordedEpisode, ...]:

@@ -34,7 +34,7 @@ class ReplayDaemon:
         ports: Mapping[str, Path],
         sockets: Path,
         *,
-        realtime: bool = False,
+        realtime: bool,
     ) -> None:
         """Every bus of the robot has its port here, so that none of the robot file's is ever opened.
 

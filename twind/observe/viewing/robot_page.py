@@ -9,8 +9,7 @@ from twind.observe.viewing import operator_lease
 from twind.observe.viewing.live_plots import LivePlots
 from twind.observe.viewing.operator_lease import OperatorThread, Work
 from twind.observe.viewing.robot_scene import AUTO, GHOSTS
-from twind.observe.viewing.stop_buttons import Press, stop_window, teller
-from twind.observe.viewing.stop_threads import StopOutcome, StopThreads
+from twind.observe.viewing.stop_threads import Press, StopOutcome, StopThreads, stop_window, teller
 from twind.observe.viewing.viewer_state import Message, ViewerState
 
 

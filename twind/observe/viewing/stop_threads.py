@@ -1,4 +1,4 @@
-"""E-stop and stop: each has a thread and connections of its own, and waits for nothing else in the viewer.
+"""E-stop and stop: buttons, and for each a thread and connections of its own that wait for nothing else.
 
 The web server's loop, which draws nothing, takes a press. Connections are made anew for each call, since
 the daemon may have restarted, and it keeps places for clients that stop.
@@ -7,10 +7,10 @@ the daemon may have restarted, and it keeps places for clients that stop.
 import queue
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from twind.client import ClientError
 from twind.observe.viewing.robot_connections import RobotConnections, Way
@@ -117,3 +117,50 @@ class StopThreads:
         except ClientError as error:
             return StopOutcome(False, "NOT stopped", f"{error}; the e-stop needs no operator")
         return StopOutcome(True, "stopping", f"the motion comes to a hold; state {answer['state']}")
+
+
+# s that a notification of a failure is seen, and of what was done
+STAYS = 60.0
+LASTS = 6.0
+Press = Callable[[Any], Coroutine[Any, Any, None]]
+
+
+def stop_window(gui: Any, estop: StopAction, stop: StopAction, whom: str = "") -> None:
+    """A window of its own above everything: it scrolls away with nothing and cannot be closed."""
+    panel = gui.add_panel(order=-1.0)
+    with panel.add_tab("stop"):
+        stop_buttons(gui, estop, stop, whom)
+    panel.float(x=12, y=-12, width=230)  # from the lower left: notifications come down from above
+
+
+def stop_buttons(gui: Any, estop: StopAction, stop: StopAction, whom: str = "", of: str = "") -> None:
+    """Add both buttons to the open container. `whom`: their label; `of`: prefix of the notification."""
+    what = f" {whom}" if whom else ""
+    first = gui.add_button(f"E-STOP{what}", color="red", hint="lower the robot, torque off, latched")
+    second = gui.add_button(
+        f"Stop{what}", color="orange", hint="the motion comes to a hold; needs an operator"
+    )
+    first.on_click(_pressed(estop, of))
+    second.on_click(_pressed(stop, of))
+
+
+def _pressed(action: StopAction, of: str) -> Press:
+    async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
+        action.ask(teller(event.client, of))
+
+    return press
+
+
+def teller(client: Any, of: str = "") -> Callable[[StopOutcome], None]:
+    """A function that shows a result in one tab."""
+
+    def show_outcome(outcome: StopOutcome) -> None:
+        if client is not None:
+            client.add_notification(
+                f"{of}: {outcome.title}" if of else outcome.title,
+                outcome.text,
+                color="green" if outcome.done else "red",
+                auto_close_seconds=LASTS if outcome.done else STAYS,
+            )
+
+    return show_outcome

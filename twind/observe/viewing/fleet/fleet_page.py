@@ -6,8 +6,7 @@ from functools import partial
 from typing import Any
 
 from twind.observe.viewing.fleet.robot_registry import RegisteredRobot, RobotRegistry
-from twind.observe.viewing.stop_buttons import stop_buttons, stop_window
-from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell
+from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell, stop_buttons, stop_window
 
 
 class Broadcast:

@@ -6,7 +6,7 @@ import traceback
 from collections import defaultdict
 from typing import Any
 
-from twind.client.repeated_fault_filter import RepeatedFaultFilter
+from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.observe.viewing import status_html
 from twind.observe.viewing.fleet.fleet_page import FleetPage
 from twind.observe.viewing.fleet.fleet_robot_place import APART, FleetRobotPlace, camera, spots
