@@ -17,21 +17,23 @@ from twind.virtual import virtual_main as virtual
 # ----------------------------------------------------------------------------------------------- links
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_relative_link_leads_somewhere(page: Path) -> None:
-    prose = FENCE.sub("", page.read_text())
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
-    broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
-    assert not broken
+def test_every_relative_link_leads_somewhere() -> None:
+    for page in PAGES:
+        prose = FENCE.sub("", page.read_text())
+        links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
+        broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
+        assert not broken, page
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_path_of_this_repository_that_is_named_exists(page: Path) -> None:
-    spans = re.findall(
-        r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
-    )
-    environments = re.compile(r"twind/\w+-v\d+")  # names as Gymnasium has them
-    assert not [span for span in spans if not environments.fullmatch(span) and not (ROOT / span).exists()]
+def test_every_path_of_this_repository_that_is_named_exists() -> None:
+    for page in PAGES:
+        spans = re.findall(
+            r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
+        )
+        environments = re.compile(r"twind/\w+-v\d+")  # names as Gymnasium has them
+        assert not [
+            span for span in spans if not environments.fullmatch(span) and not (ROOT / span).exists()
+        ], page
 
 
 # ----------------------------------------------------------------------------------------------- commands
