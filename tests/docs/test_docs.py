@@ -2,7 +2,9 @@
 
 import re
 import shlex
+from argparse import ArgumentParser
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -59,18 +61,21 @@ def commands(text: str) -> Iterator[list[str]]:
                 yield [PLACEHOLDERS.get(word, word) for word in words]
 
 
+@cache
+def _parser(program: str, words: tuple[str, ...]) -> ArgumentParser:
+    """The parser of a program; `words` begin with the verb, or are all words."""
+    if program == "twindctl":
+        return ctl.command_parser(words)
+    return cli.parser() if program == "twind" else virtual.parser()
+
+
 def parses(words: list[str]) -> bool:
     """The program's own parser takes them."""
     program, *given = words
     if "..." in given or any(word.startswith("[") for word in given):
         return True  # a synopsis
     try:
-        if program == "twind":
-            cli.parser().parse_args(given)
-        elif program == "twind-virtual":
-            virtual.parser().parse_args(given)
-        else:
-            ctl.command_parser(given).parse_args(given)
+        _parser(program, tuple(given[:1] if given[:1] and given[0][0] != "-" else given)).parse_args(given)
     except SystemExit as end:
         return end.code == 0  # --help
     return True
