@@ -7,12 +7,14 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.support import transmission_robot_file as linked
+from tests.support.examples import fast_cases
 from tests.support.fake_calibration_daemon import FakeDaemon, held, options_of, recorded, stand_in
 from twind.client import CallError, Disconnected
 from twind.command_line.verb import DONE, REFUSED, Rejected
@@ -341,22 +343,24 @@ def broken_off(daemon: FakeDaemon, writes: int, error: BaseException) -> None:
     daemon.break_off = break_off
 
 
+INTERRUPTIONS = {
+    "ctrl-c": KeyboardInterrupt(),
+    "disconnected": Disconnected("gone"),
+    "pipe": BrokenPipeError(),
+    "refused": CallError("io.twind.Control.DeviceFailed", {"message": "no answer"}),
+}
+
+
 @pytest.mark.parametrize("silent", [False, True])
-@pytest.mark.parametrize("writes", [1, 2, 3, 4])
 @pytest.mark.parametrize(
-    "error",
-    [
-        KeyboardInterrupt(),
-        Disconnected("gone"),
-        BrokenPipeError(),
-        CallError("io.twind.Control.DeviceFailed", {"message": "no answer"}),
-    ],
-    ids=["ctrl-c", "disconnected", "pipe", "refused"],
+    ("writes", "interruption"),
+    fast_cases(product((1, 2, 3, 4), INTERRUPTIONS), list(zip((1, 2, 3, 4), INTERRUPTIONS, strict=True))),
 )
 def test_an_interrupted_limits_command_is_completed_by_running_it_again(
-    daemon: FakeDaemon, capsys: Captured, error: BaseException, writes: int, silent: bool
+    daemon: FakeDaemon, capsys: Captured, interruption: str, writes: int, silent: bool
 ) -> None:
     """`silent`: nobody tells what the servo in hand holds."""
+    error = INTERRUPTIONS[interruption]
     broken_off(daemon, writes, error)
     scan = daemon.scan
     if silent:

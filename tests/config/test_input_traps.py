@@ -81,29 +81,33 @@ def refused(door: Door, tmp_path: Path, data: bytes | str) -> str:
     """Why the file is refused."""
     file = tmp_path / "file.yaml"
     file.write_bytes(data if isinstance(data, bytes) else data.encode())
-    with pytest.raises(ConfigError) as error:
+    try:
         door.read(file)
-    assert str(file) in str(error.value)
-    assert len(str(error.value)) < 1000
-    return str(error.value)
+    except ConfigError as refusal:
+        error = str(refusal)
+    else:
+        pytest.fail(f"accepted: {data[-200:]!r}")
+    assert str(file) in error
+    assert len(error) < 1000
+    return error
 
 
 # --------------------------------------------------------------------------- YAML
 
 
-@EACH
-@pytest.mark.parametrize(
-    "value",
-    [
-        *("no", "yes", "off", "On", "true", "TRUE"),  # a truth value is no number
-        *("010", "0o10", "0x64", "0b1100100", "1_00", "12:30", "1:40.0", "1e2", "1E2", "100.e0", "1.0e+400"),
-        *(".nan", ".NaN", ".inf", "-.inf", "nan", "inf", "NaN", "Infinity"),
-        *("'100'", '"100"', "~", "null", "", "[100]", "{a: 100}", "2026-11-22", "=", "1" * 400),
-        *("&a 100", "*a", "!!int 100", "!!int '100'", "!!float 100", "! 100", "!!python/name:os.system ''"),
-    ],
+NO_PLAIN_NUMBERS = (
+    *("no", "yes", "off", "On", "true", "TRUE"),  # a truth value is no number
+    *("010", "0o10", "0x64", "0b1100100", "1_00", "12:30", "1:40.0", "1e2", "1E2", "100.e0", "1.0e+400"),
+    *(".nan", ".NaN", ".inf", "-.inf", "nan", "inf", "NaN", "Infinity"),
+    *("'100'", '"100"', "~", "null", "", "[100]", "{a: 100}", "2026-11-22", "=", "1" * 400),
+    *("&a 100", "*a", "!!int 100", "!!int '100'", "!!float 100", "! 100", "!!python/name:os.system ''"),
 )
-def test_a_value_that_is_no_plain_number_is_refused(door: Door, tmp_path: Path, value: str) -> None:
-    refused(door, tmp_path, door.with_number(value))
+
+
+@EACH
+def test_a_value_that_is_no_plain_number_is_refused(door: Door, tmp_path: Path) -> None:
+    for value in NO_PLAIN_NUMBERS:
+        refused(door, tmp_path, door.with_number(value))
 
 
 LAUGHS = "".join(f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 9) if n else 'x'}]\n" for n in range(9))

@@ -13,13 +13,13 @@ from twind.ctl.verb_catalog import OTHER, find_verb, grouped_verbs, summary, ver
 WIDTH = 96  # columns of a line of the help, the name included
 
 
-@pytest.mark.parametrize("name", verb_names())
-def test_a_verb_declares_its_group_and_one_plain_line(name: str) -> None:
-    verb = find_verb(name)
-    assert verb is not None
-    assert verb.group in GROUPS
-    assert re.fullmatch(r"[A-Z][^\n]*(\.|\.\.\.)", summary(verb))
-    assert len(f"  {name:<11} {summary(verb)}") <= WIDTH
+def test_a_verb_declares_its_group_and_one_plain_line() -> None:
+    for name in verb_names():
+        verb = find_verb(name)
+        assert verb is not None, name
+        assert verb.group in GROUPS, name
+        assert re.fullmatch(r"[A-Z][^\n]*(\.|\.\.\.)", summary(verb)), name
+        assert len(f"  {name:<11} {summary(verb)}") <= WIDTH, name
 
 
 def test_the_help_lists_every_verb_below_its_heading(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,9 @@
 
 import re
 import shlex
+from argparse import ArgumentParser
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,21 +19,23 @@ from twind.virtual import virtual_main as virtual
 # ----------------------------------------------------------------------------------------------- links
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_relative_link_leads_somewhere(page: Path) -> None:
-    prose = FENCE.sub("", page.read_text())
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
-    broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
-    assert not broken
+def test_every_relative_link_leads_somewhere() -> None:
+    for page in PAGES:
+        prose = FENCE.sub("", page.read_text())
+        links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
+        broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
+        assert not broken, page
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_path_of_this_repository_that_is_named_exists(page: Path) -> None:
-    spans = re.findall(
-        r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
-    )
-    environments = re.compile(r"twind/\w+-v\d+")  # names as Gymnasium has them
-    assert not [span for span in spans if not environments.fullmatch(span) and not (ROOT / span).exists()]
+def test_every_path_of_this_repository_that_is_named_exists() -> None:
+    for page in PAGES:
+        spans = re.findall(
+            r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
+        )
+        environments = re.compile(r"twind/\w+-v\d+")  # names as Gymnasium has them
+        assert not [
+            span for span in spans if not environments.fullmatch(span) and not (ROOT / span).exists()
+        ], page
 
 
 # ----------------------------------------------------------------------------------------------- commands
@@ -57,18 +61,21 @@ def commands(text: str) -> Iterator[list[str]]:
                 yield [PLACEHOLDERS.get(word, word) for word in words]
 
 
+@cache
+def _parser(program: str, words: tuple[str, ...]) -> ArgumentParser:
+    """The parser of a program; `words` begin with the verb, or are all words."""
+    if program == "twindctl":
+        return ctl.command_parser(words)
+    return cli.parser() if program == "twind" else virtual.parser()
+
+
 def parses(words: list[str]) -> bool:
     """The program's own parser takes them."""
     program, *given = words
     if "..." in given or any(word.startswith("[") for word in given):
         return True  # a synopsis
     try:
-        if program == "twind":
-            cli.parser().parse_args(given)
-        elif program == "twind-virtual":
-            virtual.parser().parse_args(given)
-        else:
-            ctl.command_parser(given).parse_args(given)
+        _parser(program, tuple(given[:1] if given[:1] and given[0][0] != "-" else given)).parse_args(given)
     except SystemExit as end:
         return end.code == 0  # --help
     return True

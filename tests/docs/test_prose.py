@@ -59,6 +59,8 @@ def is_error(node: ast.expr, errors: set[str]) -> bool:
 
 def reads(node: ast.AST, errors: set[str]) -> bool:
     """Does it take a text apart, or look for words in it?"""
+    if not isinstance(node, ast.Call | ast.Compare):
+        return False  # nine nodes of ten
     match node:
         case ast.Call(func=ast.Attribute(value=value, attr=name), args=[_, *_]) if name in READS:
             return is_text(value, errors)  # without an argument `split` lays words out anew

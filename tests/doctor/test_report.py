@@ -50,19 +50,21 @@ def delay(id: int, *, fix: bool = True) -> DoctorFinding:
     return DoctorFinding("RETURN_DELAY", thing, "500 us", "10 us", command, mend)
 
 
-@pytest.mark.parametrize("code", [code for code in ROWS if HARMFUL.search(ROWS[code].remedy)])
-def test_harmful_remedy_has_a_caution(code: str) -> None:
-    assert ROWS[code].caution or code in HARMLESS
+def test_harmful_remedy_has_a_caution() -> None:
+    for code in (code for code, row in ROWS.items() if HARMFUL.search(row.remedy)):
+        assert ROWS[code].caution or code in HARMLESS, code
 
 
-@pytest.mark.parametrize("code", [code for code, row in ROWS.items() if row.caution])
-def test_the_caution_is_printed_before_the_remedy_and_before_the_command(code: str) -> None:
-    said = printed(DoctorFinding(code, "thing", "measured", command="COMMAND", advice="ADVICE"))
-    assert said.index(ROWS[code].caution) < said.index("ADVICE") < said.index("COMMAND")
-    said = printed(DoctorFinding(code, "thing", "measured"))
-    assert said.index(ROWS[code].caution) < said.index("do: ")
-    (data,) = report.data(DoctorReport(found=[DoctorFinding(code, "thing", "measured")]), ROWS, None)["found"]
-    assert data["caution"] == ROWS[code].caution
+def test_the_caution_is_printed_before_the_remedy_and_before_the_command() -> None:
+    for code in (code for code, row in ROWS.items() if row.caution):
+        said = printed(DoctorFinding(code, "thing", "measured", command="COMMAND", advice="ADVICE"))
+        assert said.index(ROWS[code].caution) < said.index("ADVICE") < said.index("COMMAND"), code
+        said = printed(DoctorFinding(code, "thing", "measured"))
+        assert said.index(ROWS[code].caution) < said.index("do: "), code
+        (data,) = report.data(DoctorReport(found=[DoctorFinding(code, "thing", "measured")]), ROWS, None)[
+            "found"
+        ]
+        assert data["caution"] == ROWS[code].caution, code
 
 
 def test_fix_dialog_prints_each_caution_once(

@@ -6,21 +6,20 @@ from pathlib import Path
 import pytest
 
 from twind_drivers.dynamixel import control_tables
-from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
+from twind_drivers.dynamixel.control_tables import models, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import FACTS, facts, page
 
 README = Path(__file__).parents[2] / "drivers" / "README.md"
 EVERY = [table(number) for number in models().values()]
-EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])
 # Where the manual and the vendor's file disagree, hence None in ours; the XL320's file has 4096.
 DISPUTED = {"rh_p12_rn", "xl320"}
 
 
-@EACH
-def test_every_model_of_the_index_has_facts_and_a_page_they_come_from(each: ControlTable) -> None:
-    assert each.facts.effort in each
-    assert each.facts.modes or each.facts.undriven
-    assert page(each.stem).startswith(("dxl/", "platform/"))
+def test_every_model_of_the_index_has_facts_and_a_page_they_come_from() -> None:
+    for each in EVERY:
+        assert each.facts.effort in each, each.stem
+        assert each.facts.modes or each.facts.undriven, each.stem
+        assert page(each.stem).startswith(("dxl/", "platform/")), each.stem
 
 
 def test_no_facts_stand_there_for_a_model_that_the_index_lacks() -> None:
@@ -29,23 +28,23 @@ def test_no_facts_stand_there_for_a_model_that_the_index_lacks() -> None:
         facts("xm999_w1")
 
 
-@EACH
-def test_a_model_has_the_modes_that_its_registers_allow(each: ControlTable) -> None:
-    if "operating_mode" in each:
-        assert ({0, 5} & each.facts.modes != set()) == ("goal_current" in each)
-    assert (each.facts.ampere_per_count is not None) == ("present_current" in each)
+def test_a_model_has_the_modes_that_its_registers_allow() -> None:
+    for each in EVERY:
+        if "operating_mode" in each:
+            assert ({0, 5} & each.facts.modes != set()) == ("goal_current" in each), each.stem
+        assert (each.facts.ampere_per_count is not None) == ("present_current" in each), each.stem
 
 
-@EACH
-def test_counts_and_velocities_agree_with_the_vendors_file(each: ControlTable) -> None:
+def test_counts_and_velocities_agree_with_the_vendors_file() -> None:
     """`[type info]` and `[unit info]` of the .model files; they round, and count 4095 of 4096: 0.1 %."""
-    if each.stem in DISPUTED:
-        assert each.facts.counts_per_turn is None
-        return
-    turn, velocity, centre = _file(each.stem)
-    assert each.facts.centre == centre
-    assert each.facts.counts_per_turn == pytest.approx(turn, rel=1e-3)
-    assert each.facts.radians_per_velocity_count == pytest.approx(velocity, rel=1e-3)
+    for each in EVERY:
+        if each.stem in DISPUTED:
+            assert each.facts.counts_per_turn is None, each.stem
+            continue
+        turn, velocity, centre = _file(each.stem)
+        assert each.facts.centre == centre, each.stem
+        assert each.facts.counts_per_turn == pytest.approx(turn, rel=1e-3), each.stem
+        assert each.facts.radians_per_velocity_count == pytest.approx(velocity, rel=1e-3), each.stem
 
 
 def _file(stem: str) -> tuple[float, float, int]:
@@ -60,15 +59,17 @@ def _file(stem: str) -> tuple[float, float, int]:
     return turn, float(rows["Present Velocity"]), int(rows["value_of_zero_radian_position"])
 
 
-@EACH
-def test_every_register_required_by_firmware_facts_exists(each: ControlTable) -> None:
-    register = {
-        "bus_watchdog": each.facts.watchdog_from,
-        "startup_configuration": each.facts.startup_from,
-        "backup_ready": each.facts.backup_from,
-        "drive_mode": each.facts.torque_on_by_goal_from,
-    }
-    assert [key for key, least in register.items() if least is not None and key not in each] == []
+def test_every_register_required_by_firmware_facts_exists() -> None:
+    for each in EVERY:
+        register = {
+            "bus_watchdog": each.facts.watchdog_from,
+            "startup_configuration": each.facts.startup_from,
+            "backup_ready": each.facts.backup_from,
+            "drive_mode": each.facts.torque_on_by_goal_from,
+        }
+        assert [key for key, least in register.items() if least is not None and key not in each] == [], (
+            each.stem
+        )
 
 
 @pytest.mark.parametrize(

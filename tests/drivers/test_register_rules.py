@@ -6,23 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, models, number_of, table
+from twind_drivers.dynamixel.control_tables import TableRegister, models, number_of, table
 from twind_drivers.dynamixel.factory_defaults import FACTORY, P_SERIES
 from twind_drivers.dynamixel.register_rules import FEEDS, GAINS, rule
 
 EVERY = [table(number) for number in models().values()]
-EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])
 RULED = [each for each in EVERY if not each.facts.undriven]
 
 
-@EACH
-def test_every_default_is_in_its_range_and_every_range_fits_its_register(each: ControlTable) -> None:
-    for field in each.fields.values():
-        lower, upper = field.bounds
-        for edge in (lower, upper):
-            assert field.decode(field.encode(edge)) == edge, field.key
-        default = field.rule.default
-        assert default is None or field.takes(default), (field.key, default)
+def test_every_default_is_in_its_range_and_every_range_fits_its_register() -> None:
+    for each in EVERY:
+        for field in each.fields.values():
+            lower, upper = field.bounds
+            for edge in (lower, upper):
+                assert field.decode(field.encode(edge)) == edge, (each.stem, field.key)
+            default = field.rule.default
+            assert default is None or field.takes(default), (each.stem, field.key, default)
 
 
 FIELDS = [field for each in EVERY for field in each.fields.values() if field.rule.writable]
@@ -44,46 +43,52 @@ def test_a_value_that_passes_the_check_fits_the_register_and_others_are_refused(
         assert field.decode(field.encode(value)) == value
 
 
-@EACH
-def test_every_limit_register_exists_in_that_models_table(each: ControlTable) -> None:
-    limits = {field.rule.limit for field in each.fields.values() if field.rule.limit is not None}
-    assert [limit for limit in limits if limit not in each] == []
+def test_every_limit_register_exists_in_that_models_table() -> None:
+    for each in EVERY:
+        limits = {field.rule.limit for field in each.fields.values() if field.rule.limit is not None}
+        assert [limit for limit in limits if limit not in each] == [], each.stem
 
 
 def test_every_model_that_we_drive_has_its_factory_values() -> None:
     assert set(FACTORY) == {each.stem for each in RULED}
 
 
-@pytest.mark.parametrize("each", RULED, ids=[each.stem for each in RULED])
-def test_every_setting_that_a_model_has_is_known(each: ControlTable) -> None:
+def test_every_setting_that_a_model_has_is_known() -> None:
     """The pages leave open: goals and profiles of the P layout, the gains of -R(A) and gripper."""
-    may_be_open = {"goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity"}
-    allowed = may_be_open if each.stem in P_SERIES else set()
-    if None in FACTORY[each.stem].gains:
-        allowed = allowed | {*GAINS, *FEEDS}
-    blank = {
-        field.key
-        for field in each.fields.values()
-        if field.rule.writable
-        and field.rule.default is None
-        and not field.key.startswith(("indirect", "external"))
-    }
-    assert blank <= allowed
+    for each in RULED:
+        may_be_open = {
+            "goal_pwm",
+            "goal_current",
+            "goal_velocity",
+            "profile_acceleration",
+            "profile_velocity",
+        }
+        allowed = may_be_open if each.stem in P_SERIES else set()
+        if None in FACTORY[each.stem].gains:
+            allowed = allowed | {*GAINS, *FEEDS}
+        blank = {
+            field.key
+            for field in each.fields.values()
+            if field.rule.writable
+            and field.rule.default is None
+            and not field.key.startswith(("indirect", "external"))
+        }
+        assert blank <= allowed, each.stem
 
 
-@EACH
-def test_a_register_that_only_reports_is_not_writable(each: ControlTable) -> None:
-    reports = (
-        "present_",
-        "realtime_tick",
-        "moving_status",
-        "error_code",
-        "hardware_error",
-        "controller_state",
-    )
-    assert [
-        key for key, field in each.fields.items() if key.startswith(reports) and field.rule.writable
-    ] == []
+def test_a_register_that_only_reports_is_not_writable() -> None:
+    for each in EVERY:
+        reports = (
+            "present_",
+            "realtime_tick",
+            "moving_status",
+            "error_code",
+            "hardware_error",
+            "controller_state",
+        )
+        assert [
+            key for key, field in each.fields.items() if key.startswith(reports) and field.rule.writable
+        ] == []
 
 
 def test_the_two_models_that_were_checked_first_are_what_they_were() -> None:

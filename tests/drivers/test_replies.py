@@ -86,15 +86,15 @@ def test_no_bytes_raise(kind: type[StatusReply | FastSyncReadReply], parts: list
     check_data(reply)
 
 
-@pytest.mark.parametrize("at", range(8, 64))
-def test_a_single_flipped_bit_never_yields_a_wrong_value(at: int) -> None:
-    for make, data in ((StatusReply, plain()), (FastSyncReadReply, fast())):
-        bad = bytearray(data)
-        bad[at] ^= 0x10
-        reply: PendingReply = make(IDS, SIZE)
-        give(reply, bytes(bad))
-        assert not reply.heard.all()
-        check_data(reply)
+def test_a_single_flipped_bit_never_yields_a_wrong_value() -> None:
+    for at in range(8, 64):
+        for make, data in ((StatusReply, plain()), (FastSyncReadReply, fast())):
+            bad = bytearray(data)
+            bad[at] ^= 0x10
+            reply: PendingReply = make(IDS, SIZE)
+            give(reply, bytes(bad))
+            assert not reply.heard.all(), at
+            check_data(reply)
 
 
 def test_stuffed_rows_are_unstuffed() -> None:

@@ -59,10 +59,8 @@ def test_without_the_recorded_bytes_a_golden_capture_does_not_come_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(ReplayBus, "_find", lambda *_: None)
-    noise = golden("noise", tmp_path / "noise")
+    noise = golden("noise", tmp_path)
     assert [each.split()[0] for each in noise] == ["verbatim", "errors"], noise
-    silent = golden("silent", tmp_path / "silent")
-    assert [each.split()[0] for each in silent] == ["verbatim"], silent
 
 
 # ------------------------------------------------------------------------------------------- broken ones
@@ -318,7 +316,7 @@ def test_imu_readings_and_their_absence_are_replayed(tmp_path: Path) -> None:
         rig.connect()
         sensor = rig.virtual["main"].sensor
         sensor.err(gyro_bias=0.25)
-        rig.seconds(3.0)
+        rig.seconds(1.0)
         rig.virtual["main"].faults.silence(sensor.id)
         rig.seconds(1.0)
         recorded = flight(rig, tmp_path)

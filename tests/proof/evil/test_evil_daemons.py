@@ -14,6 +14,7 @@ from tests.proof.evil.every import EVILS
 from tests.proof.evil.good import Cutting, Good, Killed, Mirror, Reborn
 from tests.proof.evil.registry import Evil
 from tests.proof.evil.search import Seeker
+from tests.support.examples import fast_cases
 
 LIMITS = world.limits()
 RULES = {f"W{number}" for number in range(1, 12)}
@@ -90,11 +91,7 @@ def test_the_places_that_accuse_are_known() -> None:
 
 
 # The fast tests take the first accusation, `make check` takes all.
-@pytest.mark.parametrize(
-    "place",
-    [pytest.param(place, marks=[pytest.mark.slow] if number else []) for number, place in enumerate(PLACES)],
-    ids=map(str, PLACES),
-)
+@pytest.mark.parametrize("place", fast_cases(PLACES, PLACES[:1]), ids=map(str, PLACES))
 def test_without_any_one_accusation_some_daemon_goes_free(place: Accusation) -> None:
     """A monitor that lacks one lets a wrong daemon pass, or names another rule."""
     for evil in sorted(EVILS, key=lambda evil: f'"{evil.rule}"' not in place.text):
