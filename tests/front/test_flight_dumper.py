@@ -96,7 +96,7 @@ def ring() -> Iterator[FlightRing]:
 
 @pytest.fixture
 def start(ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Start a front with descriptors of its own: of the ring, and of `wreck`."""
+    """Start a front with descriptors of its own: of the ring, and of `recording`."""
 
     def pool(*arguments: Any) -> ThreadPoolExecutor:
         threads.append(ThreadPoolExecutor(*arguments))
