@@ -96,7 +96,7 @@ def ring() -> Iterator[FlightRing]:
 
 @pytest.fixture
 def start(ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Start a front with descriptors of its own: of the ring, and of `wreck`."""
+    """Start a front with descriptors of its own: of the ring, and of `recording`."""
 
     def pool(*arguments: Any) -> ThreadPoolExecutor:
         threads.append(ThreadPoolExecutor(*arguments))
@@ -247,7 +247,7 @@ def test_only_a_loop_that_died_without_an_end_event_has_crashed(
 def test_the_recorder_of_a_dead_daemon_is_written_at_once_and_released(
     start: Start, ring: FlightRing, tmp_path: Path
 ) -> None:
-    front = start(wreck=ring.fd)
+    front = start(recording=ring.fd)
     assert front.owed == []  # it is kept until it is written
     front.settle()
     assert front.owed == [link.CrashRecordingDone()]
@@ -269,7 +269,7 @@ def test_a_flight_file_states_whether_its_files_match_the_briefing(
 ) -> None:
     known = briefing(2)
     ring.sign(fingerprint(version or known.version, known.files))
-    start(wreck=ring.fd).settle()
+    start(recording=ring.fd).settle()
     assert load(next(tmp_path.iterdir())).meta["files"] == files
 
 
@@ -277,7 +277,7 @@ def test_a_crash_recording_already_written_is_released_too(
     start: Start, ring: FlightRing, tmp_path: Path
 ) -> None:
     for _ in range(2):
-        front = start(wreck=ring.fd)
+        front = start(recording=ring.fd)
         front.settle()
         assert front.owed == [link.CrashRecordingDone()]
     assert front.lines == [("info", "FLIGHT_LEFT_OUT")]
@@ -305,7 +305,7 @@ def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
 
 def test_an_invalid_crash_recording_is_logged(start: Start) -> None:
     foreign = os.memfd_create("foreign")
-    front = start(wreck=foreign)
+    front = start(recording=foreign)
     front.settle()
     assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
     os.close(foreign)

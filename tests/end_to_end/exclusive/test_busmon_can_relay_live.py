@@ -42,7 +42,7 @@ def test_a_read_only_client_is_relayed_and_causes_no_violation(tmp_path: Path, v
     port = virtual.folder / "ports" / "l_leg"
     with relayed(tmp_path, port, load_robot(ROBOT).path, virtual.calibration, bus="l_leg") as relay:
         send_texts(relay, b"\r\rC\rS8\rO\r", *[QUESTION] * 5)
-        assert relay.end() == 0, relay.output()
+        assert relay.end() == 0, relay.printed()
         counts = relay.counts()
         assert counts["packets"] == 5
         assert counts["answers"] >= 5
@@ -62,5 +62,5 @@ def test_a_wrong_line_ends_it_by_its_rule(tmp_path: Path, virtual: Virtual, text
     with relayed(*given, bus="l_leg", options=options) as relay:
         relay.tell(told="mode", mode="live")
         send_texts(relay, b"C\rS8\rO\r", QUESTION, text, QUESTION)
-        assert relay.end() == 1, relay.output()
-        assert f" {rule} " in relay.output() or f" {rule}:" in relay.output()
+        assert relay.end() == 1, relay.printed()
+        assert f" {rule} " in relay.printed() or f" {rule}:" in relay.printed()

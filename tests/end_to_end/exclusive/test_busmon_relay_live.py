@@ -23,7 +23,7 @@ def watched() -> Iterator[tuple[Virtual, Path, Relayed]]:
             try:
                 yield virtual, folder, relay
             finally:
-                print(relay.output()[:3000])  # of a failed test: what was seen
+                print(relay.printed()[:3000])  # of a failed test: what was seen
 
 
 @contextmanager
@@ -97,7 +97,7 @@ def test_the_daemon_arms_moves_stops_disarms_and_dies_without_a_bus_violation() 
                 arm(client)
                 nod(client, 2.0)
             assert second.end() == 0
-        assert relay.end() == 0, relay.output()
+        assert relay.end() == 0, relay.printed()
         counts = relay.counts()
         print(counts)
         assert counts["violations"] == 0
@@ -123,5 +123,5 @@ def test_a_mirror_passes_and_an_unplug_is_passed_on() -> None:
             running.reach(state="connected")
             time.sleep(0.5)
             assert running.end() == 0
-        assert relay.end() == 0, relay.output()
+        assert relay.end() == 0, relay.printed()
         assert relay.counts()["goals"] == 0

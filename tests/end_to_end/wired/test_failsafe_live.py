@@ -131,7 +131,7 @@ def test_a_killed_daemon_leaves_a_robot_that_only_a_permitted_fail_safe_lowers(t
             assert code == 0, said
             assert torque(virtual) == {False}
             assert apart(places(virtual), rest) < 60
-            assert relay.end() == 0, relay.output()
+            assert relay.end() == 0, relay.printed()
             counts: dict[str, Any] = relay.counts()
             assert counts["violations"] == 0
             assert counts["goals"] > 100

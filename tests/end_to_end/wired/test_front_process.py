@@ -211,7 +211,7 @@ def test_a_crash_recording_is_handed_to_at_most_two_front_processes() -> None:
     told = list[str]()
     wreck = CrashRecording(os.memfd_create("wreck"))
     wreck.then = lambda: told.append("done")
-    front = Paper(0, {}, wreck=wreck)
+    front = Paper(0, {}, crash_recording=wreck)
     lives = []
     for number in range(4):
         front.live(100.0 * number, 100.0 * number + 1.0)

@@ -51,7 +51,7 @@ class Relayed:
         """Until the port is there."""
         end = time.monotonic() + seconds
         while not self.link.exists():
-            assert self.process.poll() is None and time.monotonic() < end, self.output()
+            assert self.process.poll() is None and time.monotonic() < end, self.printed()
             time.sleep(0.01)
 
     def tell(self, **line: Any) -> None:
@@ -61,7 +61,7 @@ class Relayed:
             self.process.stdin.write(json.dumps(line).encode() + b"\n")
             self.process.stdin.flush()
 
-    def output(self) -> str:
+    def printed(self) -> str:
         return self.output.read_text()
 
     @property
@@ -71,7 +71,7 @@ class Relayed:
 
     def counts(self) -> dict[str, Any]:
         """Its last line."""
-        found: dict[str, Any] = json.loads(self.output().splitlines()[-1])
+        found: dict[str, Any] = json.loads(self.printed().splitlines()[-1])
         return found
 
     def end(self) -> int:

@@ -110,4 +110,4 @@ def tried(daemon: type[Good], folder: Path, servos: Path | str) -> tuple[int, st
         time.sleep(0.3)
         port.close()
         code = relay.end()
-    return code, relay.output(), port.late < LATE and (whole or code == 1)
+    return code, relay.printed(), port.late < LATE and (whole or code == 1)

@@ -345,7 +345,7 @@ class Ground:
 
     def finish(self) -> Outcome:
         if self.relay is not None and self.relay.end() != 0:
-            said = [line for line in self.relay.output().splitlines() if line.startswith("violation")]
+            said = [line for line in self.relay.printed().splitlines() if line.startswith("violation")]
             self.wrong += [f"bus: {line}" for line in said[:3]]
         return self.outcome
 

@@ -90,8 +90,8 @@ class Storm:
         self._second = now
         assert ground.relay is not None
         if ground.relay.caught:
-            said = [line for line in ground.relay.output().splitlines() if line.startswith("violation")]
-            self.wrong += [f"bus: {line}" for line in said[:3]] or [ground.relay.output()[-600:]]
+            said = [line for line in ground.relay.printed().splitlines() if line.startswith("violation")]
+            self.wrong += [f"bus: {line}" for line in said[:3]] or [ground.relay.printed()[-600:]]
         if ground.running.process.poll() is not None:
             self.wrong.append(f"the daemon ended: {ground.running.log.read_text()[-400:]}")
             return
@@ -177,7 +177,7 @@ def storm(seconds: float, seed: int) -> dict[str, Any]:
     try:
         return made.live() | {"wrong": made.wrong}
     except Exception as error:
-        said = "" if made.ground.relay is None else made.ground.relay.output()[:500]
+        said = "" if made.ground.relay is None else made.ground.relay.printed()[:500]
         return {"wrong": [*made.wrong, f"the run itself failed: {error!r}"[:600], said], "done": made.count}
     finally:
         with suppress(OSError):  # a relay that ended by itself does not listen
