@@ -9,7 +9,7 @@ import ctypes
 import os
 import platform
 
-# ns; the usual slice is 1.4 to 3 ms. With 5 ms little changed, as work that wakes up late in a slice still waits.
+# ns; the usual slice is 1.4 to 3 ms. 5 ms changed little, as work that wakes up late in a slice still waits.
 # 20 ms delayed no reply of the front beside two busy programs (measured 2026-11).
 SLICE = 20_000_000
 _SET_ATTR = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}  # sched_setattr(2), by machine
