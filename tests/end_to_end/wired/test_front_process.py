@@ -139,6 +139,7 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         assert os.sched_getscheduler(world.pid) == os.SCHED_OTHER
         environment = Path(f"/proc/{world.pid}/environ").read_bytes().decode().split("\0")
         assert not [one for one in environment if one.startswith(tuple(SERVICE))]
+        assert "OPENBLAS_NUM_THREADS=1" in environment  # its second thread would compete with others
         assert f"PATH={os.environ['PATH']}" in environment
 
         theirs = descriptors(world.pid)
