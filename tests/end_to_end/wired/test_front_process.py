@@ -81,7 +81,7 @@ def descriptors(pid: int) -> dict[int, str]:
 RIGHTS = """
 import os, re, socket
 from pathlib import Path
-from twind import memfd
+from twind import sealed_memfd
 from twind.loop.ipc.front_process import FrontProcess
 from twind.listening_sockets import Listener
 
@@ -90,7 +90,7 @@ def rights(pid):
 
 with socket.socket(socket.AF_UNIX) as control, socket.socket(socket.AF_UNIX) as observe:
     listeners = {"control": Listener(control), "observe": Listener(observe)}
-    front = FrontProcess(memfd.seal("briefing", b"none"), listeners)
+    front = FrontProcess(sealed_memfd.seal("briefing", b"none"), listeners)
     before = rights("self")
     front.start(0.0)
     # By that briefing it ends; what it was is told until it is buried. While it is executed it may have ours.
@@ -212,7 +212,7 @@ def test_a_crash_recording_is_handed_to_at_most_two_front_processes() -> None:
     told = list[str]()
     wreck = CrashRecording(os.memfd_create("wreck"))
     wreck.then = lambda: told.append("done")
-    front = Paper(0, {}, wreck=wreck)
+    front = Paper(0, {}, crash_recording=wreck)
     lives = []
     for number in range(4):
         front.live(100.0 * number, 100.0 * number + 1.0)
