@@ -291,6 +291,7 @@ def run_loop(loop: Loop) -> None:
     An InvalidInput of a running loop is a defect and no wrong setting. It must not end the process with exit
     code 2, after which the service manager does not restart it.
     """
+    _kept = realtime.touch_reserve()
     try:
         loop.run()
     except InvalidInput as error:

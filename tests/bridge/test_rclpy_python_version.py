@@ -42,7 +42,7 @@ def test_the_rclpy_process_loads_only_the_standard_library_rclpy_and_twind(versi
     # Where a module is no stand-in's and none of ours, it came without site-packages: the library's.
     foreign = [name for name in ours if name.startswith(("twind.bridge.ros.dds", "twind.bridge.ros.zenoh"))]
     assert foreign == []
-    assert not {"numpy", "msgspec", "rich", "structlog", "yaml"} & found.keys()
+    assert not {"numpy", "msgspec", "rich", "yaml"} & found.keys()
 
 
 def test_the_types_of_the_rclpy_process_check_under_python_3_10() -> None:

@@ -32,6 +32,15 @@ if before:
         sys.exit()
 got = realtime.enter(cpu=int(cpu) if cpu else None)
 
+def faulted(work):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    work()
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+kept = realtime.touch_reserve()
+in_reserve = [faulted(lambda: b"x" * (1 << 20)) if got["heap"].granted else 0]
+in_reserve += [faulted(lambda: [bytes(400) for _ in range(2048)]) for _ in range(5)]  # 1 MB
+
 def churn():  # arrays that the allocator would map and give back each time
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     for _ in range(3):
@@ -54,6 +63,7 @@ print(json.dumps({
     "collecting": gc.isenabled(),
     "frozen": gc.get_freeze_count(),
     "faults": faults,
+    "in_reserve": in_reserve,
     "cores": sorted(os.sched_getaffinity(0)),
     "child": os.waitstatus_to_exitcode(code),
 }))
@@ -102,6 +112,10 @@ def test_the_collector_is_off_and_what_is_there_is_frozen() -> None:
     assert not told["collecting"]
     assert told["frozen"] > 1000
     assert told["got"]["gc"] == "frozen, off"
+
+
+def test_memory_that_ticks_ask_for_is_there_before_the_first() -> None:
+    assert max(entered("none")["in_reserve"]) < 10  # of 256 pages each
 
 
 def test_memory_that_was_freed_is_not_faulted_in_again() -> None:

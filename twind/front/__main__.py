@@ -21,6 +21,7 @@ from twind.front.daemon_log import DaemonLog, LogWriter
 from twind.front.flight_dumper import RecorderHandover
 from twind.front.front_server import FrontServer
 from twind.front.systemd_journal import SOCKET
+from twind.front.time_slice import lengthen
 from twind.listening_sockets import Listener
 from twind.sealed_memfd import unseal
 from twind.standard_streams import at_journal
@@ -47,6 +48,7 @@ def main() -> int:
     for name, fd in vars(arguments).items():
         if isinstance(fd, int) and name != "parent":
             os.set_inheritable(fd, False)
+    lengthen()  # before any thread
     briefing = msgspec.msgpack.decode(unseal(arguments.briefing), type=Briefing)
     os.close(arguments.briefing)
     stderr = sys.stderr.fileno()

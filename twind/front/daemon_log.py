@@ -10,11 +10,10 @@ import json
 import os
 import queue
 import threading
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
-
-import structlog
 
 from twind.front import systemd_journal as journals
 from twind.robot.event_codes import EventCode
@@ -23,9 +22,8 @@ WAITING = 1000  # lines that may wait for a slow standard error
 PER_SECOND = 20  # lines of one kind; the rest of that second is counted
 PRIORITY = journals.PRIORITY
 LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40, "critical": 50}
-_ERROR = LEVELS["error"]
 
-Fields = MutableMapping[str, Any]
+Fields = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,19 +111,13 @@ class DaemonLog:
     def __init__(self, writer: LogWriter, level: str, *, journal: bool) -> None:
         """Open the log; `journal`: path of its socket; lines that it does not accept go to `fd`."""
         self._writer = writer
-        render = _for_journal if journal else _for_people
-        stamp = [] if journal else [structlog.processors.TimeStamper("%H:%M:%S", utc=False, key="at")]
-        self._processors = [structlog.processors.add_log_level, *stamp, _escaped, render]
+        self._render = _for_journal if journal else _for_people
         self.level(level)
         self._allowances = {kind: _LineBudget() for kind in ("client", "error", "other")}
 
     def level(self, level: str) -> None:
         """Drop lines below this level from now on."""
-        self._logger = structlog.wrap_logger(
-            _StructlogSink(self._writer.put),
-            processors=self._processors,
-            wrapper_class=structlog.make_filtering_bound_logger(LEVELS.get(level, 20)),
-        )
+        self._least = LEVELS.get(level, LEVELS["info"])
 
     def write(
         self, level: str, event: str, now: float, details: Mapping[str, Any] | None = None, **fields: Any
@@ -136,14 +128,16 @@ class DaemonLog:
         Lines caused by clients (`holder`), errors and the rest have separate budgets: a flood of one hides no
         other.
         """
-        kind = "client" if "holder" in fields else "error" if LEVELS.get(level, 20) >= _ERROR else "other"
+        weight = LEVELS.get(level, LEVELS["info"])
+        kind = "client" if "holder" in fields else "error" if weight >= LEVELS["error"] else "other"
         left_out = self._allowances[kind].take(now)
-        if left_out is None:
+        if left_out is None or weight < self._least:
             return
         if left_out:
             fields = {**fields, "lines_left_out": left_out}
         known = {key: value for key, value in (details or {}).items() if value is not None}
-        self._logger.log(LEVELS.get(level, 20), str(event), **({"details": known} if known else {}), **fields)
+        whole: Fields = {"details": known, **fields, "event": str(event), "level": level}
+        self._writer.put(self._render({key: _harmless(value) for key, value in whole.items()}))
 
     def close(self) -> None:
         """Write what waits."""
@@ -172,19 +166,8 @@ class _LineBudget:
         return left_out
 
 
-class _StructlogSink:
-    """Sink of structlog: every level is a line."""
-
-    def __init__(self, put: Callable[[LogLine | str], None]) -> None:
-        self.debug = self.info = self.warning = self.error = self.critical = put
-
-
-def _escaped(_logger: Any, _method: str, fields: Fields) -> Fields:
-    """Escape control characters, line breaks and text directions of clients for terminal and journal."""
-    return {key: _harmless(value) for key, value in fields.items()}
-
-
 def _harmless(value: Any) -> Any:
+    """Escape control characters, line breaks and text directions of clients for terminal and journal."""
     if isinstance(value, dict):
         return {key: _harmless(each) for key, each in value.items()}
     return printable(value) if isinstance(value, str) else value
@@ -197,9 +180,9 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogLine], dict[str, Any]]:
+def _for_journal(fields: Fields) -> LogLine:
     """A datagram; and JSON with a level prefix, for when its socket does not take that."""
-    details = fields.pop("details", {})
+    details = fields.pop("details")
     text = f"<{PRIORITY.get(fields['level'], 6)}>"
     text += json.dumps({**fields, **details}, ensure_ascii=False, default=str)
     sent: dict[str, Any] = {
@@ -209,17 +192,15 @@ def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogL
     }
     others = {**fields, **details}
     sent |= {f"TWIND_{key.upper()}": value for key, value in others.items() if key not in _SAID}
-    return (LogLine(text, journals.datagram(sent)),), {}
+    return LogLine(text, journals.datagram(sent))
 
 
 _SAID = frozenset({"event", "level", "message"})  # stand in fields of the journal's own
 
 
-def _for_people(_logger: Any, _method: str, fields: Fields) -> str:
-    fields.pop("details", None)
-    at = fields.pop("at")
-    level = fields["level"]
-    return f"{at} {level:<7} {_sentence(fields)}"
+def _for_people(fields: Fields) -> LogLine:
+    fields.pop("details")
+    return LogLine(f"{datetime.now():%H:%M:%S} {fields['level']:<7} {_sentence(fields)}")
 
 
 def _sentence(fields: Fields) -> str:

@@ -81,7 +81,7 @@ def descriptors(pid: int) -> dict[int, str]:
 RIGHTS = """
 import os, re, socket
 from pathlib import Path
-from twind import memfd
+from twind import sealed_memfd
 from twind.loop.ipc.front_process import FrontProcess
 from twind.listening_sockets import Listener
 
@@ -90,7 +90,7 @@ def rights(pid):
 
 with socket.socket(socket.AF_UNIX) as control, socket.socket(socket.AF_UNIX) as observe:
     listeners = {"control": Listener(control), "observe": Listener(observe)}
-    front = FrontProcess(memfd.seal("briefing", b"none"), listeners)
+    front = FrontProcess(sealed_memfd.seal("briefing", b"none"), listeners)
     before = rights("self")
     front.start(0.0)
     # By that briefing it ends; what it was is told until it is buried. While it is executed it may have ours.
@@ -139,6 +139,7 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         assert os.sched_getscheduler(world.pid) == os.SCHED_OTHER
         environment = Path(f"/proc/{world.pid}/environ").read_bytes().decode().split("\0")
         assert not [one for one in environment if one.startswith(tuple(SERVICE))]
+        assert "OPENBLAS_NUM_THREADS=1" in environment  # its second thread would compete with others
         assert f"PATH={os.environ['PATH']}" in environment
 
         theirs = descriptors(world.pid)
@@ -167,7 +168,7 @@ def test_a_front_may_run_on_every_core_that_the_daemon_had_before_it_was_pinned(
 def test_a_front_runs_nothing_of_the_folder_it_is_started_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("structlog", "msgspec", "twind"):
+    for name in ("numpy", "msgspec", "twind"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')")
     monkeypatch.chdir(tmp_path)
     with started(tmp_path) as world:

@@ -217,9 +217,10 @@ def _ordinary() -> dict[str, Any]:
 
 
 def child_environment() -> dict[str, str]:
-    """Return the environment for a child without the service manager's variables.
+    """Return the environment for a child: no second BLAS thread, no variables of the service manager.
 
-    Only the main process uses them.
+    Only the main process uses those.
     """
     excluded = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
-    return {key: value for key, value in os.environ.items() if not key.startswith(excluded)}
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(excluded)}
+    return {"OPENBLAS_NUM_THREADS": "1", **kept}
