@@ -18,7 +18,7 @@ from twind.safety.guard_types import (
 )
 
 
-class ClearanceRules:
+class LookaheadCollisionRules:
     """Rule LOOKAHEAD_COLLISION, without memory."""
 
     def __init__(self, bounds: GuardThresholds) -> None:

@@ -81,7 +81,9 @@ class GoalRules:
         missed = facts.missed_in_a_row
         many = self.many_missed(missed, facts.period)
         if many is not None:
-            yield RuleResult(many, hold(facts), transient=True)
+            # Missed ticks endanger only a robot. A simulation goes on later, as the executor counts ticks.
+            reaction = hold(facts) if facts.mode is Mode.LIVE else Reaction.NONE
+            yield RuleResult(many, reaction, transient=True)
         elif missed >= bounds.missed_warn:
             yield RuleResult(_late(missed, bounds.missed_warn, "ticks missed in a row"))
         elif not facts.lateness <= bounds.late:

@@ -15,7 +15,7 @@ from twind.robot.modes import RobotState
 from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
-from twind.safety.clearance_rules import ClearanceRules
+from twind.safety.clearance_rules import LookaheadCollisionRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.guard_types import (
@@ -86,7 +86,7 @@ class Guard:
         self._rules: tuple[Rule, ...] = (
             TimeGapRules(bounds),
             self._goals,
-            ClearanceRules(bounds),
+            LookaheadCollisionRules(bounds),
             readings,
             tracking,
             BusRules(buses, bounds),

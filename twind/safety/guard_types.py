@@ -46,8 +46,9 @@ class GuardThresholds:
     stale_warn: float = 0.03
     stale_hold: float = 0.1  # s: an older reading may be of a servo that its watchdog (0.1 s) has stopped
     stale_fault: float = 0.5  # s: the joint may be limp, so a free-standing robot is lowered
-    errors_warn: float = 0.01  # of a second's exchanges of one bus (BUS_ERRORS)
-    errors_hold: float = 0.05  # share: beyond it a motion would rest on too few readings
+    # of a second's exchanges of one bus (BUS_ERRORS); what protects the robot is the freshness of each joint
+    errors_warn: float = 0.05
+    errors_hold: float = 0.2  # share: such a bus is broken, not disturbed by another program
     errors_least: int = 3  # bad exchanges that a share needs to hold: at 20 Hz one alone is 5 %
     errors_row_hold: int = 5  # bad exchanges of one bus in a row; 50 ms without a reading at 100 Hz
     errors_row_fault: int = 20  # the bound of Franka's control interface

@@ -4,7 +4,6 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 """
 
 from collections.abc import Mapping, Sequence
-from math import inf
 
 from twind_drivers.bus import (
     BusSample,
@@ -79,7 +78,8 @@ class DynamixelReader:
 
         `fast`: use the fast reads; None: if `identify` finds that all devices support them.
         `return_delay_us`: the longest of the devices. `rate_hz`: rate of the loop. `slack` (s): time that a
-        reply may take beyond its wire time; None: 2 ms, or half a period where that is less. `one_write`:
+        reply may take beyond its wire time; None: 2 ms, or half a period where that is less, and a cyclic
+        reading has all the time that the cycle leaves. `one_write`:
         goals and request leave in one system call. `sensors`: return delay (s) by id of the bus's sensors.
 
         Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
@@ -110,6 +110,7 @@ class DynamixelReader:
         self._described = self.line.return_delay_s
         self._period = 1.0 / rate_hz
         self._choose_fast = fast is None
+        self._has_own_slack = slack is not None
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
@@ -125,8 +126,8 @@ class DynamixelReader:
 
     @property
     def earliest(self) -> float:
-        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
-        return -inf
+        """Time of the next look for a reply, s; -inf: a poll reports its arrival."""
+        return self.line.earliest
 
     @property
     def fast(self) -> bool:
@@ -165,7 +166,15 @@ class DynamixelReader:
         return sample
 
     def _schedule(self) -> None:
-        """Make the slices of slow registers of the devices that are not parked."""
+        """Make the slices of slow registers of the devices that are not parked.
+
+        A cyclic reply may come as late as the cycle has room for: the rare transaction and the start of the
+        next cycle are kept free. Other programs on the processor delay replies by milliseconds, and a late
+        reply costs nothing while readings are fresh.
+        """
+        if not self._has_own_slack:
+            room = (1.0 - SPARE) * self._period - self._cyclic_seconds(0.0) - self.slice
+            self.line.cyclic_slack = max(self.line.slack, room)
         self._requested = requested = self.cyclic.attendance.asked
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
@@ -182,13 +191,17 @@ class DynamixelReader:
     def _has_room(self, count: int, size: int) -> bool:
         """Check that a read of `size` bytes of `count` devices takes at most half of a cycle's free time."""
         delay = self.line.return_delay_s
-        cyclic = budget(
-            len(self.ids), self.line.baud, fast=self.fast, return_delay_us=delay * 1e6, usb_s=ADAPTER
-        )
-        free = (1.0 - SPARE) * self._period - cyclic.seconds
+        free = (1.0 - SPARE) * self._period - self._cyclic_seconds(ADAPTER)
         delays = 1 if self.fast else count
         slow = wire(slice_bytes(count, size, fast=self.fast), self.line.baud) + delays * delay
         return slow <= min(self.slice, 0.5 * free)
+
+    def _cyclic_seconds(self, adapter: float) -> float:
+        """Return the bus time of goals and cyclic reading, s; `adapter` (s): what the adapter adds."""
+        delay_us = self.line.return_delay_s * 1e6
+        return budget(
+            len(self.ids), self.line.baud, fast=self.fast, return_delay_us=delay_us, usb_s=adapter
+        ).seconds
 
     # --------------------------------------------------------------------------- the rare path
 

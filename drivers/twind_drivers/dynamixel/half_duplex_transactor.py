@@ -14,6 +14,10 @@ from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
 
+# s beyond its wire time when a reply is looked for first, and s between two looks. No `poll`: on a tty it
+# waits for the kernel worker that carries the bytes, which has no priority, and so beyond its own timeout.
+FIRST_LOOK = 0.00015
+NEXT_LOOK = 0.00025
 LATE = 1.0  # s after a missed reply during which a status of that device counts as late, not as foreign
 
 
@@ -54,17 +58,20 @@ class HalfDuplexTransactor:
         baud: int,
         return_delay_s: float,
         slack: float,
+        cyclic_slack: float | None = None,
         one_write: bool = True,
         sensors: Collection[int] = (),
     ) -> None:
         """Make the transactor; `one_write`: pending packets and request leave in one system call, else two.
 
-        `return_delay_s`, `slack` (s): see `deadline` in `_send`.
+        `return_delay_s`, `slack` (s): see `deadline` in `_send`. `cyclic_slack` (s): of a transaction with
+        goals; None: `slack`.
         """
         self.name = name
         self.transport = transport
         self.baud = baud
         self.slack = slack
+        self.cyclic_slack = slack if cyclic_slack is None else cyclic_slack
         self.return_delay_s = return_delay_s
         self.one_write = one_write
         self._sensors = frozenset(sensors)
@@ -72,6 +79,9 @@ class HalfDuplexTransactor:
         self.goals = b""
         self._leaving = b""  # urgent, written, and not yet known to have left the port
         self.sent = self.received = self.deadline = -inf  # s
+        # s, when the next look for a reply is worthwhile; -inf: a poll reports its arrival (no descriptor)
+        self.earliest = -inf
+        self._looks = transport.fileno() >= 0
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; the reader resets it when it reports them
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
@@ -138,7 +148,11 @@ class HalfDuplexTransactor:
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
         # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
-        self.deadline = begin + self.span(exchange, len(lead)) + (0.0 if self._done else self.slack)
+        slack = 0.0 if self._done else self.cyclic_slack if goals else self.slack
+        end = begin + self.span(exchange, len(lead))
+        self.deadline = end + slack
+        if self._looks:
+            self.earliest = min(end + FIRST_LOOK, self.deadline)
 
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
@@ -151,6 +165,8 @@ class HalfDuplexTransactor:
         if count:
             self.received = now
             self._done = reply.take(count)
+        if self._looks and not self._done:
+            self.earliest = min(now + NEXT_LOOK, self.deadline)
         return self._done
 
     def end(self) -> SerialTransaction | None:

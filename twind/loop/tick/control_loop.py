@@ -331,7 +331,7 @@ class Loop:
             reference=reference,
             busy=self.submissions.busy,
             bars=self.parts.guard.bars,
-            holding=self.parts.guard.holding(self.missed_in_a_row, self.period),
+            holding=self.parts.guard.holding(self.missed_in_a_row if live else 0, self.period),
             unreachable=self.unreachable,
             condition=JointCondition(
                 slow.temperature,
