@@ -11,7 +11,7 @@ def report(phase: str = "succeeded", **fields: Any) -> dict[str, Any]:
     return {"phase": phase, "duration": 9.0, **fields}
 
 
-def test_a_slowed_motion_is_said_with_its_time_and_its_reason() -> None:
+def test_a_slowed_motion_reports_its_time_and_its_reason() -> None:
     text = longer_text(report(stretch=1.2, stretched_by=["LOOKAHEAD_COLLISION"]))
     assert text == "; took 10.2 s instead of 9.0 s: slowed near other bodies (LOOKAHEAD_COLLISION)"
 
@@ -21,7 +21,7 @@ def test_a_motion_that_did_not_succeed_is_late() -> None:
     assert text == "; 0.5 s late: slowed for a hot motor (OVERTEMP), ticks were missed (LOOP_LATE)"
 
 
-def test_a_code_of_a_newer_daemon_is_said_alone() -> None:
+def test_a_code_of_a_newer_daemon_stands_alone() -> None:
     assert longer_text(report(stretch=3.0, stretched_by=["NEW"])).endswith("instead of 9.0 s: NEW")
 
 
