@@ -37,5 +37,6 @@ class ClearanceBound:
         turned = np.abs(poses - self._pose)
         if every(turned.max(axis=0) @ self._levers < self._spare):
             return np.ones(len(poses), np.bool_)
-        proven: Bools = (turned @ self._levers < self._spare).all(axis=1)
+        within = turned @ self._levers < self._spare
+        proven: Bools = np.count_nonzero(within, axis=1) == within.shape[1]
         return proven

@@ -80,7 +80,8 @@ class CollisionLookahead:
             self._near.clear()
         if new or self._tick >= self._due:
             ticks = self._ticks if new else self._later
-            poses = plan.course(self._limits, ticks * self._period)
+            times: Floats = ticks.astype(np.float64) * self._period
+            poses = plan.course(self._limits, times)
             if not np.isfinite(poses).all():
                 self._way = None
                 return ClearanceAhead(nan, float(self.times[-1]))
