@@ -2,6 +2,7 @@
 
 from math import inf, isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,15 +11,17 @@ from tests.support.clearance_rig import Oracle, arm, arm_file, at, h24
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import read_robot
-from twind.loop.tick.collision_lookahead import LEAST, CollisionLookahead
+from twind.loop.tick.collision_lookahead import CLEAR, LEAST, NEARER, CollisionLookahead
 from twind.motion.predicted_path import along, braking
 from twind.motion.stop_profiles import StopRamp
 from twind.motion.trajectory_executor import TrajectoryExecutor
+from twind.robot.arrays import Floats
 from twind.robot.modes import Mode, Motion
 from twind.robot.splines import hold, interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.guard_types import ClearanceAhead
 from twind.twin.binding import Binding, bind
+from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
 
 PERIOD = 0.01
@@ -34,7 +37,9 @@ class World:
         self.bodies = CollisionModel(binding, 0.02)
         self.executor = TrajectoryExecutor(binding.limits, PERIOD)
         self.executor.begin(np.array(binding.rest if start is None else start))
-        self.look = CollisionLookahead(self.bodies, binding.limits, PERIOD)
+        self.far = CollisionModel(binding, REACH)
+        self.plain = CollisionModel(binding, 0.02)
+        self.look = CollisionLookahead(self.bodies, self.far, binding.limits, PERIOD)
         self.oracle = Oracle(binding, [pair.geoms for pair in self.bodies.pairs])
         self.now = 0.0
 
@@ -87,19 +92,42 @@ def test_a_small_clearance_is_reported_before_a_blocking_one(world: World) -> No
     assert near == sorted(near, reverse=True)
 
 
-def test_while_the_way_is_the_same_each_moment_is_looked_at_once(
+def counted(world: World, monkeypatch: pytest.MonkeyPatch) -> tuple[list[int], list[int]]:
+    """Poses of each measurement, near and far."""
+    near: list[int] = []
+    far: list[int] = []
+    for bodies, looked in ((world.bodies, near), (world.far, far)):
+
+        def counting(poses: Floats, *more: Any, count: Any = looked, ask: Any = bodies.distances) -> Floats:
+            count.append(len(poses))
+            return ask(poses, *more)  # type: ignore[no-any-return]
+
+        monkeypatch.setattr(bodies, "distances", counting)
+    return near, far
+
+
+def test_a_way_far_from_everything_is_measured_a_few_times(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    looked = []
-    measure = world.bodies.distances
-    monkeypatch.setattr(world.bodies, "distances", lambda poses: looked.append(len(poses)) or measure(poses))
+    near, far = counted(world, monkeypatch)
     elbow(world, 1.0, 2.0)
-    for _ in range(50):
+    for _ in range(200):
+        assert world.tick() in (None, CLEAR)
+    assert near == []
+    assert len(far) <= 10
+
+
+def test_while_a_way_near_a_body_is_the_same_each_moment_is_measured_once(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near, far = counted(world, monkeypatch)
+    world.executor.begin(np.array([0.0, 2.62, 0.0]))
+    elbow(world, 2.70, 2.0)
+    for _ in range(150):
         world.tick()
-    assert looked == [30] + [1] * 49
-    elbow(world, 0.5, 2.0)
-    world.tick()
-    assert looked[-1] == 30
+    measured = sum(each for each in near if each > 1)
+    assert 30 <= measured <= 30 + 150 + 10
+    assert len(far) <= 16
 
 
 def test_a_slow_robot_is_looked_further_ahead_in_as_many_poses(tmp_path: Path) -> None:
@@ -133,6 +161,71 @@ def test_a_nan_path_gives_a_nan_clearance(world: World, monkeypatch: pytest.Monk
     outlook = world.tick()
     assert outlook is not None
     assert isnan(outlook.clearance)
+
+
+# --------------------------------------------------------------------------- against every pose in every tick
+
+
+def every_pose(world: World) -> ClearanceAhead | None:
+    """Return the report of this tick from a measurement of all poses of the time that counts."""
+    plan = world.executor.plan
+    if plan is None or world.executor.motion not in (Motion.ACTIVE, Motion.STREAMING):
+        return None
+    poses = plan.course(world.binding.limits, world.look.times)
+    bodies = world.plain  # its own: measuring moves the bodies
+    rows = bodies.distances(poses, bodies.boxes, bodies.reach)
+    now = bodies.distances(plan.reference.position[None], bodies.boxes, bodies.reach)[0]
+    least = rows.min(axis=0)
+    spare = np.where(
+        (least < bodies.block + bodies.band) & (least <= now - NEARER), least - bodies.block, inf
+    )
+    pair = int(spare.argmin())
+    if not spare[pair] < inf:
+        return CLEAR
+    return ClearanceAhead(float(least[pair]), pair=bodies.pairs[pair].bodies)
+
+
+def same_report(world: World) -> bool:
+    """Check one tick against every pose measured; return whether something is near."""
+    given = world.tick()
+    wanted = every_pose(world)
+    if given is None or wanted is None:
+        assert given is wanted
+        return False
+    assert given.clearance == pytest.approx(wanted.clearance, abs=1e-6)
+    assert given.clearance == inf or given.pair == wanted.pair
+    return given.clearance < inf
+
+
+@pytest.mark.parametrize(("robot", "seeds"), [("arm", range(12)), ("h24", range(5))])
+def test_each_tick_reports_what_it_would_with_every_pose_measured(
+    tmp_path: Path, robot: str, seeds: range
+) -> None:
+    """Paths that are replaced and slowed, and streams: nothing is reported later, or not at all."""
+    binding = arm(tmp_path, OPEN) if robot == "arm" else h24()
+    near = 0
+    for seed in seeds:
+        world = World(binding)
+        random = np.random.default_rng(seed)
+        limits = binding.limits
+        start = np.array(binding.rest)
+        joints = np.arange(len(start))
+        for _ in range(5):
+            share = random.uniform(0.3, 1.0)
+            to = start + share * (random.uniform(limits.lower, limits.upper) - start)
+            if robot == "arm":  # the elbow folds the tip towards the base
+                to[1] = random.uniform(1.8, 2.9)
+            if random.random() < 0.3:
+                for _ in range(30):
+                    world.executor.setpoint(joints, to, None, 0.1)
+                    near += same_report(world)
+                continue
+            seconds = float(random.uniform(0.8, 2.0))
+            world.executor.submit("a", Trajectory(np.array([seconds]), to[None], joints >= 0))
+            for tick in range(int(random.integers(20, 120))):
+                world.executor.pace = 0.5 if 25 <= tick < 35 else 1.0
+                near += same_report(world)
+    assert near > 20
 
 
 # --------------------------------------------------------------------------- streams

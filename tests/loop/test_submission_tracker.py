@@ -296,3 +296,32 @@ def test_the_reply_to_setpoints_that_are_too_fast_says_how_far_behind_the_joint_
     for _ in range(50):
         reply = armed.call(link.Setpoint, joints=[joint], positions=[0.0], ticks=2)
     assert reply.parameters == {"sequence": reply.parameters["sequence"], "changes": []}
+
+
+# ------------------------------------------------------------------------------------- a motion's own time
+
+
+def test_a_motion_that_is_slowed_says_by_how_much_and_why(armed: Rig) -> None:
+    """A hot motor halves its speed, and some ticks are missed."""
+    begun = armed.clock.now()
+    ticket = armed.submit(path(armed, 0.2, step=1.0), more=True)
+    armed.ticks(30)
+    armed.virtual["main"].faults.heat(1, 66.0)
+    armed.seconds(0.5)
+    armed.clock.sleep_until(armed.clock.now() + 0.03)
+    replies = last(armed, ticket)
+    took = armed.clock.now() - begun
+    running = [reply.parameters for reply in replies if reply.parameters["phase"] == "running"]
+    assert (running[0]["duration"], running[0]["stretch"], running[0]["stretched_by"]) == (1.0, 0.0, [])
+    stretched = [each["stretch"] for each in running]
+    assert stretched == sorted(stretched)
+    end = replies[-1].parameters
+    assert (end["phase"], end["duration"]) == ("succeeded", 1.0)
+    assert end["stretch"] > 0.1
+    assert took == pytest.approx(1.0 + end["stretch"], abs=0.05)
+    assert set(end["stretched_by"]) == {"OVERTEMP", "LOOP_LATE"}
+
+
+def test_a_motion_in_its_time_has_no_stretch_and_no_reason(armed: Rig) -> None:
+    end = last(armed, armed.submit(path(armed, 0.05, step=0.3), more=True))[-1].parameters
+    assert (end["duration"], end["stretch"], end["stretched_by"]) == (pytest.approx(0.3), 0.0, [])

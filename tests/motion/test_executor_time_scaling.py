@@ -112,7 +112,7 @@ def test_at_pace_zero_a_motion_stands_and_is_still_under_way() -> None:
     assert np.abs(stands.velocity).max() == 0.0
     assert run(executor, 1.0)[-1].position.tolist() == stands.position.tolist()
     assert executor.motion is Motion.ACTIVE
-    share = executor.fraction("a")
+    _, share = executor.progress()  # type: ignore[misc]
     assert 0.4 < share < 0.9
     executor.pace = 1.0
     run(executor, 2.0)
@@ -243,3 +243,53 @@ def test_a_stream_and_what_is_left_of_a_motion_keep_their_limits_at_any_pace(
     assert (np.abs(speed) <= LIMITS.velocity * (1 + 1e-9)).all()
     bend = np.diff(speed, axis=0) / PERIOD
     assert (np.abs(bend) <= LIMITS.acceleration * (1 + 1e-6) + 1e-6).all()
+
+
+# ------------------------------------------------------------------------------------- a motion's own time
+
+
+@examples(40)
+@given(PACES, st.lists(st.integers(0, 3), max_size=20))
+def test_the_stretch_is_what_a_motion_took_beyond_its_path(
+    paces: list[tuple[float, int]], missed: list[int]
+) -> None:
+    executor = holding()
+    executor.submit("a", fast(2.0))
+    executor.slowed_by = (ReasonCode.LOOKAHEAD_COLLISION,)
+    shares = [share for share, ticks in paces for _ in range(ticks)]
+    now = start = 5.0
+    executor.goal(now)
+    ended = []
+    for tick in range(4000):
+        executor.pace = shares[tick] if tick < len(shares) else 1.0
+        now += PERIOD * (1 + (missed[tick] if tick < len(missed) else 0))
+        executor.goal(now)
+        running = executor.stretch
+        ended = executor.outcomes()
+        if ended:
+            break
+        assert running is not None and running.added >= 0.0
+    (outcome,) = ended
+    stretch = outcome.stretch
+    assert stretch is not None
+    assert stretch.duration == pytest.approx(fast(2.0).time[-1])
+    assert now - start + PERIOD == pytest.approx(stretch.duration + stretch.added, abs=1.01 * PERIOD)
+    skipped = sum(missed[: tick + 1])
+    slowed = any(share < 1.0 for share in shares[: tick + 1])
+    reasons = set(stretch.reasons)
+    assert reasons or not stretch.added
+    assert reasons >= ({ReasonCode.LOOP_LATE} if sum(missed[:tick]) else set())
+    assert reasons <= {ReasonCode.LOOP_LATE} or slowed
+    assert ReasonCode.LOOKAHEAD_COLLISION in reasons or stretch.added <= skipped * PERIOD + 1e-6
+
+
+def test_what_was_lost_before_a_motion_began_is_not_its_own() -> None:
+    executor = holding()
+    executor.goal(1.0)
+    executor.submit("a", smooth([0.1, 0.0], 0.2))
+    executor.goal(2.0)
+    assert executor.stretch is not None
+    assert (executor.stretch.added, executor.stretch.reasons) == (0.0, ())
+    executor.submit("b", smooth([0.0, 0.0], 0.5), start_in=0.4)
+    executor.stop()
+    assert [outcome.stretch is None for outcome in executor.outcomes()] == [False, True]

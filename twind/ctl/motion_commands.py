@@ -29,6 +29,12 @@ from twind.command_line.verb import (
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
+# why a motion takes longer than its path; other codes are shown alone
+CAUSES = {
+    "LOOKAHEAD_COLLISION": "slowed near other bodies",
+    "OVERTEMP": "slowed for a hot motor",
+    "LOOP_LATE": "ticks were missed",
+}
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
@@ -112,8 +118,21 @@ def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace
         return DONE if done else REFUSED
     for line in finding_lines(last.get("findings") or (), str(last.get("phase"))):
         print(line, file=sys.stderr)
-    show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}")
+    show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}{longer_text(last)}")
     return DONE if done else REFUSED
+
+
+def longer_text(last: dict[str, Any]) -> str:
+    """Format by how much and why a motion took longer than its path: empty below a tenth of a second."""
+    planned = last.get("duration") or 0.0
+    stretch = last.get("stretch") or 0.0
+    if f"{planned + stretch:.1f}" == f"{planned:.1f}":
+        return ""
+    codes = last.get("stretched_by") or ()
+    reasons = ", ".join(f"{CAUSES[code]} ({code})" if code in CAUSES else code for code in codes)
+    if last.get("phase") == "succeeded":
+        return f"; took {planned + stretch:.1f} s instead of {planned:.1f} s: {reasons}"
+    return f"; {stretch:.1f} s late: {reasons}"
 
 
 def _follow(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:

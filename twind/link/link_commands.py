@@ -76,8 +76,9 @@ class Calibrate(Command, frozen=True, kw_only=True):
 class Submit(Command, frozen=True, kw_only=True):
     """A trajectory; its arrays in the memfd beside this datagram (`pack_path`).
 
-    `check_only`: reply {verdict}, nothing moves. Else with `more`: {phase, progress, verdict?, findings?}
-    from `accepted` to one of succeeded, cancelled, replaced, aborted; without: one reply at `accepted`.
+    `check_only`: reply {verdict}, nothing moves. Else with `more`: {phase, progress, verdict?, findings?,
+    duration?, stretch?, stretched_by?} from `accepted` to one of succeeded, cancelled, replaced, aborted;
+    without: one reply at `accepted`.
     """
 
     id: str

@@ -1,11 +1,12 @@
 """Options of a goal beside its path: tolerances, its end, and how a late or jumping start is corrected."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, inf
 
 import numpy as np
 
+from twind.motion.time_scaling import Stretch
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
@@ -63,6 +64,8 @@ class GoalOutcome:
     id: str
     phase: str  # succeeded, cancelled, replaced, aborted
     findings: tuple[Finding, ...] = ()
+    fraction: float = field(default=0.0, compare=False)  # share of its path that was done, 0..1
+    stretch: Stretch | None = field(default=None, compare=False)  # None: it did not begin
 
 
 def off(code: ReasonCode, out: Bools, error: Floats, bound: Floats, time: float) -> tuple[Finding, ...]:

@@ -11,7 +11,7 @@ from math import inf
 import numpy as np
 
 from twind.motion.goal_options import JUMP, GoalTolerances, led_in
-from twind.motion.time_scaling import TimeScaling
+from twind.motion.time_scaling import Stretch, TimeScaling, next_pace
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
@@ -68,6 +68,31 @@ class MotionLayer:
         reference = self.curve.sample(self.elapsed(tick))
         assert reference is not None  # a layer is never sampled before its start
         return reference if self.pace.even else self.pace.scale_reference(reference, self.period)
+
+    def keep_pace(self, tick: int, share: float, reasons: Sequence[ReasonCode], limits: JointLimits) -> None:
+        """Advance its time by a share of a tick, as `reasons` demand; after its end by a whole one."""
+        pace = self.pace
+        if share == 1.0 and pace.even:
+            return
+        at = self.elapsed(tick)
+        if at >= self.curve.duration:
+            pace.step(1.0)
+            return
+        pace.blame(reasons)
+        pace.step(next_pace(self.curve, self.joints, at, pace, share, limits, self.period))
+
+    def miss(self, tick: int, count: int) -> None:
+        """Count ticks that did not occur just before `tick`: it ends so much later."""
+        if self.goal.start < tick and not self.is_finished(tick):
+            self.pace.missed += count
+            self.pace.blame((ReasonCode.LOOP_LATE,))
+
+    @property
+    def stretch(self) -> Stretch:
+        """Its duration as accepted, and the time that it lost so far."""
+        pace = self.pace
+        added = round((pace.lag + pace.missed) * self.period, 6)  # a microsecond: rounding of summed shares
+        return Stretch(self.curve.duration, added, tuple(pace.reasons))
 
     def outside(self, error: Floats, bound: Floats) -> Bools:
         """Return joints (n,) of the goal whose `error` is beyond `bound`; inf bounds nothing."""

@@ -4,11 +4,13 @@ On a curve c at pace p a joint has velocity c' p and acceleration c'' p² + c' d
 acceleration. It takes as long as the joint with the least reserve needs.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats
+from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference
@@ -18,6 +20,15 @@ ROUNDING = 1e-9  # of an acceleration limit
 STANDING = 1e-9  # rad/s: slower costs nothing to slow down
 
 
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Duration of an accepted path, and what its motion took beyond it so far."""
+
+    duration: float  # s
+    added: float  # s
+    reasons: tuple[ReasonCode, ...]  # in the order in which they occurred first
+
+
 @dataclass(slots=True, eq=False)
 class TimeScaling:
     """Pace of the time of one motion: 1 as the clock, 0 stopped."""
@@ -25,6 +36,8 @@ class TimeScaling:
     now: float = 1.0
     change: float = 0.0  # by the last tick
     lag: float = 0.0  # ticks lost so far
+    missed: int = 0  # ticks that did not occur
+    reasons: list[ReasonCode] = field(default_factory=list)  # of both, each once
 
     @property
     def even(self) -> bool:
@@ -36,6 +49,10 @@ class TimeScaling:
         self.change = to - self.now
         self.now = to
         self.lag += 1.0 - to
+
+    def blame(self, reasons: Iterable[ReasonCode]) -> None:
+        """Add reasons for lost time."""
+        self.reasons += [code for code in reasons if code not in self.reasons]
 
     def scale_reference(self, reference: Reference, period: float) -> Reference:
         """Return the reference at this pace from one on the curve."""

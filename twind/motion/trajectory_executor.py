@@ -6,7 +6,7 @@ nothing: all input has passed the gate.
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose
 from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened
 from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still
-from twind.motion.time_scaling import next_pace
+from twind.motion.time_scaling import Stretch
 from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
@@ -39,14 +39,15 @@ class TrajectoryExecutor:
         self._period = period
         self._tick = 0
         self._pace = 1.0
+        self.slowed_by: tuple[ReasonCode, ...] = ()  # reasons of the pace, for reports
+        self._goal_at = nan  # s, the last call of `goal`
         self._reference: Reference | None = None
         self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
         self._pending: list[ScheduledGoal] = []  # by start
         self.stream: SetpointStream | None = None
-        self._ended: list[tuple[GoalOutcome, float]] = []
-        self._fractions: dict[str, float] = {}
+        self._ended: list[GoalOutcome] = []
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
 
     # ------------------------------------------------------------------------------- what is
@@ -97,21 +98,16 @@ class TrajectoryExecutor:
             return self._running.goal.id, self._running.fraction(self._tick)
         return (self._pending[0].id, 0.0) if self._pending else None
 
-    def fraction(self, id: str) -> float:
-        """Return the share of a goal that is done, 0..1, also after its end until the next `outcomes`.
-
-        0: unknown.
-        """
-        if self._running is not None and self._running.goal.id == id:
-            return self._running.fraction(self._tick)
-        return self._fractions.get(id, 0.0)
+    @property
+    def stretch(self) -> Stretch | None:
+        """Duration of the goal that runs, and the time it lost so far; None: none runs."""
+        return None if self._running is None else self._running.stretch
 
     def outcomes(self) -> list[GoalOutcome]:
         """Return the goals that ended since the last call."""
         ended = self._ended
         self._ended = []
-        self._fractions = {outcome.id: fraction for outcome, fraction in ended}
-        return [outcome for outcome, _ in ended]
+        return ended
 
     def ahead(self, start_in: float) -> Reference:
         """Return the reference `start_in` s from now, at which a goal of that time begins.
@@ -255,16 +251,16 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float) -> Reference | None:
-        """Return the reference of the next tick; None while idle. `now` (s) only ages the setpoints."""
+        """Return the reference of the next tick; None while idle. `now` (s): of this tick."""
         if self._reference is None or self._floor is None:
             return None
         stale = None if self.stream is None else self.stream.use(now)
         if stale is not None:
             self.stop()
-            self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
+            self._ended.append(GoalOutcome("", "aborted", (stale,)))
         while self._pending and self._pending[0].start <= self._tick:
             self._begin(self._pending.pop(0), self._reference)
-        self._keep_pace()
+        self._keep_time(now)
         self._tick += 1
         reference = self._next(self._floor)
         if not isfinite(float(reference.position @ reference.position)):
@@ -292,7 +288,7 @@ class TrajectoryExecutor:
             return
         out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
-            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._end(layer.goal, "succeeded", layer=layer)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
             self._give_up(layer, ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
@@ -321,20 +317,17 @@ class TrajectoryExecutor:
         layer = begun(goal, reference, self.limits, self._period)
         self.layers = [*without(self.layers, layer.joints), layer]
         if self._running is not None:
-            self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
+            self._end(self._running.goal, "replaced", layer=self._running)
         self._running = layer
 
-    def _keep_pace(self) -> None:
-        """Advance the time of each motion by its share of a tick; after the end at the pace of the clock."""
+    def _keep_time(self, now: float) -> None:
+        """Count the ticks that were missed before this one, and advance the time of each motion."""
+        missed = round((now - self._goal_at) / self._period) - 1 if self._goal_at < now < inf else 0
+        self._goal_at = now
         for layer in self.layers:
-            if self._pace == 1.0 and layer.pace.even:
-                continue
-            at = layer.elapsed(self._tick)
-            if at >= layer.curve.duration:
-                layer.pace.step(1.0)
-            else:
-                args = (layer.pace, self._pace, self.limits, self._period)
-                layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
+            if missed > 0:
+                layer.miss(self._tick, missed)
+            layer.keep_pace(self._tick, self._pace, self.slowed_by, self.limits)
 
     def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
         if self.stream is None and len(self.layers) == 1 and self.layers[0].whole:
@@ -351,7 +344,7 @@ class TrajectoryExecutor:
         layer = self._running
         tick = self._tick
         if layer is not None and layer.is_finished(tick) and not layer.goal.judged_at_end:
-            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._end(layer.goal, "succeeded", layer=layer)
             self._running = None
         if self.layers and self._running is None and all(layer.is_finished(tick) for layer in self.layers):
             self.layers = []
@@ -387,13 +380,18 @@ class TrajectoryExecutor:
 
     def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:
         if self._running is not None:
-            self._end(self._running.goal, phase, findings, self._running.fraction(self._tick))
+            self._end(self._running.goal, phase, findings, self._running)
             self._running = None
         for goal in self._pending:
             self._end(goal, phase, findings)
         self._pending.clear()
 
     def _end(
-        self, goal: ScheduledGoal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0
+        self,
+        goal: ScheduledGoal,
+        phase: str,
+        findings: Sequence[Finding] = (),
+        layer: MotionLayer | None = None,
     ) -> None:
-        self._ended.append((GoalOutcome(goal.id, phase, tuple(findings)), fraction))
+        done = (0.0, None) if layer is None else (layer.fraction(self._tick), layer.stretch)
+        self._ended.append(GoalOutcome(goal.id, phase, tuple(findings), *done))

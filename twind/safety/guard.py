@@ -168,6 +168,7 @@ class Guard:
             refused,
             causes,
             pace=min(one.pace for one in results),
+            slowing=tuple(dict.fromkeys(one.finding.code for one in results if one.pace < 1.0)),
             here=tuple(sorted(joint for joint in here if joint is not None)),
             gone=tuple(sorted({one.bus for one in results if one.gone})),
         )

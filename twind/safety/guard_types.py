@@ -203,6 +203,7 @@ class GuardDecision:
     # findings behind the reaction, reported before or not: the reason of a motion that ends
     causes: tuple[Finding, ...] = ()
     pace: float = 1.0  # share of its own speed that the motion may have: 1 freely, less near a bound
+    slowing: tuple[ReasonCode, ...] = ()  # codes that slow it
     # Joints that a HOLD holds at their measured position, not at the commanded one (FOLLOW_ERR, OVERCURRENT):
     # a blocked joint would go on pushing.
     here: tuple[int, ...] = ()

@@ -13,6 +13,7 @@ from twind import link
 from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.tick.blocking_contacts import with_contact
 from twind.motion.goal_options import led_in
+from twind.motion.time_scaling import Stretch
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
 from twind.robot.arrays import Bools, Ints
 from twind.robot.event_codes import EventCode
@@ -308,7 +309,10 @@ class SubmissionTracker:
             self._report_at = now + PROGRESS
             command = self._followed.get(running[0])
             if command is not None:
-                loop.say.reply(command, continues=True, id=command.id, phase="running", progress=running[1])
+                own = own_time(loop.executor.stretch)
+                loop.say.reply(
+                    command, continues=True, id=command.id, phase="running", progress=running[1], **own
+                )
 
     def _end(self, outcome: GoalOutcome) -> None:
         loop = self._loop
@@ -322,14 +326,29 @@ class SubmissionTracker:
         command = self._unfollow(outcome.id)
         if command is not None:
             found = [asdict(finding) for finding in findings]
-            done = 1.0 if outcome.phase == "succeeded" else loop.executor.fraction(outcome.id)
-            loop.say.reply(command, id=command.id, phase=outcome.phase, progress=done, findings=found)
+            own = own_time(outcome.stretch)
+            loop.say.reply(
+                command,
+                id=command.id,
+                phase=outcome.phase,
+                progress=outcome.fraction,
+                findings=found,
+                **own,
+            )
 
     def _unfollow(self, name: str) -> link.Submit | None:
         command = self._followed.pop(name, None)
         if command is not None:
             self._loop.lease.unpin(command.client, name)
         return command
+
+
+def own_time(stretch: Stretch | None) -> dict[str, Any]:
+    """Return the duration of a motion as accepted (s), and by how much (s) and why it takes longer."""
+    if stretch is None:
+        return {}
+    reasons = list(stretch.reasons)
+    return {"duration": stretch.duration, "stretch": stretch.added, "stretched_by": reasons}
 
 
 def with_front(verdict: Verdict, command: link.Submit) -> Verdict:

@@ -36,6 +36,7 @@ from twind.sealed_memfd import seal
 from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
 from twind.twin.binding_transfer import packed
+from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
 from twind.twin.twin import Twin
 from twind.version import __version__
@@ -127,7 +128,9 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
     Raises InvalidInput for names in `collision:` that the model lacks.
     """
     bodies = CollisionModel(binding, NEAR)
-    return CollisionLookahead(bodies, binding.limits, period) if bodies.pairs else None
+    if not bodies.pairs:
+        return None
+    return CollisionLookahead(bodies, CollisionModel(binding, REACH), binding.limits, period)
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:

@@ -93,9 +93,10 @@ def _slow(loop: Loop, decision: GuardDecision) -> None:
     """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
     before = loop.executor.pace
     loop.executor.pace = decision.pace if loop.procedures.rank is None else 1.0
+    loop.executor.slowed_by = decision.slowing
     if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
-        because = f": {decision.findings[0].code}" if decision.findings else ""
-        loop.say.event("info", EventCode.PACE, f"the motion is slowed to {loop.executor.pace:.0%}{because}")
+        because = ", ".join(decision.slowing)
+        loop.say.event("info", EventCode.PACE, f"the motion is slowed to {loop.executor.pace:.0%}: {because}")
 
 
 def _of_many(findings: tuple[Finding, ...]) -> Finding:
