@@ -386,6 +386,7 @@ def test_bytes_discarded_before_a_port_loss_are_recorded(ring: FlightRing) -> No
 # --------------------------------------------------------------------------------------- how much
 
 
+@pytest.mark.slow  # 3200 ticks
 def test_half_a_minute_fits_and_no_robot_takes_more_than_its_share() -> None:
     ring = FlightRing.create(size(load_robot("h24"), 100.0))
     rig = Rig(ring=ring)

@@ -12,7 +12,7 @@ import pytest
 
 from twind.ctl.ctl_main import main
 from twind.ctl.verb_catalog import verb_names
-from twind.manual.argument_parsers import arguments, option_names, programs, subcommands
+from twind.manual.argument_parsers import ProgramManual, arguments, option_names, programs, subcommands
 from twind.manual.write_manuals import write_manuals
 
 INSTALL = Path(__file__).parents[2] / "packaging" / "install.sh"
@@ -26,21 +26,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.fixture(scope="module")
+def every() -> tuple[ProgramManual, ...]:
+    """All programs, with their parsers."""
+    return programs()
+
+
 def page(folder: Path, name: str) -> str:
     """A manual page without its fonts and escapes."""
     return WORDS.sub("", (folder / name).read_text()).replace(r"\-", "-")
 
 
-def test_a_page_has_every_option_of_its_program(folder: Path) -> None:
-    for program in programs():
+def test_a_page_has_every_option_of_its_program(folder: Path, every: tuple[ProgramManual, ...]) -> None:
+    for program in every:
         text = page(folder, f"{program.name}.{program.section}")
         for each in arguments(program.parser):
             assert f".TP\n{each.name}\n" in text, (program.name, each.name)
 
 
-def test_the_page_of_twindctl_has_every_verb_with_its_options(folder: Path) -> None:
+def test_the_page_of_twindctl_has_every_verb_with_its_options(
+    folder: Path, every: tuple[ProgramManual, ...]
+) -> None:
     text = page(folder, "twindctl.1")
-    program = next(each for each in programs() if each.name == "twindctl")
+    program = next(each for each in every if each.name == "twindctl")
     verbs = subcommands(program.parser)
     assert set(verbs) == set(verb_names())
     for name, parser in verbs.items():
@@ -51,13 +59,13 @@ def test_the_page_of_twindctl_has_every_verb_with_its_options(folder: Path) -> N
             assert f".SS {name} {step}\n" in text
 
 
-def test_every_argument_of_every_program_has_a_help() -> None:
+def test_every_argument_of_every_program_has_a_help(every: tuple[ProgramManual, ...]) -> None:
     def missing(parser: argparse.ArgumentParser, name: str) -> Iterator[str]:
         yield from (f"{name} {each.name}" for each in arguments(parser) if not each.help)
         for step, child in subcommands(parser).items():
             yield from missing(child, f"{name} {step}")
 
-    assert [each for program in programs() for each in missing(program.parser, program.name)] == []
+    assert [each for program in every for each in missing(program.parser, program.name)] == []
 
 
 def test_groff_reads_every_page_without_a_warning(folder: Path) -> None:
@@ -102,8 +110,8 @@ def test_bash_completes(folder: Path, tmp_path: Path, words: list[str], offered:
     assert completed(folder / "bash" / words[0], words, tmp_path) == offered
 
 
-def test_the_script_for_zsh_is_one_for_its_program(folder: Path) -> None:
-    for program in programs():
+def test_the_script_for_zsh_is_one_for_its_program(folder: Path, every: tuple[ProgramManual, ...]) -> None:
+    for program in every:
         script = (folder / "zsh" / f"_{program.name}").read_text()
         assert script.startswith(f"#compdef {program.name}\n")
         if shutil.which("zsh"):

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import stat
 import subprocess
 import sys
@@ -54,14 +55,22 @@ def contents(folder: Path) -> Mapping[str, tuple[int, str]]:
     return found
 
 
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An installation that tests only read."""
+    made = tmp_path_factory.mktemp("installed") / "tree"
+    laid(made)
+    return made
+
+
 @pytest.fixture
-def tree(tmp_path: Path) -> Path:
-    laid(tmp_path / "tree")
-    return tmp_path / "tree"
+def tree(installed: Path, tmp_path: Path) -> Path:
+    """An installation of a test's own: a copy."""
+    return shutil.copytree(installed, tmp_path / "tree", symlinks=True)
 
 
-def test_everything_has_its_place(tree: Path) -> None:
-    found = contents(tree)
+def test_everything_has_its_place(installed: Path) -> None:
+    found = contents(installed)
     for name in (*SERVICES, *CLIENTS, *SOCKETS):
         assert f"usr/local/lib/systemd/system/{name}" in found
     for name in ("sysusers.d/twind.conf", "tmpfiles.d/twind.conf", "udev/rules.d/60-twind.rules"):
@@ -76,12 +85,12 @@ def test_everything_has_its_place(tree: Path) -> None:
     for name in ("sim", "twind"):  # masked: sockets, or settings, would be those of another unit
         assert found[f"usr/local/lib/systemd/system/twind@{name}.service"][1] == "-> /dev/null"
     examples = {path.name for path in (SYSTEMD / "examples").iterdir()}
-    assert {path.name for path in (tree / "usr/local/share/doc/twind/examples").iterdir()} == examples
+    assert {path.name for path in (installed / "usr/local/share/doc/twind/examples").iterdir()} == examples
 
 
-def test_every_link_of_the_installed_pages_leads_somewhere(tree: Path) -> None:
+def test_every_link_of_the_installed_pages_leads_somewhere(installed: Path) -> None:
     """Nobody on the robot has the sources: what a page sends to lies beside it."""
-    folder = tree / "usr/local/share/doc/twind"
+    folder = installed / "usr/local/share/doc/twind"
     there = {str(page.relative_to(folder)) for page in folder.rglob("*.md")}
     sources = {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")}
     rooms = ("calibration", "packaging/metrics", "systemd")
@@ -99,10 +108,10 @@ def test_twice_gives_the_same(tree: Path) -> None:
     assert contents(tree) == before
 
 
-def test_the_example_settings_are_the_defaults_and_the_example_robot_is_whole(tree: Path) -> None:
-    etc = tree / "etc/twind"
+def test_the_example_settings_are_the_defaults_and_the_example_robot_is_whole(installed: Path) -> None:
+    etc = installed / "etc/twind"
     settings = load_settings(etc / "twind.yaml")
-    plain = load_settings(None, {"HOME": str(tree / "nobody")}, uid=1000)
+    plain = load_settings(None, {"HOME": str(installed / "nobody")}, uid=1000)
     assert (settings.mode, settings.robot, dict(settings.ports)) == (plain.mode, plain.robot, {})
     assert settings.mode == "mirror"
     robot = load_robot("example", [etc / "robots"])

@@ -35,7 +35,7 @@ from twind.twin.binding import bind
 from twind.virtual.bench_servos import BusTiming, can_bus
 from twind.virtual.can_node_setup import unloaded
 from twind.virtual.robot_ground_truth import RobotGroundTruth
-from twind.virtual.virtual_robot_spec import calibration, fence, make_spec, sensor_of
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, calibration, fence, make_spec, sensor_of
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.serial_loopback import Loopback
@@ -55,7 +55,21 @@ def known_robot(name: str) -> RobotFile:
 @cache
 def known_calibration(name: str) -> Calibration:
     """The calibration of a virtual robot without faults, made once for all tests."""
-    return calibration(make_spec(known_robot(name)))
+    return calibration(known_virtual_robot(name))
+
+
+@cache
+def known_virtual_robot(name: str) -> VirtualRobotSpec:
+    """A virtual robot as described, made once for all tests."""
+    return make_spec(known_robot(name))
+
+
+@cache
+def known_binding(name: str) -> BoundRobot:
+    """A robot of the package with its calibration and model, bound once for all tests."""
+    robot = known_robot(name)
+    calibrated = known_calibration(name)
+    return BoundRobot(robot, calibrated, bind(robot, calibrated))
 
 
 class HandFront:
@@ -120,18 +134,18 @@ class Rig:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
             self.robot = replace(self.robot, support=support)
-        self.made = make_spec(self.robot, truth=truth)
+        plain = truth is None and self.robot is known
+        self.made = known_virtual_robot(robot) if plain else make_spec(self.robot, truth=truth)
         self._stops = truth is not None
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
-        if calibrated is not None:
-            self.calibration = calibrated
-        elif truth is None and self.robot is known:
-            self.calibration = known_calibration(robot)
+        if plain and calibrated is None:
+            self.one = known_binding(robot)
         else:
-            self.calibration = calibration(self.made)
-        self.one = BoundRobot(self.robot, self.calibration, bind(self.robot, self.calibration))
+            calibrated = calibrated or calibration(self.made)
+            self.one = BoundRobot(self.robot, calibrated, bind(self.robot, calibrated))
+        self.calibration = calibrated or known_calibration(robot)
         self.names = self.one.binding.joint_map.names
         buses = [bus.name for bus in self.one.binding.joint_map.buses]
         self.recorder = None if ring is None else FlightRecorder(ring, buses, self.clock)

@@ -33,75 +33,61 @@ def test_a_tree_without_an_offender_passes(tree: Path) -> None:
     assert check_names.main([str(tree)]) == 0
 
 
-@pytest.mark.parametrize(
-    ("files", "offender"),
-    [
-        pytest.param(
-            {"twind/a.py": "class Line: ...\n", "bench/b.py": "class Line: ...\n"},
-            "class Line: bench/b.py, twind/a.py",
-            id="class-name-twice",
-        ),
-        pytest.param(
-            {"twind/verb.py": "", "twind/room/verb.py": ""},
-            "module verb: twind/room/verb.py, twind/verb.py",
-            id="module-name-twice",
-        ),
-        pytest.param(
-            {"twind/a.py": 'def reply():\n    """Of one press: the replies."""\n'},
-            "docstring twind/a.py::reply",
-            id="docstring-relative-clause",
-        ),
-        pytest.param(
-            {"twind/a.py": 'class Verdict:\n    """What is known of a joint."""\n'},
-            "docstring twind/a.py::Verdict",
-            id="docstring-what-is",
-        ),
-        pytest.param(
-            {"twind/a.py": 'def reply():\n    """Whether a reply came."""\n'},
-            "docstring twind/a.py::reply",
-            id="docstring-whether",
-        ),
-        pytest.param(
-            {"tests/room/test_lease.py": 'def test_lease():\n    """When the lease ends."""\n'},
-            "docstring tests/room/test_lease.py::test_lease",
-            id="docstring-of-a-test",
-        ),
-        pytest.param(
-            {"tests/room/test_lease.py": "def test_the_client_is_told(): ...\n"},
-            "retired-word tests/room/test_lease.py::test_the_client_is_told",
-            id="test-word",
-        ),
-        pytest.param(
-            {"twind/a.py": "def reply(joint, *, told=0): ...\n"},
-            "retired-word twind/a.py::reply(told)",
-            id="parameter-word",
-        ),
-        pytest.param(
-            {"twind/a.py": "class StateTold: ...\n"}, "retired-word twind/a.py::StateTold", id="class-word"
-        ),
-        pytest.param({"twind/reins.py": ""}, "retired-word twind/reins.py", id="module-word"),
-        pytest.param(
-            {"twind/a.py": "class Client:\n    def _told_of(self): ...\n"},
-            "retired-word twind/a.py::Client._told_of",
-            id="function-word",
-        ),
-        pytest.param(
-            {"tests/room/test_lease.py": "from tests.room.test_gate import Rig\n"},
-            "test-import tests/room/test_lease.py: tests.room.test_gate.Rig",
-            id="test-import",
-        ),
-        pytest.param(
-            {"tests/support/rig.py": "def lease():\n    from tests.room import test_gate\n"},
-            "test-import tests/support/rig.py: tests.room.test_gate",
-            id="test-import-in-function",
-        ),
-        pytest.param(
-            {"tests/room/test_lease.py": "def test_lease(lease):\n    assert lease._holder is None\n"},
-            "private-attribute tests/room/test_lease.py: _holder",
-            id="private-attribute",
-        ),
-    ],
-)
+PLANTED = {
+    "class-name-twice": (
+        {"twind/a.py": "class Line: ...\n", "bench/b.py": "class Line: ...\n"},
+        "class Line: bench/b.py, twind/a.py",
+    ),
+    "module-name-twice": (
+        {"twind/verb.py": "", "twind/room/verb.py": ""},
+        "module verb: twind/room/verb.py, twind/verb.py",
+    ),
+    "docstring-relative-clause": (
+        {"twind/a.py": 'def reply():\n    """Of one press: the replies."""\n'},
+        "docstring twind/a.py::reply",
+    ),
+    "docstring-what-is": (
+        {"twind/a.py": 'class Verdict:\n    """What is known of a joint."""\n'},
+        "docstring twind/a.py::Verdict",
+    ),
+    "docstring-whether": (
+        {"twind/a.py": 'def reply():\n    """Whether a reply came."""\n'},
+        "docstring twind/a.py::reply",
+    ),
+    "docstring-of-a-test": (
+        {"tests/room/test_lease.py": 'def test_lease():\n    """When the lease ends."""\n'},
+        "docstring tests/room/test_lease.py::test_lease",
+    ),
+    "test-word": (
+        {"tests/room/test_lease.py": "def test_the_client_is_told(): ...\n"},
+        "retired-word tests/room/test_lease.py::test_the_client_is_told",
+    ),
+    "parameter-word": (
+        {"twind/a.py": "def reply(joint, *, told=0): ...\n"},
+        "retired-word twind/a.py::reply(told)",
+    ),
+    "class-word": ({"twind/a.py": "class StateTold: ...\n"}, "retired-word twind/a.py::StateTold"),
+    "module-word": ({"twind/reins.py": ""}, "retired-word twind/reins.py"),
+    "function-word": (
+        {"twind/a.py": "class Client:\n    def _told_of(self): ...\n"},
+        "retired-word twind/a.py::Client._told_of",
+    ),
+    "test-import": (
+        {"tests/room/test_lease.py": "from tests.room.test_gate import Rig\n"},
+        "test-import tests/room/test_lease.py: tests.room.test_gate.Rig",
+    ),
+    "test-import-in-function": (
+        {"tests/support/rig.py": "def lease():\n    from tests.room import test_gate\n"},
+        "test-import tests/support/rig.py: tests.room.test_gate",
+    ),
+    "private-attribute": (
+        {"tests/room/test_lease.py": "def test_lease(lease):\n    assert lease._holder is None\n"},
+        "private-attribute tests/room/test_lease.py: _holder",
+    ),
+}
+
+
+@pytest.mark.parametrize(("files", "offender"), PLANTED.values(), ids=PLANTED)
 def test_a_planted_offender_fails_the_check_until_it_is_allowed(
     tree: Path, files: dict[str, str], offender: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

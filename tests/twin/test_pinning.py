@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.support.examples import fast_cases
 from tests.support.hull_robot import hull
 from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.robot_spec import RobotFile
@@ -141,7 +142,7 @@ def test_a_built_in_robot_has_the_contacts_of_the_floating_one(
     assert mismatches(load_robot(name), made) == []
 
 
-@pytest.mark.parametrize("made", MODELS)
+@pytest.mark.parametrize("made", fast_cases(MODELS, {bound_model}))
 @pytest.mark.parametrize("name", HULLS)
 def test_a_robot_whose_hull_overlaps_its_limbs_has_the_contacts_of_the_floating_one(
     tmp_path: Path, name: str, made: Callable[[RobotFile], mujoco.MjModel]

@@ -123,7 +123,7 @@ def number_of(name: str) -> int:
 
     Raises KeyError that lists the near names.
     """
-    stems = {stem: number for number, stem in _index().items()}
+    stems = _numbers()
     key = snake(name)
     for candidate in (key, re.sub(r"_[tr]$", "", key)):
         if candidate in stems:
@@ -164,6 +164,11 @@ def table(number: int, firmware: int = 0) -> ControlTable:
 def model_folder() -> Path:
     """Folder of the control tables of dynamixel-sdk."""
     return Path(str(metadata.distribution("dynamixel-sdk").locate_file("dynamixel_easy_sdk/control_table")))
+
+
+@cache
+def _numbers() -> Mapping[str, int]:
+    return MappingProxyType({stem: number for number, stem in _index().items()})
 
 
 @cache

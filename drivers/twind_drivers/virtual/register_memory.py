@@ -1,6 +1,7 @@
 """Register memory of all servos of one bus: one byte array, each register as numbers over all servos."""
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,12 @@ class MemoryLayout:
         return self._fresh.copy() if eeprom else np.where(self._eeprom, held[: self.end], self._fresh)
 
 
+@cache
+def _layout(number: int, firmware: int) -> MemoryLayout:
+    """Return the layout of a model, made once: it is never written."""
+    return MemoryLayout(table(number, firmware), firmware)
+
+
 class RegisterMemory:
     """Memory of (m, size) bytes.
 
@@ -97,15 +104,8 @@ class RegisterMemory:
     def __init__(self, tables: Sequence[ControlTable], firmwares: Sequence[int]) -> None:
         self.tables = tuple(tables)
         self.firmwares = tuple(firmwares)
-        kinds = dict.fromkeys(
-            (table.stem, firmware) for table, firmware in zip(tables, firmwares, strict=True)
-        )
-        made = {
-            kind: MemoryLayout(next(each for each in tables if each.stem == kind[0]), kind[1])
-            for kind in kinds
-        }
         self._layouts = tuple(
-            made[table.stem, firmware] for table, firmware in zip(tables, firmwares, strict=True)
+            _layout(table.number, firmware) for table, firmware in zip(tables, firmwares, strict=True)
         )
         self.layouts: tuple[Mapping[int, TableRegister], ...] = tuple(each.fields for each in self._layouts)
         self._hidden = max(each.end for each in self._layouts)
