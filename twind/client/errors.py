@@ -18,7 +18,7 @@ SHOWN = 3  # findings of one code that get a line each
 
 
 class ClientError(TwindError):
-    """A call did not do what was asked."""
+    """A call did not succeed."""
 
 
 class NoDaemon(ClientError):
@@ -35,7 +35,7 @@ class NoDaemon(ClientError):
 
 
 class Disconnected(ClientError):
-    """The daemon closed the connection, or went away."""
+    """The daemon closed the connection, or ended."""
 
 
 class NoAnswer(ClientError, TimeoutError):
@@ -47,7 +47,7 @@ class NotCarried(ClientError):
 
 
 class CallError(ClientError):
-    """An answer that is an error. `error` is its qualified name, `parameters` what stands beside it."""
+    """An answer that is an error. `error`: its qualified name; `parameters`: its fields."""
 
     def __init__(self, error: str, parameters: Mapping[str, Any]) -> None:
         super().__init__(_text(error, parameters))
@@ -71,13 +71,13 @@ class Refused(CallError):
 
 
 def as_error(error: str, parameters: Mapping[str, Any]) -> CallError:
-    """The exception for an answer that is an error."""
+    """Make the exception for an error reply."""
     kind = Refused if error == "io.twind.Control.Refused" else CallError
     return kind(error, parameters)
 
 
 def _text(error: str, parameters: Mapping[str, Any]) -> str:
-    """One readable line per reason."""
+    """Format the reasons, one line each."""
     name = error.rpartition(".")[2]
     if name == "Refused":
         return "\n".join(line.strip() for line in finding_lines(parameters.get("findings") or (), "")) or name
@@ -85,7 +85,11 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
     if sentence is not None:
         try:
             return sentence(parameters)
-        except (KeyError, TypeError, AttributeError):  # a newer daemon: its fields, as they are
+        except (
+            KeyError,
+            TypeError,
+            AttributeError,
+        ):  # a newer daemon has other fields: show all
             pass
     fields = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
     return f"{name}: {fields}" if fields else name
@@ -122,7 +126,7 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
     held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
-    return f"{held}; `take` wrests it (twindctl: --take)"
+    return f"{held}; `take` takes it over (twindctl: --take)"
 
 
 _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {

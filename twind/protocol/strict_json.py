@@ -11,7 +11,7 @@ DEPTH = 16  # nested arrays and objects
 _NESTING = re.compile(
     r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
 )  # strings whole, so that brackets in them do not count
-_DIGITS = 20  # a longer integer does not fit 64 bits, and is not even read
+_DIGITS = 20  # a longer integer does not fit 64 bits, and is not converted
 _LEAST = -(2**63)
 _MOST = 2**64 - 1
 

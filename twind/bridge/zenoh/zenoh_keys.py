@@ -27,7 +27,7 @@ RATES = ("1", "10", "30", "full")  # Hz
 TOPICS = ("status", "latency", "events", "verdicts", "trajectories", "stream")
 ASKED = ("GetStatus", "GetRobot", "GetParameters")
 STOPS = ("Cancel", "EStop")
-LEASE_S = 1.0  # s that a lease from afar lives without being renewed
+LEASE_S = 1.0  # s after which a remote lease lapses without a renewal
 LONGEST = 64  # characters of a name
 _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{LONGEST}}}")
 
