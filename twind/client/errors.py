@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.exceptions import TwindError
+from twind.protocol.messages import FindingMessage
 
 SHOWN = 3  # findings of one code that get a line each
 
@@ -64,9 +65,9 @@ class Refused(CallError):
     """The gate or the daemon refused. Each finding has code, joint, point, time, value, bound, message."""
 
     @property
-    def findings(self) -> Sequence[Mapping[str, Any]]:
+    def findings(self) -> Sequence[FindingMessage]:
         """All reasons of the refusal."""
-        findings: Sequence[Mapping[str, Any]] = self.parameters.get("findings") or ()
+        findings: Sequence[FindingMessage] = self.parameters.get("findings") or ()
         return findings
 
 
@@ -95,14 +96,14 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
     return f"{name}: {fields}" if fields else name
 
 
-def finding_text(finding: Mapping[str, Any]) -> str:
+def finding_text(finding: FindingMessage) -> str:
     """Format `POS_LIMIT: l_knee, point 3: position 2.9 rad, bound 2.5 rad`."""
     return f"{finding.get('code')}: {finding.get('message')}"
 
 
-def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
+def finding_lines(findings: Sequence[FindingMessage], mark: str) -> list[str]:
     """Format `refused POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`, one line per code."""
-    codes: dict[str, list[Mapping[str, Any]]] = {}
+    codes: dict[str, list[FindingMessage]] = {}
     for finding in findings:
         codes.setdefault(str(finding.get("code")), []).append(finding)
     lines = []

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +13,7 @@ from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
 from twind.command_line.verb import Rejected, UsageError, lease
 from twind.ctl.command_hint import command_hint
+from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind_drivers.clock import Clock
@@ -171,9 +172,9 @@ def _away(client: Client, joint: str, home: float) -> float:
     return 0.0 if now is None else now - home
 
 
-def _judged(client: Client, trajectory: dict[str, Any]) -> list[Mapping[str, Any]]:
+def _judged(client: Client, trajectory: dict[str, Any]) -> list[FindingMessage]:
     verdict = client.call("Check", trajectory=trajectory)["verdict"]
-    refusals: list[Mapping[str, Any]] = [
+    refusals: list[FindingMessage] = [
         each for each in verdict["refusals"] if each["code"] != ReasonCode.LEASE_MISSING
     ]
     return refusals
