@@ -134,12 +134,12 @@ class Client:
 
     # ------------------------------------------------------------------------------------------ messages
 
-    def _send(self, method: str, parameters: Mapping[str, Any], *, more: bool = False) -> None:
+    def _send(self, method: str, parameters: Mapping[str, object], *, more: bool = False) -> None:
         if self._streaming:
             raise RuntimeError(f"{method}: a stream is open on this connection; use another Client")
         if self._begun:
             raise RuntimeError(f"{method}: {self._begun} is not answered yet on this connection: finish it")
-        message: dict[str, Any] = {
+        message: dict[str, object] = {
             "method": method if "." in method else f"{INTERFACE}.{method}",
             "parameters": {key: value for key, value in parameters.items() if value is not None},
         }

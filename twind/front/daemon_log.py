@@ -197,12 +197,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogLine], dict[str, Any]]:
+def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogLine], dict[str, object]]:
     """A datagram; and JSON with a level prefix, for when its socket does not take that."""
     details = fields.pop("details", {})
     text = f"<{PRIORITY.get(fields['level'], 6)}>"
     text += json.dumps({**fields, **details}, ensure_ascii=False, default=str)
-    sent: dict[str, Any] = {
+    sent: dict[str, object] = {
         "MESSAGE": _sentence(dict(fields)),
         "PRIORITY": PRIORITY.get(fields["level"], 6),
         "TWIND_CODE": fields["event"],

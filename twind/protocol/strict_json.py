@@ -56,7 +56,7 @@ def _check_surrogates(value: Any) -> None:
         raise InvalidInput("half of a surrogate pair in a string") from None
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, object]:
     table = dict(pairs)
     if len(table) != len(pairs):
         seen: set[str] = set()

@@ -76,11 +76,11 @@ class LeaseKeeper:
 
     # ------------------------------------------------------------------------------------------ questions
 
-    def renew(self, query: LeaseQuery) -> dict[str, Any]:
+    def renew(self, query: LeaseQuery) -> dict[str, object]:
         """Return the answer to `renew`. Raises CallError: refused."""
         return self._lease.renew(query.lease, self._now())
 
-    def lease(self, query: LeaseQuery) -> dict[str, Any]:
+    def lease(self, query: LeaseQuery) -> dict[str, object]:
         """Answer `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
         if query.op == "release":
             return self._release(query.lease)
@@ -92,7 +92,7 @@ class LeaseKeeper:
             now = {"now": self._now()}  # by which a deadline can be given to a `take`
             raise as_error(error.error, {**error.parameters, **now}) from None
 
-    def _acquire(self, query: LeaseQuery) -> dict[str, Any]:
+    def _acquire(self, query: LeaseQuery) -> dict[str, object]:
         """Take the lease, from other remote holders only: a local holder stands beside the moving robot."""
         holder = query.holder or "an unnamed client"
         if query.take and query.deadline is None:
@@ -107,14 +107,14 @@ class LeaseKeeper:
         self._tell(f"the lease is with {holder}")
         return self._lease.grant(holder, self._now())
 
-    def _release(self, lease: str) -> dict[str, Any]:
+    def _release(self, lease: str) -> dict[str, object]:
         if not self._lease.holds(lease, self._now()):
             raise missing()
         granted = self._lease.granted(self._now()) | {"expires_in": 0.0}
         self._let_go(f"{self._holder} gave the lease back")
         return granted
 
-    def goal(self, query: GoalQuery, came: float) -> dict[str, Any]:
+    def goal(self, query: GoalQuery, came: float) -> dict[str, object]:
         """Return the answer to a goal: accepted, or its known state. Raises ClientError (CallError: refused).
 
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.

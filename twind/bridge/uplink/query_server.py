@@ -27,7 +27,7 @@ class RemoteQuery:
         self._query = query
         self._tell = tell
         self._size = 0 if query.payload is None else len(query.payload)
-        self.asked: dict[str, Any] = {}
+        self.asked: dict[str, object] = {}
 
     def look(self) -> None:
         """Read the query if that is quick. Raises CallError: invalid, or too large to be copied."""

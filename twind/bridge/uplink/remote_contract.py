@@ -120,7 +120,7 @@ def no_daemon(error: Exception) -> CallError:
 
 def finding(
     code: str, message: str, value: float | None = None, bound: float | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return a `Finding` of the interface."""
     return {
         "code": code,

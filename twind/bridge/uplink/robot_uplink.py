@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import zenoh
 from msgspec import convert
@@ -208,14 +207,14 @@ class RobotUplink:
             WorkerQueue("watching", tend=self._lease_keeper.watch, period=PERIOD),
         ]
 
-    def _relayed(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
+    def _relayed(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
         """Return the daemon's answer. Raises ClientError."""
         names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
         with connected(self._options, *names) as client:
             client.timeout = patience
             return client.call(method, **parameters)
 
-    def _stopped(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
+    def _stopped(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
         """Relay a stop: no goal that arrived here before its answer begins after it. Raises ClientError."""
         self._lease_keeper.stopped(time.monotonic())
         try:
@@ -223,7 +222,7 @@ class RobotUplink:
         finally:
             self._lease_keeper.stopped(time.monotonic())
 
-    def _publish(self, goal: str, answer: dict[str, Any]) -> None:
+    def _publish(self, goal: str, answer: dict[str, object]) -> None:
         self._session.put(
             robot_key(self.robot, "goals", goal),
             encoded(answer),

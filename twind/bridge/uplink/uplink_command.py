@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     for each in zenoh_session.readable(place):
         _tell(f"{each}: every host on the path can read and command; use tls/ with certificates")
     with catch_stop_signals() as stop, _for(options.seconds, stop):
-        tally: dict[str, Any] = {}
+        tally: dict[str, object] = {}
         while not stop.is_set():
             tally = _joined(options, place, stop) or tally
             stop.wait(AGAIN)
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _joined(
     options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """Run under one name to its end; return the tally of calls, None for none.
 
     Raises Rejected: name taken.

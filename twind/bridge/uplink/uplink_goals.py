@@ -31,7 +31,7 @@ class UplinkGoal:
     refusal: CallError | None = None
     over: bool = False
 
-    def latest_reply(self) -> dict[str, Any]:
+    def latest_reply(self) -> dict[str, object]:
         """Return the newest report. Raises CallError: it was refused."""
         if self.refusal is not None:
             raise self.refusal

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 ROOT = "twind"
 RATES = ("1", "10", "30", "full")  # Hz
@@ -46,7 +45,7 @@ def chunk(what: str, name: str) -> str:
     return name
 
 
-def robot_name(status: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:
+def robot_name(status: Mapping[str, object], parameters: Mapping[str, object]) -> str:
     """The individual's name, else the robot file's, as one chunk of a key: other characters become `-`.
 
     `status`: of GetStatus; `parameters`: of GetParameters.

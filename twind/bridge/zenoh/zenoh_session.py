@@ -160,7 +160,7 @@ def make_configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
         _put(made, "connect/endpoints", list(place.connect))
     if place.listen:
         _put(made, "listen/endpoints", list(place.listen))
-    usual: dict[str, Any] = {
+    usual: dict[str, object] = {
         "listen/endpoints": [],  # by default a peer listens on every interface
         "mode": "peer" if place.listen else "client",
         "scouting/multicast/enabled": False,
