@@ -1,6 +1,7 @@
 """Commands and notices of the front to the loop. Joints are indices, times the loop's monotonic seconds."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 
@@ -179,7 +180,7 @@ class ApplyChanges(Command, frozen=True, kw_only=True, tag="Adopt"):
     """
 
     generation: int  # of that briefing: one more than the one in force
-    changes: dict[str, object]
+    changes: dict[str, Any]
     needs_restart: Sequence[str] = ()
     reread: bool = True  # from files read again; False: from a client's call
 
