@@ -26,7 +26,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     robot: str
     joints: Sequence[JointInfo]
     description: dict[str, Any]  # the robot file as checked
-    calibration: dict[str, Any] | None
+    calibration: dict[str, object] | None
     mjcf: str
     binding: bytes = b""  # the bound robot for the look-ahead (`twin/binding_transfer.py`); empty: none
     rate_hz: float
@@ -44,7 +44,7 @@ class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
     `error`: why they cannot be used; then nothing else counts.
     """
 
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     needs_restart: Sequence[str] = ()
     briefing: Briefing | None = None
     error: str = ""

@@ -238,7 +238,7 @@ def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(dial: Dia
 )
 def test_an_answer_that_is_none_ends_the_connection(dial: Dial, malformed: bytes) -> None:
     client, _ = dial(lambda call: [malformed + b"\0"])
-    with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
+    with pytest.raises(Disconnected, match="answer to GetStatus is no valid message"):
         client.call("GetStatus")
     assert not client.connected
 

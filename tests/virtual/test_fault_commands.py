@@ -45,7 +45,7 @@ def test_right_orders_give_their_arguments() -> None:
     ("faults", "commands", "inside"),
     [
         (SerialBusFaults, FAULTS, {"rows", "require", "look", "speak"}),
-        (CanFaults, CAN_FAULTS, {"rows", "strike", "next_command", "commands"}),
+        (CanFaults, CAN_FAULTS, {"rows", "require", "look", "strike", "next_command", "commands"}),
     ],
 )
 def test_every_fault_command_matches_a_fault_method_and_its_arguments(

@@ -134,7 +134,7 @@ def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not(
 
     def shown() -> list[int]:
         host.servos.settle(clock.now())
-        made.clocks_go_on()
+        made.count_skipped_time()
         host.servos.invalidate_cache()  # the registers are shown anew
         host.servos.settle(clock.now())
         return [int(each) for each in host.servos.memory.column("realtime_tick", 2).get()]

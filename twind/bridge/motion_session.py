@@ -198,8 +198,8 @@ class MotionSession:
     def _end(self, ended: MotionEnd) -> None:
         with self._lock:
             self.finished.setdefault(ended.id, ended)
-            strangers = [name for name in self.finished if name not in self._under]
-            for name in strangers[: max(0, len(strangers) - EARLY)]:
+            unknown = [name for name in self.finished if name not in self._under]
+            for name in unknown[: max(0, len(unknown) - EARLY)]:
                 del self.finished[name]
 
     def _end_all(self, ended: MotionEnd) -> None:

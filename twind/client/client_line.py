@@ -1,4 +1,4 @@
-"""Carriers of a client's messages: the daemon's socket, or another path to it. Standard library only."""
+"""Transports of a client's messages: the daemon's socket, or another connection. Standard library only."""
 
 import contextlib
 import socket
@@ -13,12 +13,12 @@ LONGEST = 64 << 20  # bytes of one message
 
 
 class ClientLine(Protocol):
-    """Whole messages of the interface, to one daemon and back, as bytes without the NUL at their end.
+    """Transport of whole messages to one daemon and back, as bytes without the final NUL.
 
-    Opened and closed any number of times. Not for several threads at once, but for `cut`.
+    May be opened and closed any number of times. Only `cut` may be called from another thread.
     """
 
-    where: str  # which daemon, for people
+    where: str  # address of the daemon, for display
 
     @property
     def is_open(self) -> bool:
@@ -62,7 +62,8 @@ class SocketLine:
             return
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            # Blocking: under a time-out of Python's own, a queue that others fill ends it at once (EAGAIN).
+            # A blocking connect with SO_SNDTIMEO: Python's own time-out makes the socket non-blocking, and
+            # connect then fails at once (EAGAIN) while other clients fill the listen queue.
             bound = struct.pack("ll", int(patience), int(patience % 1.0 * 1e6))
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, bound)
             sock.connect(self.where)

@@ -20,8 +20,8 @@ class Client:
     """One connection, made at the first call. The lease belongs to it and ends with it.
 
     `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`. `line`,
-    instead of both: what carries the messages. `timeout` is the longest wait for one answer, s. Not for
-    several threads at once, but for `cut`.
+    instead of both: the transport of the messages. `timeout` is the longest wait for one answer, s. Only
+    `cut` may be called from another thread.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Client:
 
     @property
     def connected(self) -> bool:
-        """A connection is open, which a lease would belong to. False: the next call opens one."""
+        """True if a connection is open. False: the next call opens one, which holds no lease."""
         return self._line.is_open
 
     @property
@@ -60,7 +60,7 @@ class Client:
         self._line.open(self.timeout)
 
     def close(self) -> None:
-        """Hang up; a lease held by this connection lapses. The next call connects anew."""
+        """Close the connection; a lease that it holds ends. The next call connects again."""
         self._line.close()
         self._streaming = False
         self._begun = ""
@@ -89,13 +89,13 @@ class Client:
         self._begun = method
 
     def finish(self) -> Answer | None:
-        """Wait for the answer to what was begun, None: nothing was. Raises as `call`."""
+        """Wait for the answer to the call of `begin`; None: there was none. Raises as `call`."""
         method = self._begun
         self._begun = ""
         return self._receive(method)[0] if method else None
 
     def stream(self, method: str, **parameters: Any) -> Generator[Answer, None, None]:
-        """Call with `more` and give every answer's parameters. The call is sent at once.
+        """Call with `more`; yield the parameters of each answer. The call is sent at once.
 
         Leaving it before its end closes the connection. Raises as `call`.
         """
@@ -134,12 +134,12 @@ class Client:
 
     # ------------------------------------------------------------------------------------------ messages
 
-    def _send(self, method: str, parameters: Mapping[str, Any], *, more: bool = False) -> None:
+    def _send(self, method: str, parameters: Mapping[str, object], *, more: bool = False) -> None:
         if self._streaming:
             raise RuntimeError(f"{method}: a stream is open on this connection; use another Client")
         if self._begun:
             raise RuntimeError(f"{method}: {self._begun} is not answered yet on this connection: finish it")
-        message: dict[str, Any] = {
+        message: dict[str, object] = {
             "method": method if "." in method else f"{INTERFACE}.{method}",
             "parameters": {key: value for key, value in parameters.items() if value is not None},
         }
@@ -156,17 +156,17 @@ class Client:
             self._line.send(data, self.timeout)
         except TimeoutError:
             self.close()
-            raise NoAnswer(f"{method}: the daemon did not take the call within {self.timeout:g} s") from None
+            raise NoAnswer(f"{method}: the daemon did not read the call within {self.timeout:g} s") from None
 
     def _receive(self, method: str) -> tuple[Answer, bool]:
-        """Parameters of the next answer, and whether more follow."""
+        """Return the parameters of the next answer, and whether more follow."""
         data = self._next(method)
         try:
             message = _understood(data)
         except (ValueError, RecursionError) as error:
             self.close()  # the beginning of its next message is unknown
             raise Disconnected(
-                f"{self.path}: what was answered to {method} is no message ({error}); hung up"
+                f"{self.path}: the answer to {method} is no valid message ({error}); connection closed"
             ) from None
         parameters = message.get("parameters") or {}
         if message.get("error"):
@@ -175,7 +175,7 @@ class Client:
         return parameters, bool(message.get("continues"))
 
     def _next(self, method: str) -> bytes:
-        """Bytes of the next message."""
+        """Return the bytes of the next message."""
         if not self._line.is_open:
             raise Disconnected(f"{self.path}: the connection is closed")
         try:
@@ -206,7 +206,7 @@ def first_open(path: str | os.PathLike[str] | None, *names: str, timeout: float 
 
 
 def _understood(data: bytes) -> Answer:
-    """One message. Raises ValueError or RecursionError where it is none."""
+    """Parse one message. Raises ValueError, RecursionError: it is not valid."""
     message = json.loads(data)
     if not isinstance(message, dict):
         raise ValueError("not an object")

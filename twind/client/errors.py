@@ -13,12 +13,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.exceptions import TwindError
+from twind.protocol.messages import FindingMessage
 
 SHOWN = 3  # findings of one code that get a line each
 
 
 class ClientError(TwindError):
-    """A call did not do what was asked."""
+    """A call did not succeed."""
 
 
 class NoDaemon(ClientError):
@@ -35,7 +36,7 @@ class NoDaemon(ClientError):
 
 
 class Disconnected(ClientError):
-    """The daemon closed the connection, or went away."""
+    """The daemon closed the connection, or ended."""
 
 
 class NoAnswer(ClientError, TimeoutError):
@@ -47,7 +48,7 @@ class NotCarried(ClientError):
 
 
 class CallError(ClientError):
-    """An answer that is an error. `error` is its qualified name, `parameters` what stands beside it."""
+    """An answer that is an error. `error`: its qualified name; `parameters`: its fields."""
 
     def __init__(self, error: str, parameters: Mapping[str, Any]) -> None:
         super().__init__(_text(error, parameters))
@@ -64,20 +65,20 @@ class Refused(CallError):
     """The gate or the daemon refused. Each finding has code, joint, point, time, value, bound, message."""
 
     @property
-    def findings(self) -> Sequence[Mapping[str, Any]]:
+    def findings(self) -> Sequence[FindingMessage]:
         """All reasons of the refusal."""
-        findings: Sequence[Mapping[str, Any]] = self.parameters.get("findings") or ()
+        findings: Sequence[FindingMessage] = self.parameters.get("findings") or ()
         return findings
 
 
 def as_error(error: str, parameters: Mapping[str, Any]) -> CallError:
-    """The exception for an answer that is an error."""
+    """Make the exception for an error reply."""
     kind = Refused if error == "io.twind.Control.Refused" else CallError
     return kind(error, parameters)
 
 
 def _text(error: str, parameters: Mapping[str, Any]) -> str:
-    """One readable line per reason."""
+    """Format the reasons, one line each."""
     name = error.rpartition(".")[2]
     if name == "Refused":
         return "\n".join(line.strip() for line in finding_lines(parameters.get("findings") or (), "")) or name
@@ -85,20 +86,24 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
     if sentence is not None:
         try:
             return sentence(parameters)
-        except (KeyError, TypeError, AttributeError):  # a newer daemon: its fields, as they are
+        except (
+            KeyError,
+            TypeError,
+            AttributeError,
+        ):  # a newer daemon has other fields: show all
             pass
     fields = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
     return f"{name}: {fields}" if fields else name
 
 
-def finding_text(finding: Mapping[str, Any]) -> str:
+def finding_text(finding: FindingMessage) -> str:
     """Format `POS_LIMIT: l_knee, point 3: position 2.9 rad, bound 2.5 rad`."""
     return f"{finding.get('code')}: {finding.get('message')}"
 
 
-def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
+def finding_lines(findings: Sequence[FindingMessage], mark: str) -> list[str]:
     """Format `refused POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`, one line per code."""
-    codes: dict[str, list[Mapping[str, Any]]] = {}
+    codes: dict[str, list[FindingMessage]] = {}
     for finding in findings:
         codes.setdefault(str(finding.get("code")), []).append(finding)
     lines = []
@@ -122,7 +127,7 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
     held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
-    return f"{held}; `take` wrests it (twindctl: --take)"
+    return f"{held}; `take` takes it over (twindctl: --take)"
 
 
 _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {

@@ -25,7 +25,7 @@ def socket_path(place: str | os.PathLike[str] | None = None, name: str = "contro
 
 def directories() -> list[str]:
     """Return the folders searched, in order."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")  # root too may have started one in a session
+    runtime = os.environ.get("XDG_RUNTIME_DIR")  # also of root, who may use a session
     session = [os.path.join(runtime, "twind")] if runtime else []
     return list(dict.fromkeys([*session, own_folder(os.environ, os.getuid()), SYSTEM]))
 

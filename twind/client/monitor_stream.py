@@ -10,7 +10,7 @@ from typing import Any
 from twind.client.connection import Client
 from twind.client.errors import ClientError
 
-AGAIN = 0.3  # s between two attempts to reach a daemon that went away
+AGAIN = 0.3  # s between two attempts to reach a daemon that ended: a refused connect returns at once
 
 
 @dataclass(slots=True)

@@ -30,7 +30,7 @@ def load_motion(name: str, folder: Path | None = None) -> dict[str, Any]:
     return read_trajectory(_find(name, folder))
 
 
-def read_trajectory(path: Path) -> dict[str, Any]:
+def read_trajectory(path: Path) -> dict[str, object]:
     """A trajectory file as a `Trajectory` of the interface. Raises UsageError, Rejected with the place."""
     try:
         data = read_plain(path, LARGEST)
@@ -48,7 +48,7 @@ def read_trajectory(path: Path) -> dict[str, Any]:
     return {key: value for key, value in message.items() if key not in _UNUSED} | {"points": points}
 
 
-def _point(point: Any, where: str) -> dict[str, Any]:
+def _point(point: Any, where: str) -> dict[str, object]:
     """One point: time in seconds, empty columns left out as ROS means them."""
     if not isinstance(point, dict) or "time_from_start" not in point:
         raise Rejected(f"{where}: expected an object with positions and time_from_start")

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -113,7 +113,12 @@ class DaemonSettings:
             raise file_error(COMMAND_LINE, f"--mode {mode} is none of {', '.join(MODES)}")
         if rate_hz is not None and not 10.0 <= rate_hz <= 1000.0:
             raise file_error(COMMAND_LINE, f"--rate {rate_hz:g} is outside 10 to 1000 Hz")
-        given: dict[str, Any] = {"mode": mode, "robot": robot, "calibration": calibration, "sockets": socket}
+        given: dict[str, object] = {
+            "mode": mode,
+            "robot": robot,
+            "calibration": calibration,
+            "sockets": socket,
+        }
         given |= {"rate_hz": rate_hz, "ports": ports or None}
         origins = {key: COMMAND_LINE for key, value in given.items() if value is not None}
         return replace(
@@ -138,7 +143,7 @@ class DaemonSettings:
         """Return the default path of the calibration of this individual."""
         return usual_calibration(self.state_dir, self.individual or robot_name)
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, object]:
         """Return the reply of `GetParameters`; `origins` names the source of each key that is no default."""
         return {
             "mode": self.mode,

@@ -63,7 +63,7 @@ def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     note.add_argument("text", metavar="TEXT", nargs="+", help="the note")
 
 
-def _annotation(options: argparse.Namespace) -> dict[str, Any]:
+def _annotation(options: argparse.Namespace) -> dict[str, object]:
     given = {key: getattr(options, key, None) for key in ("kind", "task", "success", "text")}
     return given | {"text": " ".join(given["text"]) if given["text"] else None}
 
@@ -149,7 +149,7 @@ def _add_device(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", type=int, help="id of the device")
 
 
-def _device(options: argparse.Namespace) -> dict[str, Any]:
+def _device(options: argparse.Namespace) -> dict[str, object]:
     return {"bus": options.bus, "id": options.id}
 
 

@@ -1,25 +1,24 @@
 """`twindctl status`: status and joints as text. Standard library only."""
 
 import argparse
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
+from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamingMessage
 from twind.robot.modes import RESET_STATES
 
-Answer = Mapping[str, Any]
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
 
-def render(status: Answer, joints: Sequence[Answer] | None = None) -> str:
+def render(status: StatusMessage, joints: Sequence[JointMessage] | None = None) -> str:
     """Text of a status, and the joints as a table."""
     return "\n".join([*status_lines(status), *(["", *joint_lines(joints)] if joints else [])])
 
 
-def status_lines(status: Answer) -> list[str]:
+def status_lines(status: StatusMessage) -> list[str]:
     """One line each for the robot, its buses and the loop; faults last, with remedies."""
     loop = status["loop"]
     lease = status["lease"]
@@ -51,7 +50,7 @@ def status_lines(status: Answer) -> list[str]:
     return [*lines, *_fault_lines(status)]
 
 
-def _fault_lines(status: Answer) -> list[str]:
+def _fault_lines(status: StatusMessage) -> list[str]:
     """Faults and arming refusals, a remedy for each code, and whether a reset is needed."""
     faults = status["faults"]
     if not faults:
@@ -63,11 +62,13 @@ def _fault_lines(status: Answer) -> list[str]:
     return [*finding_lines(faults, "fault"), *remedies, *resets]
 
 
-def _reset_texts(status: Answer) -> list[str]:
+def _reset_texts(status: StatusMessage) -> list[str]:
     """Return which faults need a reset, and which clear by themselves."""
     codes = list(dict.fromkeys(fault["code"] for fault in status["faults"]))
     # An older daemon reports no latched codes.
-    latched = status.get("latched", codes if status["state"] in RESET_STATES else [])
+    latched = status.get("latched")
+    if latched is None:
+        latched = codes if status["state"] in RESET_STATES else []
     transient = [code for code in codes if code not in latched]
     texts = []
     if latched:
@@ -78,31 +79,32 @@ def _reset_texts(status: Answer) -> list[str]:
     return texts
 
 
-def latency_text(status: Answer) -> str:
+def latency_text(status: StatusMessage) -> str:
     """Format the latency of a whole reading: now, mean, largest, violations."""
-    now, mean, most = (_ms(status[f"latency_{key}"]) for key in ("ms", "avg_ms", "max_ms"))
+    now, mean, most = map(_ms, (status["latency_ms"], status["latency_avg_ms"], status["latency_max_ms"]))
     return f"now {now}, mean {mean}, max {most}; {status['violations']} violations"
 
 
-def loop_text(loop: Answer) -> str:
+def loop_text(loop: LoopMessage) -> str:
     """The rate of the loop, how late its ticks are, how many it missed."""
     late = f"late p50 {_us(loop['late_p50_us'])}, p99 {_us(loop['late_p99_us'])}"
     return f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
 
 
-def stream_text(report: Answer) -> str:
+def stream_text(report: StreamingMessage) -> str:
     """Format one streamer: endpoint, rate, counts, losses, error."""
     counts = [f"{report['rate_hz']:.4g} Hz", f"{report['sent']} sent", f"{report['waiting']} waiting"]
-    counts += [f"{report[key]} {label}" for key, label in LOST if report[key]]
+    lost = (report["dropped"], report["dead"], report["failures"])
+    counts += [f"{count} {label}" for count, (_, label) in zip(lost, LOST, strict=True) if count]
     return f"{report['endpoint']}: {', '.join(counts)}" + (f"; {report['error']}" if report["error"] else "")
 
 
-def joint_lines(joints: Sequence[Answer]) -> list[str]:
+def joint_lines(joints: Sequence[JointMessage]) -> list[str]:
     """Format a table of joints; an unknown value is a dash."""
     return align_columns([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
 
 
-def _row(joint: Answer) -> tuple[str, ...]:
+def _row(joint: JointMessage) -> tuple[str, ...]:
     notes = [] if joint["heard"] else ["silent"]
     if not joint["calibrated"]:
         notes.append("uncalibrated")
@@ -117,7 +119,7 @@ def _row(joint: Answer) -> tuple[str, ...]:
         _number(joint["temperature"], 0),
         _number(joint["voltage"], 1),
         _number(joint["age_ms"], 0),
-        {True: "on", False: "off"}.get(joint["torque"], "-"),
+        {True: "on", False: "off", None: "-"}[joint["torque"]],
         ", ".join([*notes, *joint["faults"]]),
     )
 

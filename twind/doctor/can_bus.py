@@ -23,6 +23,7 @@ from twind.doctor.inspectors import Answer, CanBusInspector, DaemonInspector, sc
 from twind.doctor.serial_bus_survey import device_of
 from twind.doctor.servo_state import is_armed
 from twind.exceptions import OperationFailed
+from twind.protocol.messages import JointMessage
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.channel import CanErrorState
@@ -219,7 +220,7 @@ def _survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) 
     with daemon.open_operator() as client:
         present = scan_bus(client, spec.name)
     nodes = tuple(
-        _scanned_node(joint, present[joint.id], states.get(joint.name, {}))
+        _scanned_node(joint, present[joint.id], states.get(joint.name))
         for joint in joints
         if joint.id in present
     )
@@ -227,13 +228,15 @@ def _survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) 
     return CanSurvey(spec, port, nodes, missing)
 
 
-def _scanned_node(joint: JointSpec, found: Answer, state: Answer) -> SurveyedCanActuator:
+def _scanned_node(joint: JointSpec, found: Answer, state: JointMessage | None) -> SurveyedCanActuator:
     settings = {name: int(value) for name, value in (found.get("settings") or {}).items()}
     values = {SCANNED.get(name, name): value for name, value in settings.items()}
-    if state.get("voltage") is not None:
+    if state is None:
+        return SurveyedCanActuator(joint.bus, joint, values, TORQUE[None], ())
+    if state["voltage"] is not None:
         values["bus_voltage"] = round(1e3 * state["voltage"])
-    faults = tuple(name.replace("_", " ") for name in state.get("faults") or () if name != "alert")
-    return SurveyedCanActuator(joint.bus, joint, values, TORQUE[state.get("torque")], faults)
+    faults = tuple(name.replace("_", " ") for name in state["faults"] if name != "alert")
+    return SurveyedCanActuator(joint.bus, joint, values, TORQUE[state["torque"]], faults)
 
 
 # ------------------------------------------------------------------------------------------- checks

@@ -151,7 +151,9 @@ def check_disks(context: CheckContext) -> Iterator[DoctorFinding]:
 def check_realtime(context: CheckContext) -> Iterator[DoctorFinding]:
     """NO_REALTIME: the rights of the daemon; without one those that it would have."""
     if context.daemon is not None:
-        got, denied = (context.daemon.status["loop"].get(key) for key in ("realtime", "realtime_denied"))
+        loop = context.daemon.status["loop"]
+        got = loop.get("realtime")
+        denied = loop.get("realtime_denied")
         if got is None or denied is None:
             raise OperationFailed("the daemon does not report its real-time rights: its version differs")
         for key, wanted in (("scheduler", "fifo"), ("memory", "locked")):

@@ -14,6 +14,7 @@ from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, RobotFile
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
+from twind.protocol.messages import JointMessage, StatusMessage
 from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.actuator import CanActuatorIdentity
@@ -44,15 +45,15 @@ class DaemonInspector:
         self._silent = ""  # reason why it is asked no more: one timeout is enough
 
     @cached_property
-    def status(self) -> Answer:
+    def status(self) -> StatusMessage:
         """`Status` of the interface."""
-        status: Answer = self._both["status"]
+        status: StatusMessage = self._both["status"]
         return status
 
     @cached_property
-    def joints(self) -> list[Answer]:
+    def joints(self) -> list[JointMessage]:
         """`[]Joint` of the interface, in the order of the robot file."""
-        joints: list[Answer] = self._both["joints"]
+        joints: list[JointMessage] = self._both["joints"]
         return joints
 
     @cached_property

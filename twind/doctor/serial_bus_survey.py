@@ -16,6 +16,7 @@ from twind.doctor.check import Devices
 from twind.doctor.check_context import CheckContext
 from twind.doctor.inspectors import Answer, BusProbe, DaemonInspector, SerialBusInspector, scan_bus
 from twind.exceptions import OperationFailed
+from twind.protocol.messages import JointMessage
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
@@ -33,7 +34,7 @@ RAM = (
     "present_temperature",
 )
 EEPROM = tuple(name for name in SETTINGS if name not in RAM)
-MEASURED = {"present_input_voltage": ("voltage", 10), "present_temperature": ("temperature", 1)}
+MEASURED = ("present_input_voltage", "present_temperature")  # registers in the state of a joint
 PINGS = 12  # of each servo, for the quality of the line and the delay of each
 TRIES = 3  # of an unanswered read
 SILENT = 1000.0  # ms: a silent IMU is asked at least once a second
@@ -288,7 +289,7 @@ def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -
     with daemon.open_operator() as client:
         present = scan_bus(client, spec.name)
         servos = tuple(
-            _scanned_servo(client, joints[id], present[id], states.get(joints[id].name, {}))
+            _scanned_servo(client, joints[id], present[id], states.get(joints[id].name))
             for id in sorted(joints.keys() & present.keys())
         )
         measured = None if imu is None else _ask_imu(client, imu)
@@ -307,16 +308,19 @@ def _ask_imu(client: Client, imu: ImuSpec) -> SurveyedImu:
     return SurveyedImu(_imu_name(imu), True, math.hypot(*reading["acceleration"]))
 
 
-def _scanned_servo(client: Client, joint: JointSpec, found: Answer, state: Answer) -> SurveyedServo:
+def _scanned_servo(
+    client: Client, joint: JointSpec, found: Answer, state: JointMessage | None
+) -> SurveyedServo:
     """Complete the scan of one servo by its state and by single reads of registers."""
     number = int(found["model"])
     firmware = int(found.get("firmware") or 0)
     table = find_table(number, firmware)
     values = {name: int(value) for name, value in (found.get("settings") or {}).items()}
     if table is not None and values:  # without settings it answers pings alone
-        for name, (key, counts) in MEASURED.items():
-            if state.get(key) is not None:
-                values[name] = round(state[key] * counts)
+        if state is not None and state["voltage"] is not None:
+            values[MEASURED[0]] = round(10 * state["voltage"])
+        if state is not None and state["temperature"] is not None:
+            values[MEASURED[1]] = round(state["temperature"])
         for name in (*EEPROM, *RAM, *joint.registers):
             if name in table and name not in values and name not in MEASURED:
                 value = _ask_register(client, joint, name)

@@ -62,7 +62,9 @@ def save(
     settle(path.parent)
 
 
-def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightContents | PackedFlight) -> None:
+def draft(
+    path: Path, meta: dict[str, object], briefing: bytes, contents: FlightContents | PackedFlight
+) -> None:
     """Write `path` itself, else as `save`: a power cut may leave half of it."""
     packed = contents.pack() if isinstance(contents, FlightContents) else contents
     parts = [("briefing", briefing), ("entries", packed.entries)]
@@ -94,7 +96,7 @@ def settle(folder: Path) -> None:
         os.close(fd)
 
 
-def about(path: Path | str) -> dict[str, Any]:
+def about(path: Path | str) -> dict[str, object]:
     """Return the `meta` of a flight file alone, which takes no time. Raises as `load`."""
     with open(path, "rb") as file:
         _require_magic(str(path), file.read(len(MAGIC)))

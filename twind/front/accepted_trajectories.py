@@ -28,7 +28,7 @@ class AcceptedTrajectory:
     id: str
     holder: str
     path: Trajectory
-    asked: Mapping[str, Any]
+    asked: Mapping[str, object]
 
     def plain(self, names: JointNames) -> Plain:
         """Return it as `Accepted` of the interface.

@@ -64,11 +64,11 @@ class ClientCall:
         tail = b',"continues":true}' if continues and self.more else b"}"
         self._put(b'{"parameters":' + parameters + tail, last=not (continues and self.more))
 
-    def error(self, name: str, parameters: Mapping[str, Any], interface: str = CONTROL) -> None:
+    def error(self, name: str, parameters: Mapping[str, object], interface: str = CONTROL) -> None:
         """Answer with an error; it is the last answer."""
         self._put(encode({"error": f"{interface}.{name}", "parameters": parameters}), last=True)
 
-    def refuse(self, findings: list[dict[str, Any]]) -> None:
+    def refuse(self, findings: list[dict[str, object]]) -> None:
         """The error `Refused`."""
         self.error("Refused", {"findings": findings})
 

@@ -185,7 +185,7 @@ def _for_journal(fields: Fields) -> LogLine:
     details = fields.pop("details")
     text = f"<{PRIORITY.get(fields['level'], 6)}>"
     text += json.dumps({**fields, **details}, ensure_ascii=False, default=str)
-    sent: dict[str, Any] = {
+    sent: dict[str, object] = {
         "MESSAGE": _sentence(dict(fields)),
         "PRIORITY": PRIORITY.get(fields["level"], 6),
         "TWIND_CODE": fields["event"],

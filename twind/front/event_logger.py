@@ -64,7 +64,7 @@ class EventLogger:
         return {key: value for key, value in summary.items() if value is not None}
 
 
-def _details(event: Event, names: JointNames, buses: Sequence[str], state: str | None) -> dict[str, Any]:
+def _details(event: Event, names: JointNames, buses: Sequence[str], state: str | None) -> dict[str, object]:
     """Return the fields for programs: state, and code, joint, bus, value and bound of the first finding."""
     if not event.findings:
         return {"state": state}

@@ -6,7 +6,6 @@ The body of a message is encoded once per piece of news, for all subscribers.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 from twind.front.accepted_trajectories import AcceptedTrajectory
 from twind.front.client_calls import ClientCall
@@ -128,7 +127,7 @@ class SubscriberRegistry:
 
         self._at_once("trajectories", piece, moment.time, moment.sequence)
 
-    def stream(self, streaming: dict[str, Any], time: float) -> None:
+    def stream(self, streaming: dict[str, object], time: float) -> None:
         """Send a report to all subscribers of streamers."""
         self._at_once("stream", lambda: encode(streaming), time, self._sequence)
 

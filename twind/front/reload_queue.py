@@ -41,7 +41,7 @@ class ReloadRequest:
     """Request to read the files again, or of settings by a client. `call` None: the loop received SIGHUP."""
 
     call: ClientCall | None
-    changes: dict[str, Any] | None = None  # None: read the files
+    changes: dict[str, object] | None = None  # None: read the files
     reading: ReloadResult | None = None
     foresight: TrajectoryPrecheck | None = None  # by the new limits
     ticket: int = NOBODY

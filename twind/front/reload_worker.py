@@ -8,7 +8,6 @@ start does, and changes nothing.
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 
@@ -86,7 +85,7 @@ def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -
     )
 
 
-def with_settings(briefing: Briefing, changes: Mapping[str, Any]) -> Briefing:
+def with_settings(briefing: Briefing, changes: Mapping[str, object]) -> Briefing:
     """The next briefing, with settings changed by a client's word. Raises InvalidInput, ValueError."""
     sources, old = config_files.unpacked(briefing.described)
     then = reload_plan.with_changes(old, changes)

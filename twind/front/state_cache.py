@@ -77,7 +77,7 @@ class StateCache:
         self.names = JointNames([joint.name for joint in briefing.joints])
         self.tick: Tick | None = None
         self.overview: Overview | None = None
-        self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
+        self.flight: dict[str, object] | None = None  # `Flight` of the interface; None: nothing is recorded
         self.streams: list[dict[str, Any]] = []  # `[]Streaming`
         self._cache: dict[str, bytes] = {}
         self._last_status: tuple[Any, Any, bytes] | None = None  # last status: content, encoding
@@ -112,7 +112,7 @@ class StateCache:
             }
             self._columns = _slow_columns(news)
 
-    def stream(self, streams: list[dict[str, Any]]) -> None:
+    def stream(self, streams: list[dict[str, object]]) -> None:
         """Replace the list of current streamers; each call passes a new list."""
         self.streams = streams
         self._cache.pop("status", None)
@@ -262,7 +262,7 @@ def _faults(bits: int) -> list[str]:
     return [FAULT_BITS.get(bit, f"bit_{bit}") for bit in range(15) if bits >> bit & 1]
 
 
-def _imu(tick: Tick) -> dict[str, Any]:
+def _imu(tick: Tick) -> dict[str, object]:
     """Build `Imu` of the interface."""
     numbers = _floats(tick.imu)
     return {key: numbers[first:end] for key, first, end in IMU} | {"age_ms": tick.imu_age * 1e3}

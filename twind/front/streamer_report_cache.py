@@ -25,7 +25,9 @@ class StreamerReportCache:
     def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:
         self._world = world
         self._telemetry = telemetry
-        self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> time received (s), report
+        self._reports: dict[
+            int, tuple[float, dict[str, object]]
+        ] = {}  # connection -> time received (s), report
 
     def take(self, client: int, report: Mapping[str, Any], now: float) -> None:
         """A report, as the interface has it. Its texts reach terminals: short, no control characters."""
@@ -44,7 +46,7 @@ class StreamerReportCache:
         for client in [client for client, (at, _) in self._reports.items() if now - at > SILENCE]:
             self.forget(client, now, HANGS)
 
-    def _publish_report(self, report: dict[str, Any], now: float) -> None:
+    def _publish_report(self, report: dict[str, object], now: float) -> None:
         self._world.stream([kept for _, kept in self._reports.values()])
         self._telemetry.stream(report, now)
 

@@ -13,7 +13,7 @@ PRIORITY = {**standard_streams.PRIORITY, "critical": 2}
 IDENTIFIER = "twind"
 
 
-def datagram(fields: Mapping[str, Any]) -> bytes:
+def datagram(fields: Mapping[str, object]) -> bytes:
     """One entry. Names that the journal does not take, and values that are None, are left out."""
     parts = [_field("SYSLOG_IDENTIFIER", IDENTIFIER)]
     parts += [_field(name, value) for name, value in fields.items() if value is not None and _is_name(name)]

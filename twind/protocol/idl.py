@@ -18,7 +18,7 @@ class IdlType:
     """Type of a value."""
 
     def check(self, value: object, where: str) -> None:
-        """Nothing, if `value` is allowed here. Raises InvalidInput."""
+        """Check `value`. Raises InvalidInput: the type does not allow it."""
         raise NotImplementedError
 
 
@@ -91,7 +91,7 @@ class MapType(IdlType):
 
 @dataclass(frozen=True, slots=True)
 class EnumType(IdlType):
-    """One of some words."""
+    """One of several words."""
 
     words: tuple[str, ...]
 
@@ -139,7 +139,7 @@ class NamedType(IdlType):
 
 @dataclass(frozen=True, slots=True)
 class IdlMethod:
-    """One method: what goes in and what comes out."""
+    """One method: types of its parameters and of its answer."""
 
     name: str
     parameters: StructType
@@ -158,7 +158,7 @@ class IdlInterface:
 
 
 def parse(text: str) -> IdlInterface:
-    """The interface that `text` defines. Raises SyntaxError naming what stands in the wrong place."""
+    """The interface that `text` defines. Raises SyntaxError: it names the wrong token."""
     reader = _IdlTokens(text)
     reader.expect("interface")
     interface = IdlInterface(reader.word(), text)

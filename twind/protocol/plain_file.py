@@ -23,7 +23,8 @@ def read_plain(path: Path, most: int) -> bytes:
 
     Raises InvalidInput (no file, or a larger one), OSError, ValueError (a path with a NUL).
     """
-    # Without O_NONBLOCK, opening a pipe waits for a writer. What was opened is looked at, not a name.
+    # Without O_NONBLOCK, opening a pipe waits for a writer. The type of the open file is checked,
+    # since another file may take the name meanwhile.
     fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     try:
         kind = stat.S_IFMT(os.fstat(fd).st_mode)

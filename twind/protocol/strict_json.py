@@ -13,7 +13,7 @@ _NESTING = re.compile(
 )  # strings whole, so that brackets in them do not count
 _BRACKETS = bytes.maketrans(b"{}", b"[]")
 _PLAIN = bytes(set(range(256)) - set(b'[]{}"'))
-_DIGITS = 20  # a longer integer does not fit 64 bits, and is not even read
+_DIGITS = 20  # a longer integer does not fit 64 bits, and is not converted
 _LEAST = -(2**63)
 _MOST = 2**64 - 1
 
@@ -72,7 +72,7 @@ def _check_surrogates(value: Any) -> None:
         raise InvalidInput("half of a surrogate pair in a string") from None
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, object]:
     table = dict(pairs)
     if len(table) != len(pairs):
         seen: set[str] = set()

@@ -20,7 +20,7 @@ _LOOSE = 15
 Message = dict[str, Any]
 
 
-def encode(kind: str | MessageDefinitions, message: Mapping[str, Any]) -> bytes:
+def encode(kind: str | MessageDefinitions, message: Mapping[str, object]) -> bytes:
     """The bytes of `message`, header included. Raises InvalidInput."""
     definitions = definitions_of(kind)
     out = bytearray(HEAD)
@@ -52,7 +52,7 @@ def _align(out: bytearray, size: int) -> None:
     out += bytes(-(len(out) - len(HEAD)) % size)
 
 
-def _put(out: bytearray, definitions: MessageDefinitions, name: str, message: Mapping[str, Any]) -> None:
+def _put(out: bytearray, definitions: MessageDefinitions, name: str, message: Mapping[str, object]) -> None:
     fields = definitions.fields(name)
     unknown = set(message) - {field.name for field in fields}
     if unknown:

@@ -6,7 +6,6 @@ Over Zenoh both are part of the key, so that a wrong one is silence. Standard li
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from twind.exceptions import InvalidInput
 from twind.ros.message_definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
@@ -53,12 +52,12 @@ def _contained(definitions: MessageDefinitions, name: str) -> Iterator[str]:
             yield from _contained(definitions, field.kind)
 
 
-def _described(definitions: MessageDefinitions, name: str) -> Mapping[str, Any]:
+def _described(definitions: MessageDefinitions, name: str) -> Mapping[str, object]:
     fields = [{"name": field.name, "type": _type(field)} for field in definitions.fields(name)]
     return {"type_name": name, "fields": fields}
 
 
-def _type(field: MessageField) -> Mapping[str, Any]:
+def _type(field: MessageField) -> Mapping[str, object]:
     known = _IDS.get(field.kind)
     one = _BOUNDED_TEXT if field.longest else known or _NESTED
     row = 0

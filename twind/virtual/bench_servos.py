@@ -30,7 +30,7 @@ FIRMWARE = 47
 # ticks: where such servos stand, and how far from there
 MIDDLE = 2048
 SPREAD = 400
-PLUGGED = 20_000  # ms: they got power one by one in the time before
+PLUGGED = 20_000  # ms before the start, within which they were powered on one by one
 BITRATE = 1_000_000  # bit/s of a CAN bus
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
 USB = (
@@ -80,7 +80,7 @@ def _node(text: str, id: str, model: str, versioned: bool) -> NodeSpec:
 
 
 def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
-    """The EEPROM registers that say so; None leaves the factory's. Raises InvalidInput."""
+    """Return these settings as EEPROM registers; None: the factory's. Raises InvalidInput."""
     made = {}
     if baud is not None:
         if baud not in BAUDS:

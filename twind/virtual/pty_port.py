@@ -35,7 +35,7 @@ def _claim(link: Path) -> int:
 class VirtualPtyPort:
     """Master end of a raw pseudo-terminal. Without a host at the other end nothing is read or kept.
 
-    The other end is not kept open here: a host then sees and gets what it would of a real adapter.
+    The other end is not kept open here, so that a host gets the errors of a real adapter.
     """
 
     def __init__(self, name: str, link: Path | None) -> None:
@@ -58,7 +58,7 @@ class VirtualPtyPort:
         return self._fd
 
     def plug(self, *, renamed: bool = False) -> None:
-        """A new pseudo-terminal, under the same link; `renamed`: not the name it had. Raises OSError."""
+        """Open a new pseudo-terminal under the same link; `renamed`: with another name. Raises OSError."""
         if self._fd >= 0:
             return
         master, other = pty.openpty()
@@ -81,7 +81,7 @@ class VirtualPtyPort:
             fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """The host's end hangs up, path and link are gone."""
+        """Hang up the host's end; remove path and link."""
         if self._fd < 0:
             return
         os.close(self._fd)
@@ -91,7 +91,7 @@ class VirtualPtyPort:
             self._link.unlink()
 
     def close(self) -> None:
-        """Unplug for good: the link is free for another."""
+        """Unplug for good, and release the link."""
         self.unplug()
         if self._lock >= 0:
             os.close(self._lock)

@@ -1,4 +1,4 @@
-"""Ground truth of one virtual robot, in no file of it: a calibration has to find it.
+"""Ground truth of one virtual robot. No file of the robot contains it: a calibration has to find it.
 
 `--truth FILE` maps `joints:` names to the keys of `JointGroundTruth`. Keys left out are as the
 robot file describes them. In process the same data are these dataclasses.
@@ -23,7 +23,7 @@ from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import ranges_of
 from twind_drivers.dynamixel.control_tables import number_of, table
 
-OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator
+OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # keys that a CAN actuator can have
 LOOSE = (0.02, 0.08)  # rad, how far beyond the limits the stops of a random specimen are
 # N·m; ticks; turns either way
 RUBBING = (0.03, 0.1)
@@ -39,7 +39,7 @@ class JointGroundTruth:
     """One joint and its actuator. Counts are the bare encoder's, before direction, turns and offset."""
 
     zero_ticks: Ticks | None = None  # at joint angle 0, anywhere; None: scattered, clear of the seam
-    sign: Literal[1, -1] | None = None  # +1, -1: how the bare encoder counts; None: as the robot file says
+    sign: Literal[1, -1] | None = None  # +1, -1: how the bare encoder counts; None: as in the robot file
     stops_rad: tuple[float, float] | None = (
         None  # mechanical ends of the joint; None: as described, else the model's
     )

@@ -1,4 +1,4 @@
-"""Program `twind-virtual`: servos with the real protocol on pseudo-terminals; a robot's move by MuJoCo.
+"""Program `twind-virtual`: servos with the real protocol on pseudo-terminals, a robot's with MuJoCo physics.
 
 Prints `bus NAME PATH` per bus, then `ready`. Ends at end-of-file on standard input when that is a pipe, on
 SIGTERM and on SIGINT.
@@ -168,14 +168,14 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
 
 
 def _truth(robot: RobotFile, options: argparse.Namespace) -> RobotGroundTruth | None:
-    """Drawn, read, or none: then all is as described. Raises ConfigError."""
+    """Return the truth: random, from a file, or None: all is as described. Raises ConfigError."""
     if options.truth_seed is not None:
         return random_truth(robot, options.truth_seed)
     return None if options.truth is None else load_truth(options.truth, robot)
 
 
 def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dict[str, ServableBus]:
-    """The buses that are asked for; all, where none is. Raises InvalidInput."""
+    """Return the requested buses; all without a request. Raises InvalidInput."""
     unknown = [name for name in options.bus if name not in virtual]
     if unknown:
         raise InvalidInput(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
@@ -217,7 +217,7 @@ def _serve(
         print("ready", flush=True)
         realtime.one_thread()
         realtime.fifo(PRIORITY)  # servos reply in time on a busy machine, where permitted
-        gc.freeze()  # what is there stays: the collector need not walk through it between two packets
+        gc.freeze()  # permanent objects: a collection between two packets need not visit them
         server.run()
 
 

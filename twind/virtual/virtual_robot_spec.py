@@ -60,7 +60,7 @@ from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec
 
 @dataclass(frozen=True)
 class VirtualRobotSpec:
-    """A robot file and the truth about one robot built after it."""
+    """A robot file and the ground truth of one robot built after it."""
 
     robot: RobotFile  # as described
     zeros: Mapping[str, int]  # of the bare encoder at joint angle 0, by joint
@@ -101,7 +101,7 @@ def make_spec(
 ) -> VirtualRobotSpec:
     """Servos that a robot file describes. Raises InvalidInput: rate, delay, travel or truth that cannot be.
 
-    `truth`: what is not as described; with it every shaft has mechanical stops. None: as described.
+    `truth`: deviations from the file; with it every shaft has mechanical stops. None: no deviations.
     """
     known = truth or RobotGroundTruth()
     refuse_impossible(robot, known)
@@ -209,7 +209,7 @@ def buses(
 
     `body`: that one, else with `physics` one is made, held upright.
     `extra`: servos beside those of the robot, by serial bus.
-    Raises InvalidInput for a bus that the robot has not, and with `physics`: the body knows nothing of them.
+    Raises InvalidInput for a bus that the robot has not, or, with `physics`, for `extra` on a body's bus.
     """
     extra = extra or {}
     strange = sorted(set(extra) - set(made.servos))

@@ -1,8 +1,8 @@
 """Server loop of `twind-virtual`: one thread for all pseudo-terminals, physics, faults.
 
 It runs in the servos' own time: the monotonic clock, which stands still while this process is stopped or not
-scheduled. So a busy machine does not trip watchdogs that no host has missed. The register of the servos' own
-clock (120) goes on meanwhile: a host would take its standing still for a restart.
+scheduled. So a busy machine does not trip watchdogs that no host has missed. The clock register of the
+servos (120) runs on meanwhile: a host would take a stopped one for a restart.
 """
 
 import os
@@ -24,11 +24,11 @@ from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 STEP = 0.002  # s between two steps of physics and watchdogs, with or without traffic
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
 PAGE = 500  # readings in one answer: 24 servos fit into what a socket takes at once
-BUSY = 0.00008  # s before a servo's answer is due that are waited awake: a timer is that much late
+BUSY = 0.00008  # s of busy waiting before a servo's answer is due: a timer is that late
 
 
 class ServoClock:
-    """Time as the servos live it. Never more than `STALL` at once, so catching up is bounded."""
+    """Clock of the servos. It advances by at most `STALL` at once, so that catching up is bounded."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -37,11 +37,11 @@ class ServoClock:
 
     @property
     def skipped_time(self) -> float:
-        """Time that the servos did not live, s."""
+        """Time that this clock left out, s."""
         return self._lost
 
     def now(self) -> float:
-        """Their time, s."""
+        """Time of the servos, s."""
         real = self._clock.now()
         self._lost += max(0.0, real - self._last - STALL)
         self._last = real
@@ -51,7 +51,7 @@ class ServoClock:
 class VirtualBusServer:
     """Server of buses behind ports. `on_plugged` is called when a port is plugged in: bus name, path.
 
-    `crane`: support of the base of a body that stands freely.
+    `support`: support of the base of a body that stands freely.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class VirtualBusServer:
         self._ports = ports
         self._clock = clock
         self._on_plugged = on_plugged
-        self._crane = support
+        self._support = support
         self._lost = clock.skipped_time  # s, that the clock registers have counted
         self.input = -1  # descriptor of a pipe whose end ends the server; -1: none
         self.ended = False
@@ -79,7 +79,7 @@ class VirtualBusServer:
         while not self.ended:
             ready = self._wait(next_step)
             now = self._clock.now()
-            self.clocks_go_on()
+            self.count_skipped_time()
             for bus, port in self._pairs:
                 if port.fd in ready and not bus.faults.stalled and (data := port.read()):
                     bus.line(port.baud())
@@ -95,8 +95,8 @@ class VirtualBusServer:
             if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
                 self.orders.serve()
 
-    def clocks_go_on(self) -> None:
-        """The servos' clock registers count the time that the servos did not live."""
+    def count_skipped_time(self) -> None:
+        """Add the time that the clock left out to the clock registers of the servos."""
         more = self._clock.skipped_time - self._lost
         if more > 0.0:
             self._lost += more
@@ -149,7 +149,7 @@ class VirtualBusServer:
         return {"ok": True, "bus": port.name, "path": port.path}
 
     def _hands(self, order: Order) -> Order:
-        """Hands on a robot of several buses: a pose is split among them, `off` without an id is for all."""
+        """Apply hand positions to all buses: a pose is split among them, `off` without an id is for all."""
         _, given = arguments(order)
         pose = given.pop("pose", {})
         if "id" in given or not (pose or given.get("off")):
@@ -172,10 +172,10 @@ class VirtualBusServer:
             bus.advance(self._clock.now())
         if name == "imu":
             self._sensor().err(**given)
-        elif self._crane is None:
+        elif self._support is None:
             raise InvalidInput(f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo")
         else:
-            getattr(self._crane, name)(**given)
+            getattr(self._support, name)(**given)
         return {"ok": True}
 
     def _sensor(self) -> VirtualSensor:
@@ -197,7 +197,7 @@ class VirtualBusServer:
         buses = {}
         for name, bus in self._buses.items():
             buses[name] = {"plugged": bus.is_plugged, "kind": bus.kind, "servos": bus.truth(now)}
-        body = {} if self._crane is None else {"body": self._crane.truth()}
+        body = {} if self._support is None else {"body": self._support.truth()}
         return {"ok": True, "now": now, "lost": self._clock.skipped_time, "buses": buses, **body}
 
     def _history(self, order: Order) -> Order:

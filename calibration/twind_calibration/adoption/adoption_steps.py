@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from twind.command_line.verb import Rejected
 from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
@@ -44,7 +43,7 @@ class AdoptionPlan:
             said.append(f"  baud rate (8): {chosen.place.baud} -> {chosen.home.baud}")
         return [*said, *(f"  {line}" for line in self.entry.lines())]
 
-    def to_json(self, state: str) -> dict[str, Any]:
+    def to_json(self, state: str) -> dict[str, object]:
         """Return the plan as data for programs. `state`: planned, adopted or there."""
         chosen = self.chosen
         return {

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterator
-from typing import Any
 
 from twind.command_line.progress import ProgressLine
 from twind.command_line.text_table import align_columns
@@ -55,7 +54,7 @@ def scan(options: argparse.Namespace) -> int:
     return REFUSED if wrong or not devices else DONE
 
 
-def _devices(checked: CheckContext) -> Iterator[dict[str, Any]]:
+def _devices(checked: CheckContext) -> Iterator[dict[str, object]]:
     """Yield every device that answers, bus by bus, with the registers that were read."""
     for survey in checked.surveys.values():
         if isinstance(survey, SerialBusSurvey):
@@ -80,7 +79,7 @@ def _devices(checked: CheckContext) -> Iterator[dict[str, Any]]:
                 }
 
 
-def _table(devices: list[dict[str, Any]]) -> list[str]:
+def _table(devices: list[dict[str, object]]) -> list[str]:
     heads = ("bus", "id", "joint", "model", "firmware", *SNAPSHOT)
     rows = [tuple(SNAPSHOT.get(head, head) for head in heads)]
     rows += [tuple("-" if each[head] is None else str(each[head]) for head in heads) for each in devices]

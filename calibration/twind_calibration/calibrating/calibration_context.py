@@ -99,7 +99,7 @@ def _robot(answer: dict[str, Any]) -> RobotFile:
     return robot
 
 
-def scanned(client: Client, bus: str) -> dict[int, dict[str, Any]]:
+def scanned(client: Client, bus: str) -> dict[int, dict[str, object]]:
     """Return the devices that answer on a bus, by id, with their identification data.
 
     Raises Rejected, ClientError.

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan
 from statistics import fmean, pstdev
-from typing import Any
 
 from twind.client import Client
 from twind.command_line.progress import ProgressLine
@@ -196,7 +195,7 @@ def _show(
 ) -> None:
     moved = angle_of(touch.slot.joint, before.zero_ticks, fresh.zero_ticks)
     if options.json:
-        told: Mapping[str, Any] = {
+        told: Mapping[str, object] = {
             "joint": touch.slot.name,
             "side": touch.side,
             "ticks": list(counts),

@@ -5,7 +5,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator
@@ -165,7 +164,7 @@ def _line(imported: ImportResult, width: int) -> str:
     return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}{note}"
 
 
-def _to_json(imported: ImportResult) -> dict[str, Any]:
+def _to_json(imported: ImportResult) -> dict[str, object]:
     one = imported.entry
     return {
         "joint": imported.slot.name,

@@ -265,7 +265,7 @@ class SweepSession:
             self._board.print_line(command_hint(self._options).prose(text))
 
 
-def _plain(progress: Any) -> dict[str, Any]:
+def _plain(progress: Any) -> dict[str, object]:
     return {
         "travel_rad": round(progress.judged.radians, 4),
         "described_rad": round(progress.range, 4),

@@ -5,7 +5,6 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
@@ -77,7 +76,7 @@ class ZeroResult:
             f"travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the result as one line of JSON."""
         one = self.entry
         return {

@@ -10,18 +10,18 @@ from twind.config.config_reader import Plain
 from twind_calibration.proving.proof_report import ProofVerdict
 
 
-def measurement_records(calibration: Calibration | None) -> dict[str, Any]:
+def measurement_records(calibration: Calibration | None) -> dict[str, object]:
     """Return the measurements of each actuator in JSON form: its entry without the proof."""
     joints = () if calibration is None else calibration.joints
     return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
 
 
-def in_force(record: Any) -> dict[str, Any]:
+def in_force(record: Any) -> dict[str, object]:
     """Likewise of what the daemon goes by: `calibration` of GetRobot."""
     return {} if record is None else {each["name"]: {**each, "proof": None} for each in record["joints"]}
 
 
-def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+def unlike(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
     """The actuators that were measured otherwise, or in one of the two alone."""
     return [name for name in {**one, **other} if one.get(name) != other.get(name)]
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
 
 from twind.config.config_reader import Plain
 from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparison
@@ -113,7 +112,7 @@ class ProofVerdict:
             "at": at,
         }
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return one line of JSON; unknown values are null."""
         weighed = self.weighed
         seen = self.seen
@@ -136,7 +135,7 @@ class ProofVerdict:
             **({} if weighed is None else self._numbers(weighed)),
         }
 
-    def _numbers(self, comparison: LoadComparison) -> dict[str, Any]:
+    def _numbers(self, comparison: LoadComparison) -> dict[str, object]:
         judged = comparison.judged
         return {
             "span_nm": null_if_nan(judged.foreseen.span),

@@ -6,7 +6,6 @@ that it comes to every place from both sides.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class ProofSweep:
         ways = np.array(self.visits) - self.home
         return float(ways[np.abs(ways).argmax()])
 
-    def path(self, joint: str) -> dict[str, Any]:
+    def path(self, joint: str) -> dict[str, object]:
         """As a trajectory."""
         visits = self.visits
         ways = np.abs(np.diff(visits)) / SPEED

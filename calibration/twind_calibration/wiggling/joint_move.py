@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +13,7 @@ from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
 from twind.command_line.verb import Rejected, UsageError, lease
 from twind.ctl.command_hint import command_hint
+from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind_drivers.clock import Clock
@@ -51,12 +52,12 @@ class MoveResult:
         return not self.refused
 
 
-def path(joint: str, home: float, way: float) -> dict[str, Any]:
+def path(joint: str, home: float, way: float) -> dict[str, object]:
     """Away, a stay, and home, each end at rest."""
     return tour(joint, ((home + way, OUT), (home, OUT)))
 
 
-def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
+def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, object]:
     """One place (rad) after the other, so many seconds on the way, at rest and with a stay at each."""
     points = []
     time = 0.0
@@ -74,7 +75,7 @@ def direction(client: Client, joint: str, home: float, size: float) -> MoveResul
     return MoveResult(size if at is None else ways[at], refused)
 
 
-def allowed(client: Client, ways: Sequence[dict[str, Any]]) -> tuple[int | None, tuple[str, ...]]:
+def allowed(client: Client, ways: Sequence[dict[str, object]]) -> tuple[int | None, tuple[str, ...]]:
     """The first path that the gate lets go, else None and why not the first of all. Nothing moves."""
     first: tuple[str, ...] = ()
     for at, way in enumerate(ways):
@@ -171,9 +172,9 @@ def _away(client: Client, joint: str, home: float) -> float:
     return 0.0 if now is None else now - home
 
 
-def _judged(client: Client, trajectory: dict[str, Any]) -> list[Mapping[str, Any]]:
+def _judged(client: Client, trajectory: dict[str, object]) -> list[FindingMessage]:
     verdict = client.call("Check", trajectory=trajectory)["verdict"]
-    refusals: list[Mapping[str, Any]] = [
+    refusals: list[FindingMessage] = [
         each for each in verdict["refusals"] if each["code"] != ReasonCode.LEASE_MISSING
     ]
     return refusals

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite
-from typing import Any
 
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import (
@@ -73,7 +72,7 @@ class WiggleVerdict:
             self.weighed is None or self.weighed.load is not TorqueResponse.AGREES
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """One line of JSON; what is not known is null."""
         seen = self.seen
         weighed = self.weighed

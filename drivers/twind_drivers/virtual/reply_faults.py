@@ -1,10 +1,10 @@
 """Faults of single replies on their way to the host: lost, flipped, cut, doubled, late."""
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import NamedTuple
 
 from twind_drivers.dynamixel.packet import HEADER, LAST_ID, status
+from twind_drivers.virtual.fault_orders import FaultOrders
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 
@@ -19,23 +19,13 @@ class FaultedReply(NamedTuple):
     ended: bool  # no further servo continues this common reply
 
 
-class ReplyFaults:
-    """Faults of the next answers. A count is of answers to come, of one id or (None) of any.
-
-    An answer is what one device sends: its status, or its part of a joint (fast) one. Of each fault there is
-    one order at a time per id; a new one replaces it, a count of 0 takes it back.
-    """
+class ReplyFaults(FaultOrders):
+    """Faults of the next answers: what one device sends, its status or its part of a joint (fast) one."""
 
     def __init__(self, wire: HalfDuplexWire, stream: FaultyByteStream) -> None:
+        super().__init__()
         self._wire = wire
         self.stream = stream
-        self._orders: dict[tuple[str, int | None], tuple[int, float]] = {}  # answers left, value
-        self._late: dict[int, float] = {}  # id -> s
-        self.active = False  # True if replies are processed one by one
-
-    def drop(self, count: int, id: int | None = None) -> None:
-        """Lose the next answers. Raises ValueError below 0, KeyError for an id that is not there."""
-        self._order("drop", count, id)
 
     def corrupt(self, count: int, id: int | None = None, bits: int = 1) -> None:
         """Flip so many bits in each of the next answers. Raises ValueError, KeyError."""
@@ -43,17 +33,9 @@ class ReplyFaults:
             raise ValueError(f"corrupt: {bits} bits are outside 1..64")
         self._order("corrupt", count, id, bits)
 
-    def foreign(self, count: int, id: int | None = None) -> None:
-        """Send a sound answer of a device without a request before each of the next answers."""
-        self._order("foreign", count, id)
-
     def forge(self, count: int, id: int | None = None) -> None:
         """Replace each of the next answers by a sound one of id 252, or by one that is a byte short."""
         self._order("forge", count, id)
-
-    def duplicate(self, count: int, id: int | None = None) -> None:
-        """Send each of the next answers twice. Raises ValueError, KeyError."""
-        self._order("duplicate", count, id)
 
     def cut(self, count: int, bytes: int, id: int | None = None) -> None:
         """Cut each of the next `count` answers after `bytes` bytes; a joint (fast) answer ends there.
@@ -83,32 +65,20 @@ class ReplyFaults:
         Exception: behind a part of a joint (fast) answer the later parts wait. Raises ValueError outside
         0..10 s, KeyError.
         """
-        if not 0.0 <= seconds <= 10.0:
-            raise ValueError(f"delay: {seconds} s is outside 0..10 s")
-        if id is None:
-            self._wire.lag = seconds
-            return
-        self.require(id)
-        self._late[id] = seconds
-        if not seconds:
-            del self._late[id]
-        self.look()
-
-    def require(self, id: int) -> None:
-        """Check that a device has this id. Raises KeyError."""
-        raise NotImplementedError
+        self._delay(seconds, id)
+        if id is None:  # on the wire, where a chain of answers stays together
+            self._wire.lag = self._late.pop(None)
+            self.look()
 
     def look(self) -> None:
         """Update whether any answer is to be changed, or may meet another. To call after every change."""
-        self._orders = {key: value for key, value in self._orders.items() if value[0] > 0}
-        self.active = bool(self._orders or self._late or self.stream.colliding)
+        super().look()
+        self.active = self.active or self.stream.colliding
 
     def clear(self) -> None:
         """Remove all reply faults."""
-        self._orders.clear()
-        self._late.clear()
         self._wire.lag = 0.0
-        self.look()
+        super().clear()
 
     def speak(
         self, ids: Sequence[int], delays: Sequence[float], pieces: Sequence[bytes], joint: bool
@@ -136,25 +106,6 @@ class ReplyFaults:
         start = end - self._wire.span(len(data))
         if data and not (self.stream.colliding and self._wire.collide(start, data)):
             self._wire.interject(end, data)
-
-    def _order(self, name: str, count: int, id: int | None, value: float = 0.0) -> None:
-        if count < 0:
-            raise ValueError(f"{name}: {count} answers: a count is 0 or more")
-        if not isfinite(value):
-            raise ValueError(f"{name}: {value} is not a number")
-        if id is not None:
-            self.require(id)
-        self._orders[name, id] = (count, value)
-        self.look()
-
-    def _hit(self, name: str, id: int) -> float | None:
-        """Return the value of an order for this answer and use it up; None: there is none."""
-        for key in ((name, id), (name, None)):
-            count, value = self._orders.get(key, (0, 0.0))
-            if count > 0:
-                self._orders[key] = (count - 1, value)
-                return value
-        return None
 
     def _strike(self, id: int, piece: bytes) -> FaultedReply:
         late = self._late.get(id, 0.0)

@@ -45,7 +45,7 @@ class ServableBus(Protocol):
     def ids(self) -> list[int]:
         """Return the ids of the devices, in the order of rows."""
 
-    def truth(self, now: float) -> list[dict[str, Any]]:
+    def truth(self, now: float) -> list[dict[str, object]]:
         """Return the true state of each device at `now`, independent of the bus."""
 
     def skip_time(self, seconds: float) -> None:

@@ -101,7 +101,7 @@ class VirtualBus:
         """Return the ids of the servos, in the order of rows."""
         return [int(id) for id in self.servos.registers.ids()]
 
-    def truth(self, now: float) -> list[dict[str, Any]]:
+    def truth(self, now: float) -> list[dict[str, object]]:
         """Return the true state of each servo at `now`, independent of the bus: see `servo_ground_truth`."""
         self.advance(now)
         return truth(self.servos, now)
@@ -344,7 +344,7 @@ class VirtualBus:
                 self.wire.schedule_replies(self.wire.ends([0.0], [len(noise)]), [len(noise)], noise)
 
 
-def truth(servos: VirtualServos, now: float) -> list[dict[str, Any]]:
+def truth(servos: VirtualServos, now: float) -> list[dict[str, object]]:
     """Return one dict per servo, in rows, as of `now` (s, the servos' own clock).
 
     position and goal in the register's frame (position unrounded); encoder in continuous ticks; velocity raw;

@@ -390,7 +390,7 @@ def test_invalid_bytes_from_the_network_end_a_stream_and_not_the_process(robot: 
         stream = client.stream("Monitor", topics=["events"])
         time.sleep(0.3)
         robot.tell("news/events", b"\xff\xfe")
-        with pytest.raises(Disconnected, match="is no message"):
+        with pytest.raises(Disconnected, match="is no valid message"):
             next(stream)
     robot.answers["goal"] = accepted
     with robot.client() as client, lease(client):

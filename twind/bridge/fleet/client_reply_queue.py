@@ -12,8 +12,9 @@ ANSWERS = 256  # messages that must arrive and may wait
 
 
 class ClientReplyQueue:
-    """Messages of the interface, as bytes. Where news find no room the oldest go, counted; answers stay, and
-    more of them than anybody takes are the end."""
+    """Queue of messages as bytes. A full queue drops the oldest news, and counts them, but no answer.
+
+    Too many unread answers end the connection."""
 
     def __init__(self, room: int = ROOM, answers: int = ANSWERS) -> None:
         # bytes
@@ -22,12 +23,12 @@ class ClientReplyQueue:
         self._most = answers
         self._answers = 0
         self._messages: deque[tuple[bytes, bool]] = deque()  # message, whether it is news
-        self._lost = 0  # news since the last that was taken
+        self._lost = 0  # news dropped since the last one that was read
         self._ended: str | None = None
         self._came = threading.Condition()
 
     def answer(self, message: bytes) -> None:
-        """One that must arrive. Where there is no room for it, what came is all."""
+        """Add an answer. Without room for it, the queue ends."""
         with self._came:
             if self._answers < self._most:
                 self._answers += 1
@@ -37,7 +38,7 @@ class ClientReplyQueue:
             self._came.notify()
 
     def put_news(self, message: bytes) -> None:
-        """One of many."""
+        """Add a news message."""
         with self._came:
             self._messages.append((message, True))
             self._news += len(message)
@@ -52,7 +53,7 @@ class ClientReplyQueue:
             self._came.notify()
 
     def take(self, patience: float) -> bytes | None:
-        """The next message, None: none within `patience` s. Raises Disconnected."""
+        """Return the next message; None: none within `patience` s. Raises Disconnected."""
         deadline = time.monotonic() + patience
         with self._came:
             while not self._messages:
@@ -80,7 +81,7 @@ class ClientReplyQueue:
         return with_lost(message, lost) if lost else message
 
     def _drop(self) -> None:
-        """The oldest news."""
+        """Drop the oldest news message."""
         place = next(place for place, (_, news) in enumerate(self._messages) if news)
         self._news -= len(self._messages[place][0])
         del self._messages[place]

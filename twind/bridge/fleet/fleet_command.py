@@ -23,7 +23,7 @@ from twind.ctl.dashboard.terminal_screen import TerminalScreen, is_live
 
 group = "connect"
 
-PATIENCE = 3.0  # s for the answers to a list that is wanted now
+PATIENCE = 3.0  # s to wait for the answers to a single list
 WIDTH = 160  # columns without a terminal; COLUMNS overrides it
 
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """A list, one a second, or a page."""
+    """Print one list, a list each second, or open a page."""
     if options.count is not None and (options.count < 1 or not options.watch):
         raise UsageError(f"--count {options.count}: goes with --watch, and is at least 1")
     if (options.port is not None or options.open) and not options.view:

@@ -56,7 +56,7 @@ class FleetMonitor:
             self.trouble = str(error)
         if self._remote is not None:
             self._remote.ask()
-            self._stop.wait(FINDING)
+            self._stop.wait(FINDING)  # robots are found by tokens: until they arrive, none is unknown
         self._local.wait(deadline - time.monotonic())
         while self.roster.has_unknown_robots() and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -16,12 +16,12 @@ UPLINK = "uplink"  # where a robot is that is reached over Zenoh; others: the fo
 
 @dataclass(frozen=True, slots=True)
 class RobotRecord:
-    """One robot as it is known. A value never received is None."""
+    """State of one robot as last reported. A value never received is None."""
 
     name: str
     where: str = ""  # UPLINK, or the folder of its sockets; empty: nowhere yet
     status: Mapping[str, Any] | None = None  # of GetStatus, what a list shows
-    heard: int | None = None  # joints that answer
+    answering: int | None = None  # joints that answer
     joints: int | None = None
     reported_at: float | None = None  # s, monotonic, time of this report
     way: float | None = None  # s, from the question to its answer
@@ -85,10 +85,18 @@ class FleetRoster:
             self.odd(name, where, str(error))
             return
         status = msgspec.to_builtins(report.status)
-        heard = sum(joint.heard for joint in report.joints)
+        answering = sum(joint.heard for joint in report.joints)
         joints = len(report.joints)
         self._keep(
-            name, where, status=status, heard=heard, joints=joints, reported_at=now, way=way, lost="", odd=""
+            name,
+            where,
+            status=status,
+            answering=answering,
+            joints=joints,
+            reported_at=now,
+            way=way,
+            lost="",
+            odd="",
         )
 
     def odd(self, name: str, where: str, why: str) -> None:

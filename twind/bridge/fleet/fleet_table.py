@@ -42,7 +42,7 @@ def to_json(robot: RobotRecord, now: float) -> dict[str, Any]:
         "state": status.get("state"),
         "motion": status.get("motion"),
         "armed": status.get("armed"),
-        "heard": robot.heard,
+        "heard": robot.answering,
         "joints": robot.joints,
         "faults": [fault["code"] for fault in status.get("faults") or ()],
         "latency_ms": status.get("latency_ms"),
@@ -67,7 +67,7 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
         _faults(robot),
         ("-" if status["latency_ms"] is None else f"{status['latency_ms']:.1f} ms", ""),
     ]
-    if old:  # an old report; it must not pass for the present state
+    if old:  # a stale report must not look like the present state
         cells = [(text, "dim") for text, _ in cells]
         cells[1] = silent
     return [(robot.name, "dim" if old else ""), (where, "dim" if old else ""), *cells, _age(age, robot)]
@@ -75,9 +75,9 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
 
 def _joints(robot: RobotRecord) -> Span:
     """Return answering joints of all ("11/12") and its style; "-" in sim, where no device answers."""
-    if robot.heard is None or (robot.status or {}).get("mode") == "sim":
+    if robot.answering is None or (robot.status or {}).get("mode") == "sim":
         return "-", ""
-    return f"{robot.heard}/{robot.joints}", "" if robot.heard == robot.joints else "warn"
+    return f"{robot.answering}/{robot.joints}", "" if robot.answering == robot.joints else "warn"
 
 
 def _faults(robot: RobotRecord) -> Span:

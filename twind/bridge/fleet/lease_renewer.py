@@ -51,7 +51,7 @@ class LeaseRenewer:
             error = answer.get("error")
             codes = [each.get("code") for each in answer["parameters"].get("findings") or ()]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            return  # no message: it confirms nothing
+            return  # not valid: it confirms nothing
         if not error:
             self.confirmed = time.monotonic()
         elif MISSING in codes:

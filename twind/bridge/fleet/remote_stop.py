@@ -22,20 +22,19 @@ class RemoteStop:
         inbox: ClientReplyQueue,
         now: float,
     ) -> None:
-        """Sends it. `now`: s, monotonic."""
+        """Send the stop. `now`: s, monotonic."""
         self._reach = reach
         self._inbox = inbox
         self._parts = ("stop", method)
         self._parameters = parameters
-        # a question is on its way
         self._begun = now
-        self._open = True
+        self._open = True  # a query is under way
         self._refusal = b""  # the last error that a repetition may change
         self.over = False
         self._ask()
 
     def close(self) -> None:
-        """Do nothing: nothing is to be given back."""
+        """Do nothing: a stop holds no lease."""
 
     def poll(self, now: float) -> float:
         """Repeat a stop that was not done; return the time (s) to the next poll."""

@@ -37,8 +37,8 @@ class SentGoal:
         self.over = self._closed = False
         self._open = self._again = False  # a query is under way; it is a repeated one
         self._answered = False  # by the gate
-        self._early: list[dict[str, Any]] = []  # reports before the gate's answer
-        self._last: dict[str, Any] = {}
+        self._early: list[dict[str, object]] = []  # reports before the gate's answer
+        self._last: dict[str, object] = {}
         self._reported = False  # a report since the last poll
         self._queried_at = now
         self._alive = now
@@ -115,7 +115,7 @@ class SentGoal:
             elif len(self._early) < EARLY:
                 self._early.append(report)
 
-    def _deliver_reply(self, report: dict[str, Any]) -> None:
+    def _deliver_reply(self, report: dict[str, object]) -> None:
         """Put a report into the inbox once: answers to queries and published reports overlap."""
         if self.over or report == self._last or (report["phase"] == "accepted" and self._last):
             return
@@ -133,10 +133,10 @@ class SentGoal:
             self._inbox.answer(message)
 
 
-def _parameters(message: bytes) -> dict[str, Any] | None:
+def _parameters(message: bytes) -> dict[str, object] | None:
     """Return the reported state of a goal from a message; None: an error, or no valid message."""
     try:
-        report: dict[str, Any] = json.loads(message)["parameters"]
+        report: dict[str, object] = json.loads(message)["parameters"]
         report.setdefault("progress", 0.0)
         return report if report["phase"] else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):

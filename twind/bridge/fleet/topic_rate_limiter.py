@@ -6,7 +6,7 @@ from twind.bridge.zenoh.zenoh_keys import RATES, TOPICS
 from twind.client import NotCarried
 
 USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz without a requested rate, as in Monitor
-SLACK = 0.25  # of the time between two that are wanted: by how much one may be too early
+SLACK = 0.25  # share of the period by which a message may be early
 _TIME = re.compile(rb'"time":(\d+(?:\.\d+)?)')
 
 
@@ -20,7 +20,7 @@ def keys(topics: list[str], rate: float | None) -> dict[str, tuple[str, ...]]:
 
 
 def offered(rate: float | None) -> str:
-    """The slowest of the rates that are sent that is not below `rate`, Hz."""
+    """Return the lowest offered rate that is not below `rate`, Hz."""
     requested = rate or USUAL["state"]
     return next((each for each in RATES if each != "full" and float(each) >= requested), "full")
 
@@ -50,13 +50,13 @@ class TopicRateLimiter:
         self._last = now
         if now + SLACK * self._period < self._due:
             return False
-        behind = now - self._due > self._period  # a gap, for which nothing is made up
+        behind = now - self._due > self._period  # a gap: lost messages are not repeated
         self._due = (now if behind else self._due) + self._period
         return True
 
 
 def _sent(topic: str, rate: float | None) -> float | None:
-    """Hz at which a topic comes, 0: whenever there is something, None: at the loop's rate."""
+    """Return the rate (Hz) of a topic; 0: on change; None: the loop's rate."""
     if topic != "state":
         return USUAL.get(topic, 0.0)
     chosen = offered(rate)

@@ -16,7 +16,7 @@ def found(monitor: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
 
 
 def _ways(robot: RobotRecord, shared: SharedSession | None) -> RobotConnections | None:
-    """None: no network is joined that leads to it."""
+    """Return its connections; None: no joined network reaches it."""
     if robot.where != UPLINK:
         return local(robot.where)
     if shared is None:

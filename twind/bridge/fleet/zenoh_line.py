@@ -93,7 +93,9 @@ class ZenohClientLine:
             released = threading.Event()
             with suppress(Disconnected):
                 reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
-                released.wait(PARTING)
+                released.wait(
+                    PARTING
+                )  # else the session closes before the query is sent, and the lease only lapses
         self._forget(reach)
 
     def cut(self) -> None:
@@ -122,7 +124,7 @@ class ZenohClientLine:
         method = call["method"].rpartition(".")[2]
         more = bool(call.get("more"))
         parameters: Parameters = call["parameters"]
-        if method in STOPS:
+        if method in STOPS:  # the presence token may be late or lost, and the robot would go on moving
             self._errand = RemoteStop(self._reach, method, parameters, self._inbox, time.monotonic())
             return
         carry = self._carrier(method, more)
@@ -211,7 +213,7 @@ class ZenohClientLine:
                 grant = answer["parameters"]
                 self._hold = LeaseRenewer(reach, grant, came)
             except (ValueError, KeyError, TypeError):
-                inbox.answer(message)  # the caller reports that it is no answer
+                inbox.answer(message)  # the caller reports an invalid answer
             else:
                 lease = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
                 inbox.answer(json.dumps({"parameters": {"lease": lease}}).encode())

@@ -30,7 +30,7 @@ class RosTransport(Protocol):
         """
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
-        """Send CDR bytes, header included, within milliseconds whoever is there. Raises OperationFailed."""
+        """Send CDR bytes with their header. Returns within milliseconds. Raises OperationFailed."""
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""

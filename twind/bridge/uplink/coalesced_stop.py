@@ -8,7 +8,7 @@ from collections import deque
 from twind.bridge.uplink.query_server import RemoteQuery, Serve
 from twind.bridge.uplink.worker_queue import PACE
 
-WAITING = 1024  # waiting requests; beyond it the oldest is dropped, though the stop is made
+WAITING = 1024  # waiting requests; of more, the oldest get no answer, but the stop is made
 
 
 class CoalescedStop:
@@ -45,7 +45,7 @@ class CoalescedStop:
         return True
 
     def stop(self, patience: float = 1.0) -> None:
-        """Call no more. Returns when that is so, or after `patience` s."""
+        """Make no more calls. Returns when the last one has ended, or after `patience` s."""
         self._stop.set()
         self._some.set()
         if self._thread.ident is not None:
@@ -54,7 +54,7 @@ class CoalescedStop:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._some.wait()
-            self._some.clear()
+            self._some.clear()  # before reading: a request that comes after it must start another call
             with self._lock:
                 waiting = list(self._waiting)
                 self._waiting.clear()

@@ -34,7 +34,7 @@ PERIOD = 0.2  # s between two renewals and checks of goals
 
 BUSY = ReasonCode.BUSY  # finding of the gate for a path that it drops, as at a stop
 
-Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its name
+Publish = Callable[[str, dict[str, Any]], None]  # publishes the state of a goal, by its name
 
 
 def clock() -> float:
@@ -62,7 +62,7 @@ class LeaseKeeper:
         now: Callable[[], float] = clock,
     ) -> None:
         self._driving = driving
-        self._tenancy = lease
+        self._lease = lease
         self._plans = plans
         self._publish = publish
         self._tell = tell
@@ -76,11 +76,11 @@ class LeaseKeeper:
 
     # ------------------------------------------------------------------------------------------ questions
 
-    def renew(self, query: LeaseQuery) -> dict[str, Any]:
+    def renew(self, query: LeaseQuery) -> dict[str, object]:
         """Return the answer to `renew`. Raises CallError: refused."""
-        return self._tenancy.renew(query.lease, self._now())
+        return self._lease.renew(query.lease, self._now())
 
-    def lease(self, query: LeaseQuery) -> dict[str, Any]:
+    def lease(self, query: LeaseQuery) -> dict[str, object]:
         """Answer `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
         if query.op == "release":
             return self._release(query.lease)
@@ -92,29 +92,29 @@ class LeaseKeeper:
             now = {"now": self._now()}  # by which a deadline can be given to a `take`
             raise as_error(error.error, {**error.parameters, **now}) from None
 
-    def _acquire(self, query: LeaseQuery) -> dict[str, Any]:
-        """Take the lease, from other remote holders only: a local holder sees what moves."""
+    def _acquire(self, query: LeaseQuery) -> dict[str, object]:
+        """Take the lease, from other remote holders only: a local holder stands beside the moving robot."""
         holder = query.holder or "an unnamed client"
         if query.take and query.deadline is None:
             raise invalid("deadline", "take is only for what has one: acquire without take returns `now`")
         if query.deadline is not None:
             in_time(query.deadline, self._now())
-        self._tenancy.admits(self._now(), take=query.take)
+        self._lease.admits(self._now(), take=query.take)
         if self._holder:
             self._let_go(f"{holder} takes the lease that {self._holder} had")
         self._driving.hold()
         self._holder = holder
         self._tell(f"the lease is with {holder}")
-        return self._tenancy.grant(holder, self._now())
+        return self._lease.grant(holder, self._now())
 
-    def _release(self, lease: str) -> dict[str, Any]:
-        if not self._tenancy.holds(lease, self._now()):
+    def _release(self, lease: str) -> dict[str, object]:
+        if not self._lease.holds(lease, self._now()):
             raise missing()
-        granted = self._tenancy.granted(self._now()) | {"expires_in": 0.0}
+        granted = self._lease.granted(self._now()) | {"expires_in": 0.0}
         self._let_go(f"{self._holder} gave the lease back")
         return granted
 
-    def goal(self, query: GoalQuery, came: float) -> dict[str, Any]:
+    def goal(self, query: GoalQuery, came: float) -> dict[str, object]:
         """Return the answer to a goal: accepted, or its known state. Raises ClientError (CallError: refused).
 
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
@@ -130,7 +130,7 @@ class LeaseKeeper:
             chunk("goal", name)
         except ValueError as error:
             raise invalid("goal", str(error)) from None
-        if not self._tenancy.holds(lease, self._now()):
+        if not self._lease.holds(lease, self._now()):
             raise missing()
         goal = self._goals.begin(name, lease, query.deadline, self._now())
         goal.refusal = self._void(goal, came)
@@ -148,7 +148,8 @@ class LeaseKeeper:
         except CallError as error:
             goal.refusal = error
             if isinstance(error, Refused) and BUSY in {each["code"] for each in error.findings}:
-                self.stopped(time.monotonic())  # perhaps: then what waits behind it must not begin either
+                # The gate drops paths at a stop: waiting goals must not begin after it either.
+                self.stopped(time.monotonic())
             return
         except ClientError as error:
             goal.refusal = self._void(goal, came) or no_daemon(error)
@@ -160,7 +161,7 @@ class LeaseKeeper:
     def _void(self, goal: UplinkGoal, came: float) -> CallError | None:
         """Return why the goal must not move anything, or no more; None: it may."""
         now = self._now()
-        if not self._tenancy.holds(goal.lease, now):
+        if not self._lease.holds(goal.lease, now):
             return missing()
         if now > goal.deadline:
             return make_refusal(
@@ -189,8 +190,8 @@ class LeaseKeeper:
             self.stopped(answer["time"])
 
     def watch(self) -> None:
-        """Hang up where the lease lapsed while a goal is judged. Each PERIOD, in a thread of its own."""
-        if self._judging and not self._tenancy.is_held(self._now()):
+        """Disconnect if the lease lapsed while a goal is judged. Called each PERIOD, in a separate thread."""
+        if self._judging and not self._lease.is_held(self._now()):
             self._dropped = frozenset(self._driving.driving)
             self._driving.cut()
 
@@ -199,7 +200,7 @@ class LeaseKeeper:
     def renew_and_report(self) -> None:
         """Renew while the remote lease is renewed; report goals. Each PERIOD at least, after each query."""
         ended = {each.id: each for each in self._driving.keep()}
-        if self._holder and not self._tenancy.is_held(self._now()):
+        if self._holder and not self._lease.is_held(self._now()):
             self._let_go(f"the lease of {self._holder} lapsed")
         elif self._holder and not self._driving.held:
             self._let_go(f"the daemon took the lease of {self._holder}: another client has it, or a restart")
@@ -210,7 +211,7 @@ class LeaseKeeper:
         """Give the lease up: the daemon holds whatever moves."""
         self._dropped = frozenset(self._driving.driving)
         self._driving.close()
-        self._tenancy.end()
+        self._lease.end()
         self._holder = ""
         self._tell(why)
 

@@ -55,7 +55,7 @@ class NameClaim:
         found: list[zenoh.Reply] = []
         over = threading.Event()
         self._living.get(self._alive, zenoh.handlers.Callback(found.append, over.set), timeout=ASK)
-        over.wait(2.0 * ASK)
+        over.wait(2.0 * ASK)  # the engine ends the query after ASK; the rest covers a busy machine
         return any(reply.ok is not None for reply in found)
 
     @property

@@ -19,7 +19,7 @@ Outcome = dict[str, Any] | CallError
 
 
 class RemoteQuery:
-    """Query that came to `where`. `asked`: its parameters; empty until `answer` where it is large."""
+    """Query received at key `where`. `asked`: its parameters; of a large query empty until `answer`."""
 
     def __init__(self, method: str, where: str, query: zenoh.Query, tell: Tell) -> None:
         self._method = method
@@ -27,7 +27,7 @@ class RemoteQuery:
         self._query = query
         self._tell = tell
         self._size = 0 if query.payload is None else len(query.payload)
-        self.asked: dict[str, Any] = {}
+        self.asked: dict[str, object] = {}
 
     def look(self) -> None:
         """Read the query if that is quick. Raises CallError: invalid, or too large to be copied."""
@@ -57,7 +57,7 @@ class RemoteQuery:
     def reply(self, outcome: Outcome) -> None:
         """Send the answer, and release the query."""
         try:
-            with self._query as query:  # releasing the query tells its sender that the answer is complete
+            with self._query as query:  # releasing the query reports the end of the answer to its sender
                 if isinstance(outcome, CallError):
                     message = {"error": outcome.error, "parameters": dict(outcome.parameters)}
                     query.reply_err(encoded(message), encoding=JSON)
@@ -80,7 +80,7 @@ Take = Callable[[RemoteQuery], bool]  # in a thread of the engine; False: there 
 
 
 class QueryServer:
-    """Opens keys of one robot."""
+    """Server of the query keys of one robot."""
 
     def __init__(self, session: zenoh.Session, robot: str, tell: Tell) -> None:
         self._session = session
@@ -89,7 +89,7 @@ class QueryServer:
         self._open: list[Any] = []
 
     def open(self, method: str, take: Take, *key: str) -> None:
-        """Let in what is a question of `method` at `twind/ROBOT/KEY`."""
+        """Accept queries of `method` at `twind/ROBOT/KEY`."""
         where = robot_key(self._robot, *key)
 
         def came(query: zenoh.Query) -> None:
@@ -107,7 +107,7 @@ class QueryServer:
         )
 
     def close(self) -> None:
-        """Take no more questions."""
+        """Accept no more queries."""
         while self._open:
             self._open.pop().undeclare()
 

@@ -37,8 +37,8 @@ method Lease(
 )
 
 # goal: a name, used once. deadline: until when it may be accepted, s of the robot's clock, <= 60 s ahead.
-# Asked again with the same goal and lease it answers what is known by now, and moves nothing: so does
-# who asks without deadline and trajectory.
+# A repeated query with the same goal and lease returns its present state and moves nothing; likewise a
+# query without deadline and trajectory.
 method Goal(goal: string, lease: string, deadline: ?float, trajectory: ?object) -> (
   id: string,
   phase: string,
@@ -50,7 +50,7 @@ method Goal(goal: string, lease: string, deadline: ?float, trajectory: ?object) 
 # As the daemon's; what is neither level is refused here already.
 method EStop(level: ?(settle, cut), reason: ?string) -> (state: string, torque_off: ?bool, done: bool)
 
-# The uplink has no daemon to ask, or may not.
+# The uplink reaches no daemon, or has no permission.
 error NoDaemon (message: string)
 """)
 _METHODS = load(CONTROL).methods | INTERFACE.methods
@@ -97,7 +97,7 @@ def check_size(method: str, size: int) -> None:
 
 
 def invalid(parameter: str, message: str) -> CallError:
-    """A parameter that is not allowed."""
+    """Return the error for an invalid parameter."""
     return as_error(f"{SERVICE}.InvalidParameter", {"parameter": parameter, "message": message})
 
 
@@ -120,7 +120,7 @@ def no_daemon(error: Exception) -> CallError:
 
 def finding(
     code: str, message: str, value: float | None = None, bound: float | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return a `Finding` of the interface."""
     return {
         "code": code,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import secrets
 import threading
-from typing import Any
 
 from twind.bridge.uplink.remote_contract import make_refusal
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
@@ -35,7 +34,7 @@ class RemoteLease:
             lease = {"holder": owner.holder, "uid": owner.uid, "expires_in": owner.expires_in}
             raise as_error(f"{CONTROL}.LeaseHeld", {"lease": lease})
 
-    def grant(self, holder: str, now: float) -> dict[str, Any]:
+    def grant(self, holder: str, now: float) -> dict[str, object]:
         """Grant the lease to `holder`, even if another holds it. Return the Grant."""
         with self._lock:
             self._number += 1
@@ -43,7 +42,7 @@ class RemoteLease:
             self._lease.acquire(self._number, holder, -1, now, take=True)
         return self.granted(now)
 
-    def renew(self, token: str, now: float) -> dict[str, Any]:
+    def renew(self, token: str, now: float) -> dict[str, object]:
         """Renew the lease; return the Grant. Raises CallError: LEASE_MISSING."""
         with self._lock:
             renewed = token == self._token and self._lease.renew(self._number, now)
@@ -67,7 +66,7 @@ class RemoteLease:
             self._lease.release(self._number)
             self._token = ""
 
-    def granted(self, now: float) -> dict[str, Any]:
+    def granted(self, now: float) -> dict[str, object]:
         """Return the Grant as it stands."""
         with self._lock:
             owner = self._lease.info(now)

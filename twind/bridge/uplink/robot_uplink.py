@@ -1,8 +1,8 @@
 """One robot's uplink while it runs: publications, queries, and the command lease.
 
-Threads: a tap for each publishing connection of the daemon (`topic_outlets.py`) and a lane for each kind of
-query (`worker_queue.py`). Further one for each kind of stop, which waits for nothing but the stop before it
-(`coalesced_stop.py`). The threads of the Zenoh engine run no code here that waits.
+Threads: one for each publishing connection of the daemon (`topic_outlets.py`), for each kind of query
+(`worker_queue.py`), and for each kind of stop, which waits only for the stop before it (`coalesced_stop.py`).
+The threads of the Zenoh engine run no code here that waits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import zenoh
 from msgspec import convert
@@ -37,10 +36,11 @@ FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
 ON_DEMAND = "latency"  # read only with subscribers; all other topics are always read
 CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them with the goals, all for this connection
 LARGE_WAITING = 8  # questions with a trajectory that may wait: up to 4 MB each
-# s for an answer of the daemon; for a stop, or a check while the model loads
+# s for an answer of the daemon; for a stop, or a check while the model loads. A shorter wait would report a
+# settling that is under way as failed.
 PATIENCE = 5.0
 SLOW = 35.0
-AGAIN = 0.5  # s between two attempts to reach it
+AGAIN = 0.5  # s between two attempts to reach it: without a pause a refused connect would fill a core
 END = 1.0  # s at the end for what is under way
 Tell = Callable[[str], None]
 
@@ -64,20 +64,20 @@ class RobotUplink:
         self._limits = RepeatedFaultFilter()
         self._renamed = False
         self._plans = PlannedDurations()
-        self._tenancy = RemoteLease()
+        self._lease = RemoteLease()
         self._driving = MotionSession(partial(operator, options))
-        self._reins = LeaseKeeper(self._driving, self._tenancy, self._plans, self._publish, tell)
+        self._lease_keeper = LeaseKeeper(self._driving, self._lease, self._plans, self._publish, tell)
         self._presence = NameClaim(session, robot)
-        self._taps = self._made_taps()
+        self._relays = self._make_relays()
         self._door = QueryServer(session, robot, tell)
-        self._lanes = self._opened_lanes()
+        self._queues = self._open_queues()
 
     def start(self) -> None:
-        """Begin to publish and to answer."""
-        for tap in self._taps:
-            tap.start()
-        for lane in self._lanes:
-            lane.start()
+        """Start to publish and to answer."""
+        for relay in self._relays:
+            relay.start()
+        for queue in self._queues:
+            queue.start()
         self._presence.claim()
 
     @property
@@ -91,24 +91,24 @@ class RobotUplink:
         return self._renamed or bool(self.rival)
 
     def close(self) -> None:
-        """Release the robot, then the name. Takes END, and a little."""
+        """Release the robot, then the name. Takes slightly longer than END."""
         self._door.close()
-        for tap in self._taps:
-            tap.stop()
+        for relay in self._relays:
+            relay.stop()
         deadline = time.monotonic() + END
-        for lane in self._lanes:
-            lane.stop(max(0.0, deadline - time.monotonic()))
-        for tap in self._taps:
-            tap.join(max(0.0, deadline - time.monotonic()))
+        for queue in self._queues:
+            queue.stop(max(0.0, deadline - time.monotonic()))
+        for relay in self._relays:
+            relay.join(max(0.0, deadline - time.monotonic()))
         self._presence.close()
 
     def tally(self) -> dict[str, dict[str, int]]:
-        """Counts of answered queries, and of those that found no room, by lane."""
-        return {lane.name: {"answered": lane.done, "refused": lane.full} for lane in self._lanes}
+        """Counts of answered queries, and of those that found no room, by queue."""
+        return {queue.name: {"answered": queue.done, "refused": queue.full} for queue in self._queues}
 
     # ------------------------------------------------------------------------------------------ telling
 
-    def _made_taps(self) -> list[MonitorRelay]:
+    def _make_relays(self) -> list[MonitorRelay]:
         connect = partial(observer, self._options)
         rare = [topic for topic in TOPICS if topic != ON_DEMAND]
         news = MonitorRelay(
@@ -154,13 +154,13 @@ class RobotUplink:
 
     def _on_message(self, topic: str, data: bytes) -> None:
         if topic in ("events", "status"):
-            self._reins.on_monitor_reply(json.loads(data)["parameters"])
+            self._lease_keeper.on_monitor_reply(json.loads(data)["parameters"])
         elif topic == "trajectories":
             self._plans.on_monitor_reply(json.loads(data)["parameters"])
 
     # ------------------------------------------------------------------------------------------ answering
 
-    def _opened_lanes(self) -> list[WorkerQueue | CoalescedStop]:
+    def _open_queues(self) -> list[WorkerQueue | CoalescedStop]:
         door = self._door
         # A settling may last, and a cut must not wait for it.
         stops = [
@@ -172,22 +172,24 @@ class RobotUplink:
         goals = WorkerQueue(
             "goals",
             length=LARGE_WAITING,
-            tend=self._reins.renew_and_report,
+            tend=self._lease_keeper.renew_and_report,
             period=PERIOD,
-            last=self._reins.close,
+            last=self._lease_keeper.close,
         )
 
         def goal(one: RemoteQuery) -> bool:
             came = time.monotonic()
             return goals.put(
-                lambda: one.answer(lambda asked: self._reins.goal(convert(asked, GoalQuery), came))
+                lambda: one.answer(lambda asked: self._lease_keeper.goal(convert(asked, GoalQuery), came))
             )
 
         def lease(one: RemoteQuery) -> bool:
-            if one.asked["op"] == "renew":  # asks nothing of the daemon, and waits for nothing
-                one.answer(lambda asked: self._reins.renew(convert(asked, LeaseQuery)))
+            if one.asked["op"] == "renew":  # needs no reply of the daemon, so it does not wait
+                one.answer(lambda asked: self._lease_keeper.renew(convert(asked, LeaseQuery)))
                 return True
-            return goals.put(lambda: one.answer(lambda asked: self._reins.lease(convert(asked, LeaseQuery))))
+            return goals.put(
+                lambda: one.answer(lambda asked: self._lease_keeper.lease(convert(asked, LeaseQuery)))
+            )
 
         door.open("EStop", lambda one: stops[one.asked.get("level") == "cut"].put(one), "stop", "EStop")
         door.open("Cancel", cancelling.put, "stop", "Cancel")
@@ -202,25 +204,25 @@ class RobotUplink:
             asking,
             checking,
             goals,
-            WorkerQueue("watching", tend=self._reins.watch, period=PERIOD),
+            WorkerQueue("watching", tend=self._lease_keeper.watch, period=PERIOD),
         ]
 
-    def _relayed(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
+    def _relayed(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
         """Return the daemon's answer. Raises ClientError."""
         names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
         with connected(self._options, *names) as client:
             client.timeout = patience
             return client.call(method, **parameters)
 
-    def _stopped(self, method: str, patience: float, parameters: dict[str, Any]) -> dict[str, Any]:
+    def _stopped(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
         """Relay a stop: no goal that arrived here before its answer begins after it. Raises ClientError."""
-        self._reins.stopped(time.monotonic())
+        self._lease_keeper.stopped(time.monotonic())
         try:
             return self._relayed(method, patience, parameters)
         finally:
-            self._reins.stopped(time.monotonic())
+            self._lease_keeper.stopped(time.monotonic())
 
-    def _publish(self, goal: str, answer: dict[str, Any]) -> None:
+    def _publish(self, goal: str, answer: dict[str, object]) -> None:
         self._session.put(
             robot_key(self.robot, "goals", goal),
             encoded(answer),
@@ -232,7 +234,7 @@ class RobotUplink:
 
 
 def _within(queue: WorkerQueue, serve: Serve) -> Take:
-    """Answered in its turn."""
+    """Return a taker that answers each query in its turn."""
     return lambda one: queue.put(lambda: one.answer(serve))
 
 

@@ -1,7 +1,7 @@
 """Outlets of the daemon's topics on the network: only with subscribers, at requested rates, byte for byte.
 
-A tap is one connection to the daemon. Nothing waits for the network: a message that a link cannot accept is
-dropped after a millisecond, which receivers see by `sequence`. Messages that the tap cannot accept are
+A relay is one connection to the daemon. Nothing waits for the network: a message that a link cannot accept is
+dropped after a millisecond, which receivers see by `sequence`. Messages that the relay cannot accept are
 dropped and counted by the daemon: `dropped`.
 """
 
@@ -19,7 +19,7 @@ from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.client import Client, ClientError
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
-AGAIN = 0.5  # s between two attempts to reach one
+AGAIN = 0.5  # s between two attempts: a daemon that restarts refuses connections meanwhile
 _TOPIC = re.compile(rb'"topic":"([a-z]+)"')
 
 TakeTopic = Callable[[str, bytes], None]
@@ -45,7 +45,7 @@ class TopicOutlet:
         return bool(getattr(status, "matching", status))
 
     def put(self, data: bytes) -> None:
-        """Send it on, within milliseconds. Raises zenoh.ZError: the session is closed."""
+        """Publish the message within milliseconds. Raises zenoh.ZError: the session is closed."""
         self._publisher.put(data)
 
 
@@ -63,8 +63,9 @@ class MonitorRelay:
         take: TakeTopic = lambda topic, data: None,
         ended: Callable[[str], None] = lambda why: None,
     ) -> None:
-        """`began`: with a connection of each daemon, before the first message; may raise ClientError.
-        `take`: receives each message. `ended`: the daemon is gone, with the reason.
+        """Make the relay; `began` gets a connection to each daemon before its first message.
+
+        It may raise ClientError. `take` receives each message. `ended` gets the reason of an end.
         """
         self._connect = connect
         self._topics = list(topics)
@@ -76,14 +77,14 @@ class MonitorRelay:
         self._wake = threading.Event()
         self._stop = threading.Event()
         self.outlets: dict[str, TopicOutlet] = {}
-        self._thread = threading.Thread(target=self._run, name=f"tap {topics[0]} {rate}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"relay {topics[0]} {rate}", daemon=True)
 
     def lead(self, session: zenoh.Session, robot: str, topic: str, *key: str) -> None:
         """Publish `topic` at `twind/ROBOT/KEY`."""
         self.outlets[topic] = TopicOutlet(session, robot, *key, changed=self._wake.set)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._wake.set()
         self._thread.start()
 
@@ -93,7 +94,7 @@ class MonitorRelay:
         self._wake.set()
 
     def join(self, patience: float) -> None:
-        """Wait for its end, at most `patience` s: it comes with the next message."""
+        """Wait at most `patience` s for the thread, which ends with the next message."""
         if self._thread.ident is not None:
             self._thread.join(patience)
 
@@ -105,7 +106,7 @@ class MonitorRelay:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._wake.wait()
-            self._wake.clear()
+            self._wake.clear()  # before the check: a later subscriber must wake the thread again
             while self.has_subscribers and not self._stop.is_set():
                 self._ended(self._followed())
                 if self.has_subscribers:

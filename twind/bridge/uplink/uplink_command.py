@@ -59,7 +59,7 @@ class RateLimitedLog:
 group = "connect"
 
 LOOK = 0.2  # s between two checks for an end
-AGAIN = 1.0  # s until it goes on by another name
+AGAIN = 1.0  # s until it continues under another name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     for each in zenoh_session.readable(place):
         _tell(f"{each}: every host on the path can read and command; use tls/ with certificates")
     with catch_stop_signals() as stop, _for(options.seconds, stop):
-        tally: dict[str, Any] = {}
+        tally: dict[str, object] = {}
         while not stop.is_set():
             tally = _joined(options, place, stop) or tally
             stop.wait(AGAIN)
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _joined(
     options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """Run under one name to its end; return the tally of calls, None for none.
 
     Raises Rejected: name taken.
@@ -125,7 +125,7 @@ def _joined(
 
 @contextmanager
 def _for(seconds: float | None, stop: threading.Event) -> Iterator[None]:
-    """Set `stop` after so long. None: never."""
+    """Set `stop` after `seconds`; None: never."""
     timer = None if seconds is None else threading.Timer(seconds, stop.set)
     if timer is not None:
         timer.start()
@@ -138,9 +138,9 @@ def _for(seconds: float | None, stop: threading.Event) -> Iterator[None]:
 
 def _text(tally: dict[str, Any]) -> str:
     """Format the numbers of answered and refused calls."""
-    lanes = tally.get("lanes", {})
-    counts = [f"{name} {lane['answered']}" for name, lane in lanes.items() if lane["answered"]]
-    full = sum(lane["refused"] for lane in lanes.values())
+    queues = tally.get("lanes", {})
+    counts = [f"{name} {each['answered']}" for name, each in queues.items() if each["answered"]]
+    full = sum(each["refused"] for each in queues.values())
     return f"answered: {', '.join(counts) or 'nothing'}" + (f"; no room for {full}" if full else "")
 
 

@@ -31,8 +31,8 @@ class UplinkGoal:
     refusal: CallError | None = None
     over: bool = False
 
-    def latest_reply(self) -> dict[str, Any]:
-        """The newest answer. Raises CallError: it was refused."""
+    def latest_reply(self) -> dict[str, object]:
+        """Return the newest report. Raises CallError: it was refused."""
         if self.refusal is not None:
             raise self.refusal
         return self.answer
@@ -56,14 +56,14 @@ class UplinkGoalTable:
         self._goals: dict[str, UplinkGoal] = {}
 
     def find_repeated(self, name: str, lease: str) -> UplinkGoal | None:
-        """The goal of that name, if it came before. Raises CallError: it is another's."""
+        """Return the goal of that name, if it exists. Raises CallError: it belongs to another lease."""
         known = self._goals.get(name)
         if known is not None and known.lease != lease:
             raise invalid("goal", f"{name[:64]!r} was used before, under another lease: a name is used once")
         return known
 
     def begin(self, name: str, lease: str, deadline: float, now: float) -> UplinkGoal:
-        """A new one. Raises CallError: too late, too far ahead, or too many."""
+        """Record a new goal. Raises CallError: too late, too far ahead, or too many."""
         in_time(deadline, now)
         if len(self._goals) >= MOST:
             self._forget(now)

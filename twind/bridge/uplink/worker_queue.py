@@ -11,13 +11,16 @@ import threading
 from collections.abc import Callable
 
 PACE = 0.01  # s, shortest time between jobs: bounds the load of a client without pauses
-LONG = 64
+LONG = 64  # jobs that may wait: a client gives up on a later answer, and the memory stays bounded
 
 Job = Callable[[], None]
 
 
 class WorkerQueue:
-    """Jobs must not raise. `tend` is called after each, and each `period` s at least; `last` at its end."""
+    """Queue of jobs, which must not raise. `last` is called at the end.
+
+    `tend` is called after each job and at least each `period` s.
+    """
 
     def __init__(
         self,
@@ -42,7 +45,7 @@ class WorkerQueue:
         self.full = 0
 
     def start(self) -> None:
-        """Begin with what was put."""
+        """Start to run the queued jobs."""
         self._thread.start()
 
     def put(self, job: Job) -> bool:
@@ -55,7 +58,7 @@ class WorkerQueue:
         return True
 
     def stop(self, patience: float = 1.0) -> None:
-        """Begin no more. Returns when that is so, or after `patience` s."""
+        """Start no more jobs. Returns when the last one has ended, or after `patience` s."""
         self._stop.set()
         with contextlib.suppress(queue.Full):  # a full queue wakes the worker anyway
             self._jobs.put_nowait(None)

@@ -20,14 +20,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 ROOT = "twind"
 RATES = ("1", "10", "30", "full")  # Hz
 TOPICS = ("status", "latency", "events", "verdicts", "trajectories", "stream")
 ASKED = ("GetStatus", "GetRobot", "GetParameters")
 STOPS = ("Cancel", "EStop")
-LEASE_S = 1.0  # s that a lease from afar lives without being renewed
+LEASE_S = 1.0  # s after which a remote lease lapses without a renewal
 LONGEST = 64  # characters of a name
 _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{LONGEST}}}")
 
@@ -46,7 +45,7 @@ def chunk(what: str, name: str) -> str:
     return name
 
 
-def robot_name(status: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:
+def robot_name(status: Mapping[str, object], parameters: Mapping[str, object]) -> str:
     """The individual's name, else the robot file's, as one chunk of a key: other characters become `-`.
 
     `status`: of GetStatus; `parameters`: of GetParameters.

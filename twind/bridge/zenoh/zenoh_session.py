@@ -91,9 +91,9 @@ def parse_config(text: str) -> NetworkConfig:
 
 
 def readable(place: NetworkConfig) -> list[str]:
-    """Endpoints, also of its file, of which others on the way can read, and send, all there is.
+    """Return the endpoints, also of its file, whose traffic hosts on the path can read and forge.
 
-    Raises ClientError: the place itself is wrong.
+    Raises ClientError: the configuration is wrong.
     """
     made = make_configuration(place, TRY)
     named = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
@@ -116,12 +116,12 @@ def open_session(
             if not reported:
                 tell(f"{place}: {error}; trying on")
             reported = True
-        stop.wait(TRY)
+        stop.wait(TRY)  # a refused endpoint fails at once: without a pause this would fill a core
     return None
 
 
 def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
-    """Joined within `patience` s. Raises ClientError."""
+    """Join the network within `patience` s. Raises ClientError."""
     try:
         return _open(make_configuration(place, patience))
     except ClientError as error:
@@ -160,8 +160,8 @@ def make_configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
         _put(made, "connect/endpoints", list(place.connect))
     if place.listen:
         _put(made, "listen/endpoints", list(place.listen))
-    usual: dict[str, Any] = {
-        "listen/endpoints": [],  # of itself a peer listens on every interface
+    usual: dict[str, object] = {
+        "listen/endpoints": [],  # by default a peer listens on every interface
         "mode": "peer" if place.listen else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -198,7 +198,7 @@ def _put(configuration: zenoh.Config, key: str, value: Any) -> None:
 
 
 def _engine() -> Any:
-    """The engine. Raises UsageError: it is not installed."""
+    """Import the engine. Raises UsageError: it is not installed."""
     try:
         import zenoh
     except ImportError:
@@ -212,7 +212,7 @@ def _words(error: Exception) -> str:
 
 
 def here(endpoint: str) -> bool:
-    """A host of this machine alone."""
+    """Return whether a host is this machine."""
     host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
     try:
         return host == "localhost" or ip_address(host).is_loopback

@@ -23,7 +23,7 @@ from twind.robot.arrays import Bools, Floats
 class BatchVectorEnv(VectorEnv):
     """`num_envs` robots with one task. Robot i is the single environment with seed + i, bit for bit."""
 
-    metadata: Mapping[str, Any] = {
+    metadata: Mapping[str, object] = {
         "render_modes": ["rgb_array"],
         "render_fps": round(1.0 / ActionShaping().period),
         "autoreset_mode": AutoresetMode.SAME_STEP,
@@ -62,8 +62,8 @@ class BatchVectorEnv(VectorEnv):
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observations, dict[str, Any]]:
+        options: dict[str, object] | None = None,
+    ) -> tuple[Observations, dict[str, object]]:
         """New episodes. `seed`: robot i gets seed + i, or its own of a list.
 
         `options`: {"command": (m/s forward, m/s left, rad/s)}, {"reset_mask": (num_envs,)} for some of them.
@@ -81,7 +81,7 @@ class BatchVectorEnv(VectorEnv):
         observation = self.core.reset(np.flatnonzero(mask), command)
         return observation, self._commands(mask)
 
-    def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
+    def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, dict[str, object]]:
         """Run one control period of all robots.
 
         `final_obs` has the last observation of each episode that ended.
@@ -99,7 +99,7 @@ class BatchVectorEnv(VectorEnv):
         """Give the camera back."""
         self.core.body.close()
 
-    def _info(self, step: BatchStep) -> dict[str, Any]:
+    def _info(self, step: BatchStep) -> dict[str, object]:
         if not step.ended.size:
             return _masked(step.terms, self._every)
         ended = np.zeros(self.num_envs, np.bool_)
@@ -111,11 +111,11 @@ class BatchVectorEnv(VectorEnv):
         others = {} if ended.all() else _masked(step.terms, ~ended)
         return {**others, **self._commands(ended), **_masked(final, ended)}
 
-    def _commands(self, mask: Bools) -> dict[str, Any]:
+    def _commands(self, mask: Bools) -> dict[str, object]:
         """Return the commands (count, 3) of the episodes that have just begun, those in `mask`."""
         return _masked({"command": self.core.command.copy()}, mask)
 
 
-def _masked(info: Mapping[str, Any], mask: Bools) -> dict[str, Any]:
+def _masked(info: Mapping[str, object], mask: Bools) -> dict[str, object]:
     """Return arrays in Gymnasium's vector form: each array, and as `_name` the mask of its robots."""
     return {**info, **{f"_{name}": mask for name in info}}

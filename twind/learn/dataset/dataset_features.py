@@ -21,7 +21,7 @@ _TYPES = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 Column = NDArray[Any]
 
 
-def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
+def features(of: DatasetContents) -> dict[str, dict[str, object]]:
     """Describe each column by its name: dtype, shape, names of its numbers."""
     joints = {name: _feature("float32", of.names(name)) for name in of.features}
     ends = (DONE, SUCCESS) if of.has_success_marks else (DONE,)
@@ -33,13 +33,13 @@ def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
     )
 
 
-def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
+def schema(described: Mapping[str, Mapping[str, object]]) -> pa.Schema:
     """Return the Arrow schema of the described columns; vectors are lists of fixed size."""
     return pa.schema([(name, _type(each)) for name, each in described.items()])
 
 
 def columns(
-    of: DatasetContents, episode: EpisodeFrames, described: Mapping[str, Any], number: int, first: int
+    of: DatasetContents, episode: EpisodeFrames, described: Mapping[str, object], number: int, first: int
 ) -> dict[str, Column]:
     """Return the columns of one episode, in the order of `described`.
 
@@ -73,7 +73,7 @@ def table(made: Mapping[str, Column], of: pa.Schema) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=of)
 
 
-def _feature(dtype: str, names: tuple[str, ...] | None = None) -> dict[str, Any]:
+def _feature(dtype: str, names: tuple[str, ...] | None = None) -> dict[str, object]:
     shape = [1 if names is None else len(names)]
     return {"dtype": dtype, "shape": shape, "names": None if names is None else list(names)}
 

@@ -82,7 +82,7 @@ class _DatasetWriter:
     def _shards(self, folder: Path, of: pa.Schema) -> ShardWriter:
         return ShardWriter(folder, of, size=round(self._file_mb * _MB), chunk=self._chunk)
 
-    def _data(self) -> list[dict[str, Any]]:
+    def _data(self) -> list[dict[str, object]]:
         """Write the frames; return the row of `meta/episodes` of each episode."""
         shape = schema(self._features)
         shards = self._shards(self._folder / "data", shape)
@@ -107,7 +107,7 @@ class _DatasetWriter:
         shards.close()
         return found
 
-    def _episodes(self, rows: list[dict[str, Any]]) -> None:
+    def _episodes(self, rows: list[dict[str, object]]) -> None:
         shape = self._episode_schema(rows[0])
         shards = self._shards(self._folder / "meta" / "episodes", shape)
         for row in rows:
@@ -129,7 +129,7 @@ class _DatasetWriter:
         places = ("meta/episodes/chunk_index", "meta/episodes/file_index")
         return pa.schema([(name, kinds.get(name, whole)) for name in (*row, *places)])
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self) -> dict[str, object]:
         of = self._of
         return {
             "codebase_version": VERSION,
@@ -167,7 +167,7 @@ def _tasks(tasks: tuple[str, ...], path: Path) -> None:
     pq.write_table(pa.table(rows, schema=shape), path, compression="snappy")
 
 
-def _pandas(name: str, kind: str, numpy: str) -> dict[str, Any]:
+def _pandas(name: str, kind: str, numpy: str) -> dict[str, object]:
     return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
 
 

@@ -36,7 +36,7 @@ class RobotBody(Protocol):
         """True if the last reading is of no use: the episode must end."""
 
     @property
-    def step_info(self) -> Mapping[str, Any]:
+    def step_info(self) -> Mapping[str, object]:
         """Further entries of `info` for the last step."""
 
     def reset(self, rng: np.random.Generator) -> BodyReading:
@@ -58,7 +58,7 @@ class RobotEnv(gymnasium.Env):
     It ends its episodes by itself, in time too.
     """
 
-    metadata: Mapping[str, Any] = {
+    metadata: Mapping[str, object] = {
         "render_modes": ["rgb_array"],
         "render_fps": round(1.0 / ActionShaping().period),
     }
@@ -109,8 +109,8 @@ class RobotEnv(gymnasium.Env):
         self.observation_space, self.action_space = spaces_of(plant)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        self, *, seed: int | None = None, options: dict[str, object] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, object]]:
         """Begin an episode. `options`: {"command": (m/s forward, m/s left, rad/s)} or a drawn one.
 
         Raises ValueError: other options, or no command that can be.
@@ -128,7 +128,7 @@ class RobotEnv(gymnasium.Env):
         observation = self._observe(reading, np.zeros(len(self.plant.default)))
         return observation, {"command": tuple(self._command.tolist())}
 
-    def step(self, action: NDArray[Any]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[Any]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, object]]:
         """One control period. Raises ValueError: an action with NaN; ResetNeeded. Nothing moves by either."""
         if not self._rngs:
             raise ResetNeeded("no episode has begun: reset() first")

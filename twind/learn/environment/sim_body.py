@@ -16,7 +16,7 @@ from twind.learn.task.plant_model import Plant, fill
 from twind.robot.arrays import Floats
 from twind.twin.simulation import hush
 
-NOTHING: Mapping[str, Any] = {}
+NOTHING: Mapping[str, object] = {}
 
 
 class SimBody:
@@ -60,7 +60,7 @@ class SimBody:
         return bool(self.data.time < self._due)
 
     @property
-    def step_info(self) -> Mapping[str, Any]:
+    def step_info(self) -> Mapping[str, object]:
         """Nothing: all is as it was asked."""
         return NOTHING
 

@@ -29,7 +29,7 @@ def build_graph(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: flo
     from onnx import TensorProto, helper
 
     _require_network(layers, mean, std, clip)
-    arrays: dict[str, Any] = {
+    arrays: dict[str, object] = {
         "mean": mean,
         "std": std,
         "lowest": np.float32(-clip),

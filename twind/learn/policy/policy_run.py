@@ -48,11 +48,11 @@ class PolicyRunLog:
 
     def plain(
         self, controller: PolicyController, timer: RateTimer | None, recent: int = KEPT
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Return the figures as JSON; of the last `recent` steps where they are times, in ms."""
         seen = controller.figures
         past = self.ended - self.began
-        figures: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
+        figures: dict[str, object] = {"seconds": round(past, 3), "steps": seen.steps}
         figures["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
         figures["missed"] = 0 if timer is None else timer.missed
         for name in ("late", "inference", "way"):

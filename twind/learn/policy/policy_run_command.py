@@ -183,7 +183,7 @@ def _report(
     why: str,
     status: Mapping[str, Any],
 ) -> int:
-    figures: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
+    figures: dict[str, object] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
         controller, drive.timer
     )
     lines = [why] if good else []
@@ -215,11 +215,11 @@ def _figures(figures: Mapping[str, Any]) -> list[str]:
     return lines + [f"held     {reason}" for reason in figures["why_held"]]
 
 
-def _held(figures: Mapping[str, Any]) -> str:
+def _held(figures: Mapping[str, object]) -> str:
     return f" of {figures['held_s']:.1f} s together" if figures["holds"] else ""
 
 
-def _after(status: Mapping[str, Any]) -> str:
+def _after(status: Mapping[str, object]) -> str:
     if status["mode"] == "live" and status["armed"]:
         return "the robot holds with torque on, and no client drives it: `twindctl disarm` lowers it"
     if status["mode"] == "live" and status["faults"]:

@@ -9,7 +9,6 @@ import io
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ NAME = "render"
 class CameraScene:
     """One robot, drawn. Of one thread: the GL context belongs to it."""
 
-    def __init__(self, answer: dict[str, Any]) -> None:
+    def __init__(self, answer: dict[str, object]) -> None:
         """Load the robot; `answer`: of GetRobot. Raises OperationFailed."""
         import mujoco
 

@@ -4,7 +4,7 @@ import gzip
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -39,7 +39,7 @@ class _StreamedState(msgspec.Struct):
     sequence: int
     joints: list[_StreamedJoint]
     dropped: int = 0
-    imu: dict[str, Any] | None = None
+    imu: dict[str, object] | None = None
 
 
 class _StreamedMessage(msgspec.Struct):
@@ -56,7 +56,7 @@ class StreamSample(NamedTuple):
     tick: int  # of the loop
     names: list[str]
     rows: list[list[float | None]]  # by ROWS: rad, rad/s, N·m, rad, ms
-    imu: dict[str, Any] | None  # `Imu` of the interface
+    imu: dict[str, object] | None  # `Imu` of the interface
     dropped: int = 0
 
 
@@ -140,7 +140,7 @@ def message(batch: SampleBatch, *, ndjson: bool = False, zipped: bool = False) -
     return PostMessage(body, headers, len(batch.samples))
 
 
-def _rounded(samples: Sequence[StreamSample]) -> list[dict[str, Any]]:
+def _rounded(samples: Sequence[StreamSample]) -> list[dict[str, object]]:
     """All numbers of a batch at once: one sample after the other would cost twice as much."""
     rounded = np.array([each.rows for each in samples], dtype=float).round(DIGITS)
     table = (rounded + 0.0).tolist()  # no -0.0

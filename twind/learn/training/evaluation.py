@@ -6,7 +6,6 @@ that nothing was learnt.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ class EvaluationScore:
     jitter: float  # mean change of an action from step to step: how restless it is
     episodes: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the fields by name."""
         return asdict(self)
 

@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
         raise Rejected(str(error)) from None
 
 
-def _given(options: argparse.Namespace) -> dict[str, Any]:
+def _given(options: argparse.Namespace) -> dict[str, object]:
     """Return the settings that the options name, and no others. Raises UsageError: no such task."""
     from twind.learn.task.learning_tasks import task_of
 

@@ -39,7 +39,7 @@ class TrainingFigures:
         """Steps and score of the best evaluation, the first of equals."""
         return max(self.points, key=lambda point: point[1].returns, default=None)
 
-    def to_json(self, steps: int, ended: str | None) -> dict[str, Any]:
+    def to_json(self, steps: int, ended: str | None) -> dict[str, object]:
         """As they stand in the run's file. `ended`: done, stopped, or None while it runs."""
         best = self.best
         return {
@@ -63,7 +63,7 @@ class Trainer:
         settings: TrainingSettings,
         folder: TrainingFolder,
         reporter: TrainingReporter,
-        before: Mapping[str, Any] | None,
+        before: Mapping[str, object] | None,
     ) -> None:
         """`before`: the run's file of a training that goes on. Raises Rejected: its checkpoint is none."""
         self._settings = settings

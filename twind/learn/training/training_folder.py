@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twind.command_line.verb import Rejected
 from twind.learn.training.training_settings import TrainingSettings, settings_from_json
@@ -55,7 +54,7 @@ class TrainingFolder:
             os.close(directory)
         return place
 
-    def write_run(self, settings: TrainingSettings, more: Mapping[str, Any]) -> None:
+    def write_run(self, settings: TrainingSettings, more: Mapping[str, object]) -> None:
         """Write the settings of the run and its results so far. Raises OSError."""
         data = {"format": FORMAT, "settings": settings.to_json(), **more}
         self.write(RUN, (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode())
@@ -103,7 +102,7 @@ def require_fresh(path: Path) -> None:
             raise Rejected(f"{path}: there is a {name} already; {remedy}")
 
 
-def read_run(path: Path) -> tuple[TrainingSettings, dict[str, Any]]:
+def read_run(path: Path) -> tuple[TrainingSettings, dict[str, object]]:
     """Settings and figures of the run in a folder. Raises Rejected naming the file and what is wrong."""
     file = path / RUN
     try:

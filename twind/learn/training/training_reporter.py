@@ -3,7 +3,6 @@
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twind.command_line.verb import show
 from twind.learn.training.evaluation import EvaluationScore
@@ -68,7 +67,7 @@ class TrainingReporter:
         self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
     ) -> None:
         """Print the result, and how to go on."""
-        data: dict[str, Any] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
+        data: dict[str, object] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
         data |= {"zero": zero.to_json(), "best": best.to_json() if best else None}
         lines = ["", f"{'done' if whole else 'stopped'} after {_count(steps)} steps: {path}"]
         if best is not None:

@@ -59,7 +59,7 @@ class TrainingSettings:
         if not 0.0 < self.gamma < 1.0:
             raise ValueError(f"gamma {self.gamma:g}: above 0 and below 1 is needed")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """As it stands in the run's file."""
         return asdict(self) | {"hidden": list(self.hidden)}
 
@@ -85,7 +85,7 @@ def settings_from_json(data: Mapping[str, Any]) -> TrainingSettings:
     return TrainingSettings(**{**data, "hidden": tuple(data["hidden"])})
 
 
-def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]:
+def differences(before: TrainingSettings, given: Mapping[str, object]) -> list[str]:
     """Return a sentence for each setting that differs from `before`. More steps are no difference."""
     found = []
     for name, value in given.items():

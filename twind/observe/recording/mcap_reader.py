@@ -217,7 +217,7 @@ def _damage(file: McapRecordScanner) -> str:
 # ------------------------------------------------------------------------------------------ messages
 
 
-def _json(data: bytes) -> Mapping[str, Any]:
+def _json(data: bytes) -> Mapping[str, object]:
     """Parse a JSON object, either bare or in a message of std_msgs/String; empty if it is none."""
     try:
         found = json.loads(decode(STRING, data)["data"] if data.startswith(HEAD) else data)
@@ -226,7 +226,7 @@ def _json(data: bytes) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None:
+def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, object] | None:
     return _json(files[name]) if name in files else None
 
 
@@ -236,7 +236,7 @@ def slow(message: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColum
         return None
     tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in message]
 
-    def column(make: Callable[[Mapping[str, Any]], Any]) -> Floats:
+    def column(make: Callable[[Mapping[str, object]], Any]) -> Floats:
         rows = [[make(table.get(name, {})) for name in joints] for table in tables]
         return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
 
@@ -249,9 +249,9 @@ def slow(message: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColum
     )
 
 
-def hops(message: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
+def hops(message: Sequence[tuple[float, Sequence[Mapping[str, object]]]]) -> dict[str, LatencyColumns]:
     """Build the latency columns of each hop from pairs of a time (s) and the latencies reported at it."""
-    found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
+    found: dict[str, list[tuple[float, Mapping[str, object]]]] = {}
     for time, latencies in message:
         for each in latencies:
             found.setdefault(str(each.get("hop")), []).append((time, each))

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from heapq import merge
 from itertools import count
-from typing import Any
 
 from twind.observe.recording.recording_columns import RobotRecording
 from twind_drivers.clock import Clock
@@ -11,7 +10,7 @@ from twind_drivers.clock import Clock
 FRAME = 0.02  # s between two states that are shown, at the pace of the viewer
 
 
-def messages(recording: RobotRecording, clock: Clock, speed: float) -> Iterator[dict[str, Any]]:
+def messages(recording: RobotRecording, clock: Clock, speed: float) -> Iterator[dict[str, object]]:
     """All messages in time order; one is given when its time has come. `speed`: 1 is as it was."""
     begun = clock.now()
     first: float | None = None
@@ -23,7 +22,7 @@ def messages(recording: RobotRecording, clock: Clock, speed: float) -> Iterator[
 
 def _columns(
     recording: RobotRecording, frame: float
-) -> Iterator[Iterator[tuple[float, int, str, dict[str, Any]]]]:
+) -> Iterator[Iterator[tuple[float, int, str, dict[str, object]]]]:
     number = count()
     yield ((each.time, next(number), "status", {"status": each.what}) for each in recording.statuses)
     yield ((each.time, next(number), "events", {"event": each.what}) for each in recording.events)
@@ -31,7 +30,7 @@ def _columns(
     yield ((time, next(number), "state", {"joints": rows}) for time, rows in _states(recording, frame))
 
 
-def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, list[dict[str, Any]]]]:
+def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, list[dict[str, object]]]]:
     due = float("-inf")
     columns = {
         "position": recording.measured,

@@ -112,7 +112,7 @@ class ReplayBus:
         """Return the ids of the devices, in order of rows."""
         return self._bus.ids()
 
-    def truth(self, now: float) -> list[dict[str, Any]]:
+    def truth(self, now: float) -> list[dict[str, object]]:
         """Return the registers, in the form that the virtual servos report."""
         return self._bus.truth(now)
 

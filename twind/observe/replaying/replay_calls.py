@@ -47,7 +47,7 @@ def call(asked: RecordedCommand, names: Sequence[str]) -> tuple[str, dict[str, A
     return asked.method, kept, more
 
 
-def _trajectory(command: link.Submit, data: bytes, names: Sequence[str]) -> dict[str, Any]:
+def _trajectory(command: link.Submit, data: bytes, names: Sequence[str]) -> dict[str, object]:
     path = unpack_path(data, command, len(names))
     joints = list(command.commanded)
     columns = {"positions": path.position, "velocities": path.velocity, "accelerations": path.acceleration}
@@ -93,7 +93,12 @@ class ReplayConnection:
         return self._socket.fileno()
 
     def send(
-        self, method: str, parameters: Mapping[str, Any], take: Callable[[Reply], None], *, more: bool = False
+        self,
+        method: str,
+        parameters: Mapping[str, object],
+        take: Callable[[Reply], None],
+        *,
+        more: bool = False,
     ) -> None:
         """Call; `take` is called with every reply."""
         message = {"method": f"{INTERFACE}.{method}", "parameters": parameters} | (

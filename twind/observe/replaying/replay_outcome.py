@@ -43,7 +43,7 @@ class RunOutcome:
     mode: str
     armed: bool
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """Convert to a dict that JSON can represent."""
         return {
             "answers": [

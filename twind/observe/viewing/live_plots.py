@@ -149,7 +149,7 @@ def _fill(plot: Any, data: Line) -> None:
     plot.data = data
 
 
-def _scales(least: float, most: float) -> dict[str, Any]:
+def _scales(least: float, most: float) -> dict[str, object]:
     x = {
         "time": False,
         "auto": False,

@@ -104,7 +104,7 @@ class RobotModel:
         self._data = mujoco.MjData(self.model)
         self._kinematics = mujoco.mj_kinematics
 
-    def same_as(self, description: Mapping[str, Any]) -> bool:
+    def same_as(self, description: Mapping[str, object]) -> bool:
         """Check that `description` would give the same picture: the same MJCF and the same robot."""
         return bool(self.told["mjcf"] == description["mjcf"] and self.told["robot"] == description["robot"])
 

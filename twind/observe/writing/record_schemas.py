@@ -89,7 +89,7 @@ def _members(interface: IdlInterface, name: str) -> dict[str, IdlType]:
     return dict(kind.fields)
 
 
-def _schema(kind: IdlType) -> dict[str, Any]:
+def _schema(kind: IdlType) -> dict[str, object]:
     if isinstance(kind, NamedType):
         return _schema(kind.types[kind.name])
     if isinstance(kind, OptionalType):
@@ -117,7 +117,7 @@ def clock_words(clocks: ClockPair) -> dict[str, str]:
 
 
 def attachments(
-    robot: Mapping[str, Any], calibration: Mapping[str, Any] | None, mjcf: str | None
+    robot: Mapping[str, object], calibration: Mapping[str, object] | None, mjcf: str | None
 ) -> dict[str, tuple[str, bytes]]:
     """Media type and bytes by name; what a robot has not is left out."""
 

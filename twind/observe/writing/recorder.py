@@ -7,7 +7,6 @@ import threading
 import time
 import traceback
 from dataclasses import dataclass
-from typing import Any
 
 from twind.client import ClientError
 from twind.client.clock_pair import STEP, ClockPair, clocks
@@ -122,7 +121,7 @@ class Recorder:
             with operator(self.options) as client:
                 client.call("Mark", kind=kind, task=self.options.task)
         except ClientError as error:
-            said: dict[str, Any] = {"kind": kind, "task": self.options.task}
+            said: dict[str, object] = {"kind": kind, "task": self.options.task}
             why = f"the daemon did not receive the mark: {error}"
             told = note(listening.session.clocks, time.monotonic(), "episode", annotation=said, text=why)
             self.writer.put(told._replace(mark=said))

@@ -13,16 +13,16 @@ class CanFaults(FrameFaults, NodeFaults):
     def __init__(
         self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController, text: SlcanText
     ) -> None:
-        FrameFaults.__init__(self, controller)
+        FrameFaults.__init__(self)
         NodeFaults.__init__(self, bus, nodes, controller)
         self._controller = controller
         self._text = text
         self.plugged = True
         self.stalled = False
 
-    def rows(self, id: int) -> list[int]:
-        """Rows of the nodes with this id. Raises KeyError that names the ids there are."""
-        return NodeFaults.rows(self, id)
+    def require(self, id: int) -> None:
+        """Check that a node has this id. Raises KeyError that lists the ids."""
+        self.rows(id)
 
     def corrupt(self, count: int, kind: str = "") -> None:
         """The next lines of slcan text to the host are broken: see `text.KINDS`; empty: any of them.

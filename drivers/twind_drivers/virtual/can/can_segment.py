@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -71,7 +70,7 @@ class VirtualCanSegment:
         """Return the ids of the nodes, in the order of rows."""
         return [node.id for node in self.nodes.each]
 
-    def truth(self, now: float) -> list[dict[str, Any]]:
+    def truth(self, now: float) -> list[dict[str, object]]:
         """Return the true state of each node at `now`, independent of the bus; raw units of `can_units`.
 
         Keys: see `VirtualCanNode.truth`.

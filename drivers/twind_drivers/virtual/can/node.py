@@ -6,7 +6,6 @@ A node receives only while it has power and its connector is plugged in; the bus
 import math
 from collections.abc import Sequence
 from math import inf
-from typing import Any
 
 from twind_drivers.can.can_units import COUNT, EFFORT
 from twind_drivers.virtual.can.can_message import CanMessage
@@ -129,7 +128,7 @@ class VirtualCanNode:
         self.start()
         self.suffer()
 
-    def truth(self, now: float) -> dict[str, Any]:
+    def truth(self, now: float) -> dict[str, object]:
         """Return the true state of the node, independent of the bus; raw units of `can_units`.
 
         The keys are those of a serial servo.
