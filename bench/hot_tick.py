@@ -45,8 +45,10 @@ def take() -> Mapping[str, MeasuredFigure]:
     middle = medians(rounds)
     own = own_tree().name
     bare = {name: middle[name] - servos[name] for name in middle}
-    note = "armed, 24 joints moving, virtual servos in the same process "
-    note += f"({servos[own]:.0f} µs of it); without them {bare[own]:.0f}, base {bare[base.name]:.0f} ({bare[own] / bare[base.name]:.2f} ×); "
+    note = f"armed, 24 joints moving, virtual servos in the same process ({servos[own]:.0f} µs of it); "
+    note += (
+        f"without them {bare[own]:.0f}, base {bare[base.name]:.0f} ({bare[own] / bare[base.name]:.2f} ×); "
+    )
     note += spread(rounds[own], "µs")
     return {"loop.tick_hot": MeasuredFigure(middle[own], note, {f"base {base.name}": middle[base.name]})}
 
