@@ -1,4 +1,4 @@
-"""A daemon on servos in C: one process of `bench/servos/servos.c` for each bus, with the timing of a wire.
+"""A daemon on servos in C: one process of `bench/native/servos.c` for each bus, with the timing of a wire.
 
 The servos share no code with `twind`. Of the daemon only files and command lines are used,
 so that every commit with the same formats can be measured.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.harness import MeasurementUnavailable
 
-SOURCES = Path(__file__).with_name("servos")
+SOURCES = Path(__file__).with_name("native")
 OPTIONS = ("-O2", "-Wall", "-Wextra", "-Werror=implicit-function-declaration")
 
 

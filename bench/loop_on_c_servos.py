@@ -1,4 +1,4 @@
-"""`loop.cpu_c_servos*`: CPU of the daemon on servos in C, armed and moving, beside the base commit."""
+"""`loop.*` and `front.rss` on servos in C: CPU, missed ticks and memory, beside the base commit."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -20,8 +20,12 @@ from bench.harness import (
 )
 from bench.loop import four_buses
 from bench.motion import kept_moving
+from bench.stalls import TickCount, count_ticks, sentinel
 
 SPAN = 5.0  # s of each window
+MISSED_SPAN = 60.0  # s
+MEMORY_SPAN = 60.0  # s
+MEMORY = ("VmRSS", "VmLck")  # entries of /proc/PID/status
 SETTLE = 1.0  # s after the motion began
 
 
@@ -105,8 +109,58 @@ def _four(tree: SourceTree, folder: Path) -> Path:
     return four_buses(path, tree.built_in_robot("h24"))
 
 
+def take_missed() -> Mapping[str, MeasuredFigure]:
+    """Ticks that did not begin in their own period: 500 Hz, four buses of six servos, both trees."""
+    with scratch() as folder, base_tree(folder) as base:
+        counts: dict[str, TickCount] = {}
+        for tree in (own_tree(), base):
+            robot = _four(tree, folder)
+            with (
+                sentinel(folder) as log,
+                on_c_servos(tree, folder, robot, "--rate", "500") as daemon,
+                kept_moving(daemon),
+            ):
+                await_state(daemon, "armed")
+                counts[tree.name] = count_ticks(daemon, log, MISSED_SPAN)
+                seen = log.note()
+    note = f"{'; '.join(f'{name}: {count.note()}' for name, count in counts.items())}; {seen}"
+    peers = {f"base {base.name}": counts[base.name].share}
+    return {"loop.missed_500hz": MeasuredFigure(counts[own_tree().name].share, note, peers)}
+
+
+def take_memory() -> Mapping[str, MeasuredFigure]:
+    """Resident memory of both processes after a minute armed and moving, of both trees."""
+    sizes: dict[str, dict[str, float]] = {}
+    with scratch() as folder, base_tree(folder) as base:
+        for tree in (own_tree(), base):
+            with on_c_servos(tree, folder, _h24(tree, folder)) as daemon, kept_moving(daemon):
+                await_state(daemon, "armed")
+                time.sleep(MEMORY_SPAN)
+                pids = {"loop": daemon.pid, "front": daemon.front}
+                sizes[tree.name] = {
+                    f"{name}.{key}": _megabytes(pid, key) for name, pid in pids.items() for key in MEMORY
+                }
+    own = sizes[own_tree().name]
+    return {
+        f"{name}.rss": MeasuredFigure(
+            own[f"{name}.VmRSS"],
+            f"after {MEMORY_SPAN:g} s armed and moving; locked {own[f'{name}.VmLck']:.0f} MB",
+            {f"base {base.name}": sizes[base.name][f"{name}.VmRSS"]},
+        )
+        for name in ("loop", "front")
+    }
+
+
+def _megabytes(pid: int, key: str) -> float:
+    """Entry of /proc/PID/status, MB."""
+    rows = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return int(next(row for row in rows if row.startswith(key)).split()[1]) / 1024.0
+
+
 MEASUREMENTS = (
     _taking(_h24, 100, "loop.cpu_c_servos"),
     _taking(_four, 100, "loop.cpu_c_servos_four_100hz"),
     _taking(_four, 200, "loop.cpu_c_servos_four_200hz"),
+    Measurement({"loop.missed_500hz": FigureSpec("%", "< 0.1")}, take_missed),
+    Measurement({"loop.rss": FigureSpec("MB", "≤ 110"), "front.rss": FigureSpec("MB", "≤ 50")}, take_memory),
 )
