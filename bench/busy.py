@@ -21,7 +21,7 @@ from bench.daemon import BenchDaemon, scratch
 from bench.harness import FigureSpec, MeasuredFigure, Measurement, quantile
 from bench.motion import swing
 from bench.stalls import StallLog, sentinel
-from twind.client import Client, ClientError, Refused
+from twind.client import Client, Refused
 
 MINUTES = "MINUTES"  # environment variable
 REARM = 10.0  # s between two armings
@@ -82,19 +82,22 @@ def _note(name: str, count: BusyCount, kind: str, stalled: int) -> str:
 def _one(tree: SourceTree, folder: Path, span: float) -> tuple[BusyCount, StallLog]:
     count = BusyCount()
     with ExitStack() as stack:
-        log = stack.enter_context(sentinel(folder))
+        log = stack.enter_context(sentinel(folder, 0.01))
         daemon = stack.enter_context(on_c_servos(tree, folder, tree.built_in_robot("h24")))
-        with daemon.client() as client:
-            status = client.call("GetStatus", joints=True)
-            count.policy = status["status"]["loop"]["realtime"]["scheduler"]
-        names = [joint["name"] for joint in status["joints"]]
-        stack.enter_context(_disturbed(daemon, names))
+        # Both connect before the storm takes all places of the socket.
+        client = stack.enter_context(daemon.client())
+        looker = stack.enter_context(daemon.client())
+        status = client.call("GetStatus", joints=True)
+        count.policy = status["status"]["loop"]["realtime"]["scheduler"]
+        stack.enter_context(_disturbed(daemon, [joint["name"] for joint in status["joints"]]))
         until = time.monotonic() + span
-        looking = threading.Thread(target=_look, args=(daemon, count, until))
+        looking = threading.Thread(target=_look, args=(looker, count, until))
         looking.start()
-        while time.monotonic() < until:
-            _armed_once(daemon, count, until)
-        looking.join()
+        try:
+            while time.monotonic() < until:
+                _armed_once(client, count, until)
+        finally:
+            looking.join()
     return count, log
 
 
@@ -117,23 +120,22 @@ def _disturbed(daemon: BenchDaemon, joints: Sequence[str]) -> Iterator[None]:
             process.stdin.close()
 
 
-def _armed_once(daemon: BenchDaemon, count: BusyCount, until: float) -> None:
+def _armed_once(client: Client, count: BusyCount, until: float) -> None:
     """Arm, move until `REARM` s are over, disarm."""
-    with daemon.client() as client:
-        count.armings += 1
-        try:
-            client.call("AcquireLease")
-            client.call("Arm")
-        except Refused as refusal:
-            count.refused.append(time.monotonic())
-            count.blame(refusal.findings)
-            time.sleep(SHORT)
-            return
-        begin = time.monotonic()
-        path = _shortened(swing(client.call("GetStatus", joints=True)["joints"]))
-        while time.monotonic() < min(until, begin + REARM):
-            _move(client, path, count)
-        client.call("Disarm")
+    count.armings += 1
+    try:
+        client.call("AcquireLease")
+        client.call("Arm")
+    except Refused as refusal:
+        count.refused.append(time.monotonic())
+        count.blame(refusal.findings)
+        time.sleep(SHORT)
+        return
+    begin = time.monotonic()
+    path = _shortened(swing(client.call("GetStatus", joints=True)["joints"]))
+    while time.monotonic() < min(until, begin + REARM):
+        _move(client, path, count)
+    client.call("Disarm")
 
 
 def _shortened(path: dict[str, Any]) -> dict[str, Any]:
@@ -156,17 +158,13 @@ def _move(client: Client, path: dict[str, Any], count: BusyCount) -> None:
         count.blame(last.get("findings") or ())
 
 
-def _look(daemon: BenchDaemon, count: BusyCount, until: float) -> None:
+def _look(client: Client, count: BusyCount, until: float) -> None:
     """Keep the age of the oldest reading, again and again."""
-    with daemon.client() as client:
-        while time.monotonic() < until:
-            try:
-                joints = client.call("GetStatus", joints=True)["joints"]
-            except ClientError:  # a call that took too long: the next look tells
-                continue
-            ages = [joint["age_ms"] for joint in joints if joint["age_ms"] is not None]
-            count.ages.append(max(ages, default=0.0))
-            time.sleep(AGES)
+    while time.monotonic() < until:
+        joints = client.call("GetStatus", joints=True)["joints"]
+        ages = [joint["age_ms"] for joint in joints if joint["age_ms"] is not None]
+        count.ages.append(max(ages, default=0.0))
+        time.sleep(AGES)
 
 
 MEASUREMENTS = (

@@ -116,7 +116,7 @@ def take_missed() -> Mapping[str, MeasuredFigure]:
         for tree in (own_tree(), base):
             robot = _four(tree, folder)
             with (
-                sentinel(folder) as log,
+                sentinel(folder, 0.002) as log,
                 on_c_servos(tree, folder, robot, "--rate", "500") as daemon,
                 kept_moving(daemon),
             ):

@@ -46,7 +46,7 @@ def _count(tree: SourceTree, folder: Path, cores: list[int]) -> tuple[TickCount,
     loops, *others = cores
     servos = ServoSettings(core=others[-1])
     robot = tree.built_in_robot("h24")
-    with sentinel(folder) as log, on_c_servos(tree, folder, robot, servos=servos) as daemon:
+    with sentinel(folder, 0.01) as log, on_c_servos(tree, folder, robot, servos=servos) as daemon:
         for task in Path(f"/proc/{daemon.pid}/task").iterdir():
             with suppress(ProcessLookupError):
                 os.sched_setaffinity(int(task.name), {loops})

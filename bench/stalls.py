@@ -20,14 +20,15 @@ from bench.daemon import BenchDaemon
 from bench.harness import MeasurementUnavailable
 
 PRIORITY = 95  # SCHED_FIFO, above the daemon, the servos and every load
-THRESHOLD = 1000  # µs
 MARGIN = 0.1  # s around a stall: the status is that of the last published tick
 
 
 class StallLog:
     """Stalls so far, as (time, s late); filled by threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, least: float) -> None:
+        """`least` (s): shorter stalls do not count."""
+        self.least = least
         self.stalls: list[tuple[float, float]] = []
         self.watched = False  # False: no right to SCHED_FIFO, so nothing is known
 
@@ -40,14 +41,19 @@ class StallLog:
         if not self.watched:
             return "no sentinel: it needs SCHED_FIFO"
         worst = max((late for _, late in self.stalls), default=0.0)
-        return f"sentinel: {len(self.stalls)} stalls above 1 ms, worst {worst * 1e3:.1f} ms"
+        return (
+            f"sentinel: {len(self.stalls)} stalls above {self.least * 1e3:g} ms, worst {worst * 1e3:.1f} ms"
+        )
 
 
 @contextmanager
-def sentinel(folder: Path) -> Iterator[StallLog]:
-    """Yield the log of a sentinel on every core that this process may use. Raises MeasurementUnavailable."""
+def sentinel(folder: Path, period: float) -> Iterator[StallLog]:
+    """Yield the log of a sentinel on every core that this process may use. Raises MeasurementUnavailable.
+
+    `period` (s) of the loop: stalls of half of it count, which leave a tick no time.
+    """
     program = compiled("stall_sentinel", folder)
-    log = StallLog()
+    log = StallLog(0.5 * period)
     with ExitStack() as stack:
         started = [stack.enter_context(_watching(program, core, log)) for core in os.sched_getaffinity(0)]
         log.watched = all(started)
@@ -56,7 +62,7 @@ def sentinel(folder: Path) -> Iterator[StallLog]:
 
 @contextmanager
 def _watching(program: Path, core: int, log: StallLog) -> Iterator[bool]:
-    command = [str(program), str(core), str(PRIORITY), str(THRESHOLD)]
+    command = [str(program), str(core), str(PRIORITY), str(round(log.least * 1e6))]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     output = process.stdout
     assert output is not None
