@@ -123,10 +123,10 @@ def count_ticks(daemon: BenchDaemon, log: StallLog, span: float) -> TickCount:
     errors = sum(bus["errors"] for bus in last["buses"]) - sum(bus["errors"] for bus in first["buses"])
     policy = last["loop"]["realtime"]["scheduler"]
     time.sleep(MARGIN)  # the sentinel's last lines
-    return TickCount(*_sorted(rows, log), errors, policy)
+    return TickCount(*sorted_ticks(rows, log), errors, policy)
 
 
-def _sorted(rows: Sequence[tuple[float, int, int]], log: StallLog) -> tuple[int, int, int, int]:
+def sorted_ticks(rows: Sequence[tuple[float, int, int]], log: StallLog) -> tuple[int, int, int, int]:
     """Planned and missed ticks, of seconds without and with a stall."""
     counts = {False: [0, 0], True: [0, 0]}
     for (since, ticks, missed), (until, more, worse) in pairwise(rows):
