@@ -94,18 +94,21 @@ class TickCount:
     stalled_missed: int
     errors: int  # exchanges in which a device did not answer
     policy: str
+    state: str  # of the robot at the end
 
     @property
     def share(self) -> float:
         """Missed ticks of the seconds without a stall, %."""
         return 100.0 * self.missed / max(1, self.ticks)
 
+    @property
+    def _end(self) -> str:
+        return f"policy {self.policy}, at the end {self.state}"
+
     def note(self) -> str:
         """For a note."""
         apart = f"{self.stalled_missed} of {self.stalled_ticks} in stalled seconds apart"
-        return (
-            f"{self.missed} of {self.ticks} ticks, {apart}, {self.errors} bad exchanges, policy {self.policy}"
-        )
+        return f"{self.missed} of {self.ticks} ticks, {apart}, {self.errors} bad exchanges, {self._end}"
 
 
 def count_ticks(daemon: BenchDaemon, log: StallLog, span: float) -> TickCount:
@@ -123,7 +126,7 @@ def count_ticks(daemon: BenchDaemon, log: StallLog, span: float) -> TickCount:
     errors = sum(bus["errors"] for bus in last["buses"]) - sum(bus["errors"] for bus in first["buses"])
     policy = last["loop"]["realtime"]["scheduler"]
     time.sleep(MARGIN)  # the sentinel's last lines
-    return TickCount(*sorted_ticks(rows, log), errors, policy)
+    return TickCount(*sorted_ticks(rows, log), errors, policy, last["state"])
 
 
 def sorted_ticks(rows: Sequence[tuple[float, int, int]], log: StallLog) -> tuple[int, int, int, int]:
