@@ -74,7 +74,7 @@ imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
 bench: $(VENV)/.bench $(VENV)/.learn
-	$(BIN)/python -m bench $(FIGURE)
+	$(BIN)/python -m bench $(FIGURE) $(if $(BASE),--base $(BASE)) $(if $(MINUTES),--minutes $(MINUTES))
 
 coverage: $(VENV)/.ready
 	$(BIN)/coverage erase

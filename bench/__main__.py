@@ -5,12 +5,14 @@ Writes `results.json` beside this file. `--docs` also puts the table of all kept
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
 
 from bench import (
     bus,
+    busy,
     can,
     can_bus,
     can_loop,
@@ -26,12 +28,15 @@ from bench import (
     record,
     ros,
     ros_zenoh,
+    small,
     start,
     stream,
     twin,
     view,
     virtual_hour,
 )
+from bench.base_commit import BASE
+from bench.busy import MINUTES
 from bench.harness import (
     RESULTS,
     FigureSpec,
@@ -50,6 +55,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *can_loop.MEASUREMENTS,
     *loop.MEASUREMENTS,
     *hot_tick.MEASUREMENTS,
+    *small.MEASUREMENTS,
     *loop_on_c_servos.MEASUREMENTS,
     *virtual_hour.MEASUREMENTS,
     *twin.MEASUREMENTS,
@@ -65,6 +71,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *ros_zenoh.MEASUREMENTS,
     *stream.MEASUREMENTS,
     *learn.MEASUREMENTS,
+    *busy.MEASUREMENTS,
 )
 KEYS: dict[str, FigureSpec] = {name: key for one in MEASUREMENTS for name, key in one.keys.items()}
 DOCS = Path(__file__).parents[1] / "docs" / "bench.md"
@@ -77,7 +84,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__.splitlines()[0])
     parser.add_argument("prefix", nargs="?", default="", help="group, or start of a key (default: all)")
     parser.add_argument("--docs", action="store_true", help="put the table of all figures into docs/bench.md")
+    parser.add_argument("--base", metavar="COMMIT", help="commit to compare with (default: the last landed)")
+    parser.add_argument("--minutes", metavar="N", help="length of `busy` (default: 10, alone 1)")
     options = parser.parse_args()
+    for name, value in ((BASE, options.base), (MINUTES, options.minutes or ("" if options.prefix else "10"))):
+        if value:
+            os.environ[name] = value
     wanted = [one for one in MEASUREMENTS if any(name.startswith(options.prefix) for name in one.keys)]
     if not wanted:
         parser.error(f"no figure begins with {options.prefix!r}; there are {', '.join(KEYS)}")

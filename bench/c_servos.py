@@ -1,4 +1,4 @@
-"""A daemon on servos in C: one process of `bench/servos/servos.c` for each bus, with the timing of a wire.
+"""A daemon on servos in C: a process of `bench/native/servos.c` for each bus, with the timing of a wire.
 
 The servos share no code with `twind`. Of the daemon only files and command lines are used,
 so that every commit with the same formats can be measured.
@@ -54,7 +54,7 @@ def on_c_servos(
     rows = servo_files(robot, measured, place)
     with ExitStack() as stack:
         ports = [
-            f"--port={bus}={stack.enter_context(_serving(program, path, baud, servos))}"
+            f"--port={bus}={stack.enter_context(serving(program, path, baud, servos))}"
             for bus, (path, baud) in rows.items()
         ]
         files = ("--mode", "live", "--robot", str(robot), "--calibration", str(measured))
@@ -90,7 +90,7 @@ def servo_files(robot: Path, measured: Path, folder: Path) -> dict[str, tuple[Pa
 
 
 @contextmanager
-def _serving(program: Path, file: Path, baud: int, settings: ServoSettings) -> Iterator[str]:
+def serving(program: Path, file: Path, baud: int, settings: ServoSettings) -> Iterator[str]:
     """Yield the port of a running servo process. It ends with its standard input."""
     command = [str(program), str(file), "--baud", str(baud), "--usb-tick-us", str(settings.usb_tick_us)]
     command += ["--return-delay-us", str(settings.return_delay_us)]

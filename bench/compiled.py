@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.harness import MeasurementUnavailable
 
-SOURCES = Path(__file__).with_name("servos")
+SOURCES = Path(__file__).with_name("native")
 OPTIONS = ("-O2", "-Wall", "-Wextra", "-Werror=implicit-function-declaration")
 
 
@@ -19,7 +19,8 @@ def compiled(name: str, folder: Path) -> Path:
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if compiler is None:
         raise MeasurementUnavailable("no C compiler (`cc`; Debian package gcc) for the servos in C")
-    command = [compiler, *OPTIONS, "-o", str(program), str(SOURCES / f"{name}.c"), "-lm"]
+    sources = sorted(map(str, SOURCES.glob(f"{name}*.c")))
+    command = [compiler, *OPTIONS, "-o", str(program), *sources, "-lm"]
     built = subprocess.run(command, capture_output=True, text=True)
     if built.returncode:
         raise MeasurementUnavailable(f"{name}.c does not compile: {built.stderr.strip().splitlines()[:1]}")

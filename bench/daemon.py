@@ -151,6 +151,14 @@ def await_state(daemon: BenchDaemon, wanted: str) -> None:
     raise MeasurementUnavailable(f"the robot is {state} after {CONNECTED:g} s, expected {wanted}")
 
 
+def require_armed(daemon: BenchDaemon) -> None:
+    """Raises MeasurementUnavailable where the robot is armed no longer: an idle one costs less."""
+    with daemon.client() as client:
+        status = client.call("GetStatus")["status"]
+    if status["state"] != "armed":
+        raise MeasurementUnavailable(f"the robot was {status['state']} at the end, expected armed")
+
+
 class StatusPoller:
     """Client that calls `GetStatus` with all joints over a bare socket and does not parse the answers."""
 

@@ -323,6 +323,10 @@ class BusReader(Protocol):
     def lags(self) -> bool:
         """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
 
+    @property
+    def late_replies(self) -> Sequence[float]:
+        """Delays (s) from request to reply, of replies that came too late since identification began."""
+
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
         """Ping every id and read its settings; return the devices that reply, in order of `ids`.
 

@@ -3,6 +3,7 @@
 import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -114,3 +115,18 @@ def test_answers_are_late_beyond_the_timer_that_the_robot_file_reckons_with(
 
     assert late(1e-3 + bound - 1e-6) == []
     assert late(1e-3 + bound + 1e-6) == ["LATENCY_FLOOR"]
+
+
+def test_late_replies_of_a_running_daemon_are_found_with_both_remedies() -> None:
+    """Readings that are lost to lateness look like silence: the daemon reports the delay itself."""
+    rows = [
+        {"name": "left", "port": "/dev/ttyUSB0", "late_reply_ms": 15.6, "errors": 90, "exchanges": 100},
+        {"name": "right", "port": "/dev/ttyUSB1", "late_reply_ms": None, "errors": 0, "exchanges": 100},
+    ]
+    daemon = SimpleNamespace(status={"buses": rows}, latency={})
+    robot = SimpleNamespace(buses=[SimpleNamespace(name="left", kind="dynamixel2")])
+    context = SimpleNamespace(daemon=daemon, sim=False, need_daemon=lambda: daemon, need_robot=lambda: robot)
+    (finding,) = adapter.check_latency(context)  # type: ignore[arg-type]
+    assert (finding.code, finding.thing) == ("LATENCY_FLOOR", "/dev/ttyUSB0")
+    assert "16 ms after their request" in finding.measured
+    assert "latency timer to 1 ms" in finding.advice and "register 9" in finding.advice

@@ -29,6 +29,7 @@ from twind_drivers.dynamixel.bus_scan import (
     scan_rate,
 )
 from twind_drivers.dynamixel.prober import OLD_PING, PortProber
+from twind_drivers.virtual.register_columns import RegisterColumns
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -189,6 +190,15 @@ def test_two_models_with_one_id_are_named(first: int, second: int) -> None:
     (found,) = bench.rate().found
     assert found.id == 1
     assert clashes(found) and "two devices" in str(found.trouble)
+
+
+@pytest.mark.parametrize("delay", [0.0032, 0.006, 0.02])
+def test_a_late_servo_is_no_pair_of_servos(delay: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reply cut by the end of one window begins the next one: garbled, as of two devices."""
+    monkeypatch.setattr(RegisterColumns, "delays", lambda self, rows: [delay for _ in rows])
+    (found,) = Bench(servo(5)).rate().found
+    assert not clashes(found)
+    assert delay < 0.0035 or (found.trouble is not None and found.trouble.kind is ScanFaultKind.LATE)
 
 
 @pytest.mark.parametrize("rate", [1e-4, 1e-3])

@@ -149,3 +149,37 @@ def test_a_missing_servo_is_not_waited_for_repeatedly(make_rig: MakeRig) -> None
         ages.append(np.delete(rig.loop.measured.age, 4).max())
     assert rig.loop.state == "identifying"
     assert max(ages) <= 0.05
+
+
+# ------------------------------------------------------------------------- later than the daemon waits
+
+
+@pytest.mark.parametrize("timer", [0.008, 0.016])
+def test_replies_later_than_a_tick_has_room_for_are_called_late(make_rig: MakeRig, timer: float) -> None:
+    """An adapter as delivered: 16 ms. Every reply comes, and is another device's turn each time."""
+    rig = make_rig()
+    rig.virtual["main"].faults.latency(timer)
+    rig.seconds(4.0)
+    assert rig.loop.identity.troubles
+    for finding in rig.loop.identity.troubles:
+        assert "two devices" not in finding.message
+    (event,) = rig.events("DEVICE_MISSING")  # not one for each set of devices that was missed
+    assert (
+        "ms after their request, too late to be read: set the adapter's latency timer to 1 ms"
+        in event.message
+    )
+    assert "Return Delay Time (register 9)" in event.message
+    (bus,) = rig.loop.publisher.overview(rig.clock.now()).buses
+    assert bus.late_reply_ms is not None
+    assert 2.0 < bus.late_reply_ms <= 25.0
+
+
+def test_late_replies_that_end_are_late_no_longer(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    rig.virtual["main"].faults.latency(0.016)
+    rig.seconds(2.0)
+    rig.virtual["main"].faults.latency(0.001)
+    rig.seconds(3.0)
+    assert rig.loop.state == "connected", messages(rig)
+    (bus,) = rig.loop.publisher.overview(rig.clock.now()).buses
+    assert bus.late_reply_ms is None

@@ -29,6 +29,10 @@ PINGS = 12
 ENOUGH = 6  # replies
 PUNCTUAL = 0.9  # of the last 100 ticks
 LOST = 0.2  # of all exchanges
+LATE_ADVICE = (
+    "set the latency timer to 1 ms (LATENCY_TIMER), and Return Delay Time (register 9) of each servo to 5: "
+    "`twindctl register write BUS ID return_delay_time 5`, torque off"
+)
 LATER = "stop it and ask again, then the port itself is measured"
 FLOOR = 0.004  # s beside the wire: a timer of 1 ms, USB frames and a busy machine stay below
 MARGIN = 0.003  # s of it that are for the frames and the machine
@@ -47,9 +51,9 @@ ROWS = (
     ),
     Check(
         "LATENCY_FLOOR",
-        "replies are late, as with a long latency timer, or the adapter is behind hubs",
-        "readings are old and few; above 100 ms motion is refused",
-        "LATENCY_TIMER by sysfs, not `setserial`; no hub, no virtual machine; another adapter",
+        "replies are late, as with a long latency timer or return delay, or the adapter is behind hubs",
+        "readings are old and few, or devices count as missing; above 100 ms motion is refused",
+        "LATENCY_TIMER by sysfs, not `setserial`; RETURN_DELAY; no hub, no virtual machine; another adapter",
         Severity.WARNING,
         caution=UNPLUGGED,
     ),
@@ -191,6 +195,12 @@ def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
         raise CheckNotApplicable("no serial port")
     if context.sim:
         raise CheckNotApplicable("mode sim opens no port")
+    late = [(bus["port"], bus["late_reply_ms"]) for bus in daemon.status["buses"] if bus.get("late_reply_ms")]
+    for port, delay in late:
+        text = f"replies come {delay:.0f} ms after their request, too late for the daemon to read"
+        yield DoctorFinding("LATENCY_FLOOR", port, text, "within the tick", advice=LATE_ADVICE)
+    if late:
+        return
     hops = daemon.latency
     mean = [hops[name]["mean_ms"] for name in ("request", "reply") if name in hops]
     if len(mean) < 2 or None in mean:

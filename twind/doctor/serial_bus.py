@@ -209,7 +209,7 @@ def check_devices(context: CheckContext) -> Iterator[DoctorFinding]:
                 for each in survey.missing
             )
         for servo in survey.servos:
-            if servo.trouble:
+            if servo.trouble and servo.trouble.kind is ScanFaultKind.CLASH:
                 yield DoctorFinding("ID_TWICE", servo.thing, servo.trouble.what)
             elif servo.joint is None:
                 yield DoctorFinding("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "no device")
@@ -299,6 +299,9 @@ def _delays(context: CheckContext) -> Iterator[DoctorFinding]:
 
 def _late(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     """Compare the quickest reply of each servo, without its return delay, with the others'."""
+    for servo in survey.servos:
+        if servo.trouble and servo.trouble.kind is ScanFaultKind.LATE:
+            yield DoctorFinding("BUS_NOISE", servo.thing, servo.trouble.what, advice=servo.trouble.remedy)
     beyond = {
         servo: servo.delay - 2e-6 * servo.values.get("return_delay_time", 0)
         for servo in survey.servos

@@ -49,6 +49,7 @@ class BusInfo(msgspec.Struct, frozen=True):
     exchanges: int
     errors: int
     warning: str | None = None  # problem of a port that works, and the remedy
+    late_reply_ms: float | None = None  # delay of replies that come too late to be read; None: none do
 
 
 class Bucket(msgspec.Struct, frozen=True):

@@ -53,6 +53,7 @@ class BusMessage(TypedDict):
     exchanges: int
     errors: int
     warning: str | None
+    late_reply_ms: float | None
 
 
 class BucketMessage(TypedDict):

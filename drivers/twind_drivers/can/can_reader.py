@@ -250,6 +250,11 @@ class CanReader:
         """Return False: no setting of these devices delays their replies."""
         return False
 
+    @property
+    def late_replies(self) -> Sequence[float]:
+        """Return nothing: the frames carry no request that a late one could be matched to."""
+        return ()
+
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
         """Request position and registers of all devices; return those that reply, in order of `ids`."""
         return identify(self.fleet, self.at_once)

@@ -28,6 +28,7 @@ LISTEN = 0.05  # s: a bus with another master is not silent that long
 PROBES = 5  # requests per id until a reply is sound: on a noisy line some are, of two devices none is
 NOISY = 3  # garbled replies of unique ids from which the line counts as noisy: fewer may be chance
 GARBAGE = 8  # garbled single pings in a row from which the line, not an id, is at fault
+PATIENCE = 0.03  # s: longer than any latency timer that adapters have as delivered
 DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
 REMEDY = "disconnect one, give the other a free id, then connect the first again"
 
@@ -41,6 +42,7 @@ class ScanFaultKind(Enum):
     FOREIGN = "foreign"
     NOISE = "noise"
     OLD = "old"  # protocol 1.0
+    LATE = "late"  # one device, whose replies come later than any setting of it explains
     RATE = "rate"  # the adapter refuses this baud rate
 
 
@@ -59,6 +61,11 @@ class ScanFault:
 
 UNSOUND = ScanFault(
     ScanFaultKind.CLASH, "bytes come, but no sound answer", f"two devices with this id? {REMEDY}"
+)
+LATE = ScanFault(
+    ScanFaultKind.LATE,
+    "answers come too late",
+    "set the adapter's latency timer to 1 ms, and Return Delay Time (register 9) of the servo to 5",
 )
 TWO = ScanFault(ScanFaultKind.CLASH, "two devices answer as this id", REMEDY)
 UNEQUAL = ScanFault(
@@ -247,7 +254,10 @@ def _ping(prober: PortProber, id: int) -> tuple[bytes | None, bool]:
 def _look(prober: PortProber, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
     """Read torque and hardware error of one id, and check that it is one device; count garbled answers."""
     if answer is None:
-        return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
+        prober.listen(PATIENCE)
+        window = prober.ping(id, PATIENCE)
+        fault = LATE if _is_late(window, id, PING_DATA) else UNSOUND
+        return ScannedDevice(prober.baud, id, None, None, None, None, None, fault), 0
     number = int.from_bytes(answer[:2], "little")
     firmware = answer[2]
     try:
@@ -269,13 +279,22 @@ def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[Sca
     fields = [known[name] for name in DIFFERING if name in known]
     first = min(field.address for field in fields)
     size = max(field.end for field in fields) - first
-    for unclear in range(PROBES):
+    fault: ScanFault | None = UNEQUAL
+    unclear = PROBES
+    for probe in range(PROBES):
         window = prober.read(id, first, size)
-        if len(_sound(window, id, size)) > 1:
-            return TWO, unclear
-        if not window.strays:  # silence (status return level 0), or one clear answer
-            return None, unclear
-    return UNEQUAL, PROBES
+        sound = len(_sound(window, id, size))
+        if sound > 1:
+            return TWO, probe
+        if not window.strays:  # one clear answer, or silence (status return level 0, or too late)
+            fault = None
+            unclear = probe
+            break
+    if fault or not sound:
+        prober.listen(PATIENCE)  # until the replies to the requests before have come
+        if _is_late(prober.read(id, first, size, PATIENCE), id, size):
+            fault = LATE
+    return fault, unclear
 
 
 def _value(prober: PortProber, id: int, known: ControlTable | None, name: str) -> int | None:
@@ -288,6 +307,11 @@ def _value(prober: PortProber, id: int, known: ControlTable | None, name: str) -
         if sound:
             return field.decode(sound[0])
     return None
+
+
+def _is_late(window: ProbeWindow, id: int, size: int) -> bool:
+    """Return True if one device answered clearly, but needed the patience."""
+    return window.late and len(_sound(window, id, size)) == 1 and not window.strays
 
 
 def _sound(window: ProbeWindow, id: int, size: int) -> list[bytes]:

@@ -140,6 +140,11 @@ class DynamixelReader:
         return not self.fast and self._too_long
 
     @property
+    def late_replies(self) -> Sequence[float]:
+        """Delays (s) of the replies that came too late since identification began, newest last."""
+        return self.line.late_replies.delays
+
+    @property
     def _too_long(self) -> bool:
         """Return True if a plain reading of all devices, each with its return delay, exceeds a cycle."""
         delays = len(self.ids) * self.line.return_delay_s
@@ -316,6 +321,7 @@ class DynamixelReader:
         `BusReader.identify`; afterwards the cyclic reading starts anew.
         """
         before = self.line.return_delay_s
+        self.line.late_replies.delays.clear()
         self.line.return_delay_s = LONGEST if patient else before
         try:
             devices, tables, fast = yield from identify(self)

@@ -10,6 +10,7 @@ from math import inf
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import ByteTransport, output_full
+from twind_drivers.dynamixel.late_replies import LateReplies
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
@@ -18,7 +19,6 @@ from twind_drivers.dynamixel.serial_cycle_budget import wire
 # waits for the kernel worker that carries the bytes, which has no priority, and so beyond its own timeout.
 FIRST_LOOK = 0.00015
 NEXT_LOOK = 0.00025
-LATE = 1.0  # s after a missed reply during which a status of that device counts as late, not as foreign
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class HalfDuplexTransactor:
         self._busy = -inf  # s, time until which sent bytes are on the wire
         self._out: tuple[bytes, bytes] = (b"", b"")  # bytes sent last: lead, request
         self._echoed = bytearray()  # of those, the bytes returned by an echo
-        self._owed: dict[int, float] = {}  # id -> time (s) until which its missed reply may come late
+        self.late_replies = LateReplies()
         self._late = bytearray()
 
     def span(self, exchange: SerialTransaction, extra: int = 0) -> float:
@@ -121,7 +121,7 @@ class HalfDuplexTransactor:
         self._done = True
         self.strays = self.transport.drain(self._late)
         if self.strays:
-            self._look_back()
+            self._look_back(now)
         self._sensor_read = False
         lead = self.urgent or (self.goals if goals else b"")
         if lead:
@@ -182,9 +182,9 @@ class HalfDuplexTransactor:
             if self._leaving and reply.answered.any():
                 self._leaving = b""
             if reply.unasked:
-                self._judge(reply.unasked, reply.first)
-            if self._owed or not reply.whole:
-                self._remember(reply)
+                self._judge(reply.unasked, reply.first, self.received)
+            if self.late_replies or not reply.whole:
+                self.late_replies.record(reply, self.sent)
         return exchange
 
     # --------------------------------------------------------------------------- the rare cases
@@ -196,15 +196,18 @@ class HalfDuplexTransactor:
             self.transport.flush()
             raise output_full(self.name, waiting, most)
 
-    def _look_back(self) -> None:
+    def _look_back(self, now: float) -> None:
         """Classify bytes that came after the last transaction had ended."""
-        self._judge(Framer(status=None).feed(self._late), bytes(self._late))
+        self._judge(Framer(status=None).feed(self._late), bytes(self._late), now)
         self._late.clear()
         if self._sensor_read:
             self.strays = 0
 
-    def _judge(self, packets: Sequence[Packet], first: bytes) -> None:
-        """Classify packets outside a reply. `first`: first bytes of the window; sent ones there are echo."""
+    def _judge(self, packets: Sequence[Packet], first: bytes, now: float) -> None:
+        """Classify packets outside a reply, received at the latest at `now` (s).
+
+        `first`: first bytes of the window; sent ones there are echo.
+        """
         sent = b"".join(self._out)
         own = Framer(status=False).feed(sent)
         returned = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
@@ -215,14 +218,9 @@ class HalfDuplexTransactor:
         unrequested = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
         self.late += [len(each.data) for each in unrequested]
         self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
-        known = self._owed.keys() | self._sensors
+        self.late_replies.measure(packets, now)
+        known = self.late_replies.ids | self._sensors
         self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
-
-    def _remember(self, reply: PendingReply) -> None:
-        """Record the ids that missed this reply, each with the time (s) until which it may come late."""
-        self._owed = {id: until for id, until in self._owed.items() if until > self.sent}
-        missed = [id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if not ok]
-        self._owed.update(dict.fromkeys(missed, self.sent + LATE))
 
     def _past_echo(self, reply: PendingReply) -> bool:
         """Remove the echo from the front; return True once it is complete.

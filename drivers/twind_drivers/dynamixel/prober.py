@@ -40,6 +40,7 @@ class ProbeWindow:
         self.error = self.data = np.zeros(0, np.uint8)
         self.statuses: list[Packet] = []
         self.raw = bytearray()
+        self.late = False  # its last byte came later than any setting of a device explains
         self._buffer = memoryview(bytearray(HELD))
         self._framer = Framer(status=True)
 
@@ -85,13 +86,13 @@ class PortProber:
         self._line.slack = self._slack
         return window
 
-    def ping(self, id: int) -> ProbeWindow:
-        """Ping this id; return every device that answers."""
-        return self._exchange(packet.ping(id), PING_DATA)
+    def ping(self, id: int, patience: float = 0.0) -> ProbeWindow:
+        """Ping this id; return every device that answers, up to `patience` (s) later than it should."""
+        return self._exchange(packet.ping(id), PING_DATA, patience)
 
-    def read(self, id: int, address: int, size: int) -> ProbeWindow:
-        """Read `size` bytes from `address` at this id; return every device that answers."""
-        return self._exchange(packet.read(id, address, size), size)
+    def read(self, id: int, address: int, size: int, patience: float = 0.0) -> ProbeWindow:
+        """Read `size` bytes from `address` at this id; return every device that answers, as `ping`."""
+        return self._exchange(packet.read(id, address, size), size, patience)
 
     def old_ping(self) -> ProbeWindow:
         """Send a protocol 1.0 ping to all: devices of protocol 2.0 take it for noise."""
@@ -103,9 +104,13 @@ class PortProber:
         self._clock.sleep_until(self._clock.now() + seconds)
         return self.transport.drain()
 
-    def _exchange(self, request: bytes, size: int) -> ProbeWindow:
+    def _exchange(self, request: bytes, size: int, patience: float = 0.0) -> ProbeWindow:
         """Leave time for the replies of two devices, each with `size` data bytes."""
-        return self._ask(request, 2 * (STATUS_OVERHEAD + size), delays=2)
+        self._line.slack = self._slack + patience
+        window = self._ask(request, 2 * (STATUS_OVERHEAD + size), delays=2)
+        self._line.slack = self._slack
+        window.late = self._line.received > self._line.deadline - patience
+        return window
 
     def _ask(self, request: bytes, expected: int, *, delays: int) -> ProbeWindow:
         window = ProbeWindow(expected)

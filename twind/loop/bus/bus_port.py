@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from math import inf
+from statistics import quantiles
 from typing import Any, Generic, TypeVar
 
 from twind.loop.bus.bus_tap import BusTap
@@ -38,6 +39,7 @@ REOPEN_FIRST = 0.1
 REOPEN_MOST = 0.5
 # s between identifications while devices are missing; each takes bus time from the cyclic reading
 IDENTIFY_AGAIN = 1.0
+LATE_REPLIES = 3  # replies that came too late, from which on a bus counts as slow
 QUEUE = 16  # scripts that may wait on one bus; a further one is refused, so that a client cannot delay others
 # Ticks without room that a script or a slice of upkeep waits: after SOON it may use the spare time at the end
 # of a tick; after PATIENCE it begins even if the tick ends late. Replies can be late for a long time (an
@@ -208,6 +210,20 @@ class BusPort:
     def strays(self) -> int:
         """Bytes since identification began that belonged to no expected reply."""
         return self.counts.discarded - self._begun[1]
+
+    @property
+    def late_reply(self) -> tuple[float, float] | None:
+        """Quartile and median delay (s) of the replies too late for an identification; None: too few.
+
+        A connected bus has none: a few late ones in an hour are no fault of adapter or servo.
+        A delay is measured too long where the next request read the bytes, or other replies came before.
+        """
+        identifying = self.link is PortState.IDENTIFYING
+        delays = () if self.reader is None or not identifying else self.reader.late_replies
+        if len(delays) < LATE_REPLIES:
+            return None
+        quarter, half, _ = quantiles(delays)
+        return quarter, half
 
     def lose(self, error: PortError, now: float) -> None:
         """Close the port at once and retry soon.

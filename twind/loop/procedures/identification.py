@@ -32,6 +32,11 @@ SILENT = 2.0  # s without a reply of any device: the bus counts as disconnected
 GONE = 0.1  # s without a reply of any device: their power may have gone (docs/safety.md, a stale state)
 UNREAD = 1.0  # s without a sound reading of a device that replies to identification
 READINGS = 5  # readings that must have been tried before that is reported; one lost reading is no fault
+LATE = (
+    "replies come {0:.0f} to {1:.0f} ms after their request, too late to be read: set the adapter's latency "
+    "timer to 1 ms (`echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`) and the servos' "
+    "Return Delay Time (register 9) to 5; `twindctl doctor` checks both"
+)
 DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows them; disconnect one"
 SPOKE = 0.05  # s: a device of a silent bus replied just now, so its power is back
 
@@ -180,7 +185,7 @@ class IdentificationState:
             if self._again_patiently(port):
                 return
             findings += tuple(self._slow(bus)) if slow else ()
-        if findings != self.missing.get(port.name, ()):
+        if _differ(findings, self.missing.get(port.name, ()), late=port.late_reply is not None):
             self._report_findings("error", findings)
         self.missing[port.name] = findings
         port.tape.identified(whole=not findings)
@@ -205,8 +210,7 @@ class IdentificationState:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
             elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
-                hint = f"; but bytes arrive that are no valid reply: {DOUBLE}" if port.strays else ""
-                yield replace(finding, message=finding.message + hint)
+                yield replace(finding, message=finding.message + _hint(port))
 
     def _again_patiently(self, port: BusPort) -> bool:
         """Identify again at once where a device is missing or was not read; return whether this was begun.
@@ -241,7 +245,8 @@ class IdentificationState:
         age = self._loop.measured.age[bus.joints]
         for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
             if id in present and unheard:
-                message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
+                message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: "
+                message += _late(port) or DOUBLE
                 yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
 
     def _found(self) -> None:
@@ -313,3 +318,23 @@ class IdentificationState:
         ):  # a bus that was lost before is back, but takes no goals of itself
             loop.executor.idle()
             loop.torque.lose_hold()
+
+
+def _late(port: BusPort) -> str:
+    """Return what is known of replies that come too late; empty: none do."""
+    late = port.late_reply
+    return "" if late is None else LATE.format(*(delay * 1e3 for delay in late))
+
+
+def _hint(port: BusPort) -> str:
+    """Return the likely cause of a device that does not answer although bytes arrive."""
+    if late := _late(port):
+        return f" in time: {late}"
+    return f"; but bytes arrive that are no valid reply: {DOUBLE}" if port.strays else ""
+
+
+def _differ(findings: Sequence[Finding], before: Sequence[Finding], *, late: bool) -> bool:
+    """Return whether findings are worth another report; late replies hit other devices each time."""
+    if late:
+        return {each.code for each in findings} != {each.code for each in before}
+    return tuple(findings) != tuple(before)

@@ -177,6 +177,7 @@ class StatePublisher:
             exchanges=port.counts.exchanges,
             errors=port.counts.errors,
             warning=port.warning or None,
+            late_reply_ms=None if (late := port.late_reply) is None else late[1] * 1e3,
         )
 
 
