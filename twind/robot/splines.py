@@ -4,7 +4,7 @@ Interpolation as in `joint_trajectory_controller`: positions alone give lines, p
 cubics, with accelerations too quintics. The first segment runs from the state at arrival to the first point.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,11 +29,10 @@ class Spline:
     time: Floats  # s, (s + 1,), strictly increasing; time[0] = 0 unless the path starts later by itself
     coefficients: Floats  # (s, degree + 1, n)
     end: Floats  # rad, (n,), held after the last knot
+    duration: float = field(init=False)  # s, time of the last knot
 
-    @property
-    def duration(self) -> float:
-        """Time of the last knot, s."""
-        return float(self.time[-1])
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "duration", float(self.time[-1]))
 
     def segment(self, t: float) -> int:
         """Index of the segment that `t` falls in; the last one at and after the end."""
@@ -44,7 +43,7 @@ class Spline:
         """Return the reference at `t` s from start; None before it; at rest on `end` after the last knot."""
         if not t >= 0.0:
             return None
-        if t >= self.time[-1] or not len(self.coefficients):
+        if t >= self.duration or not len(self.coefficients):
             still = np.zeros_like(self.end)
             return Reference(self.end, still, still)
         return self.inside(self.segment(t), t)

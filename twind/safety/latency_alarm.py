@@ -28,6 +28,11 @@ class LatencyAlarm:
         # s, during an alarm: the last duration that was not calm; None: no alarm
         self._high_at: float | None = None
 
+    @property
+    def is_off(self) -> bool:
+        """True without an alarm: a duration within its bound then changes nothing."""
+        return self._high_at is None
+
     def judge(self, value: float, bound: float, now: float) -> LatencyAlert | None:
         """Process a duration (s) at `now` (s); return the report that it causes, or None."""
         within = 0.0 <= value <= bound

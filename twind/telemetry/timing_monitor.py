@@ -81,7 +81,7 @@ class TimingMonitor:
         window = self.hops[name]
         bound = window.threshold if bound is None else bound
         window.add(duration, now, bound)
-        if bound < inf:
+        if bound < inf and not (0.0 <= duration <= bound and self._alarms[name].is_off):
             self._queue_alert(self._alarms[name].judge(duration, bound, now))
 
     def alerts(self) -> list[LatencyAlert]:

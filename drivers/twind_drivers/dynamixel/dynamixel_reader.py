@@ -111,6 +111,8 @@ class DynamixelReader:
         self._period = 1.0 / rate_hz
         self._choose_fast = fast is None
         self._has_own_slack = slack is not None
+        # query whose transaction was looked up last, whether as a fast read, and the transaction
+        self._last: tuple[Query | None, bool, SerialTransaction | None] = (None, False, None)
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
@@ -187,6 +189,7 @@ class DynamixelReader:
         wide = upkeep(groups, self._upkeep_hz, fast=self.fast, fits=self._has_room)
         # While replies are missing, slices are read plainly, which takes longer.
         narrow = upkeep(groups, self._upkeep_hz, fast=self.fast)
+        self._last = (None, False, None)
         queries = self.slow.schedule(ids, wide, narrow)
         self._plain: dict[Query, SerialTransaction] = {query: self._exchange(query) for query in queries}
         self._fast: dict[Query, SerialTransaction] = {
@@ -282,7 +285,16 @@ class DynamixelReader:
 
     def _transaction(self, query: Query) -> SerialTransaction:
         """Return the transaction of a query: fast unless a reply is missing, and made only once."""
-        found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
+        fast = self.fast and not self.cyclic.trouble
+        last, was_fast, transaction = self._last
+        if query is last and fast is was_fast and transaction is not None:
+            return transaction  # asked for its span, then for itself; a hash of its ids costs more
+        made = self._look_up(query, fast=fast)
+        self._last = (query, fast, made)
+        return made
+
+    def _look_up(self, query: Query, *, fast: bool) -> SerialTransaction:
+        found = self._fast.get(query) if fast else None
         return found or self._plain.get(query) or self._singles.get(query) or self._exchange(query)
 
     def _exchange(self, query: Query) -> SerialTransaction:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from twind.loop.bus.bus_port import IDENTIFY_AGAIN, BusPort, PortState
 from twind.loop.procedures import torque_release, torque_switching
 from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.procedure_runner import Priority
-from twind.robot.arrays import Bools, some
+from twind.robot.arrays import Bools, every, same, some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_map import JointBusMap
@@ -38,6 +39,7 @@ LATE = (
     "Return Delay Time (register 9) to 5; `twindctl doctor` checks both"
 )
 DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows them; disconnect one"
+LOOK = 0.05  # s between two looks at an armed robot without a change
 SPOKE = 0.05  # s: a device of a silent bus replied just now, so its power is back
 
 # (bus name, id) -> device, for every device that replied -> CALIB_MISMATCH findings, joints as indices
@@ -65,6 +67,9 @@ class IdentificationState:
         self.missing: dict[str, tuple[Finding, ...]] = {}
         self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
         self.verified = JointVerificationState(loop)
+        # s, when an armed robot is looked at again though nothing changed; its torque as seen last
+        self._next_look = -inf
+        self._seen = b""
 
     @property
     def troubles(self) -> list[Finding]:
@@ -74,6 +79,8 @@ class IdentificationState:
 
     def watch(self, now: float) -> None:
         """Process the result of the exchange; called once per tick."""
+        if self._is_settled(now):
+            return
         loop = self._loop
         for lost in loop.hardware.lost:
             self._on_bus_lost(lost.bus, str(lost.error), now)
@@ -87,6 +94,20 @@ class IdentificationState:
             message = "torque was found on; nothing is written until an operator arms or disarms"
             loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
         self._inherited_reported = loop.inherited
+
+    def _is_settled(self, now: float) -> bool:
+        """Check that nothing has changed on an armed robot; even then it is looked at 20 times a second."""
+        loop = self._loop
+        hardware = loop.hardware
+        if now < self._next_look and loop.torque.armed and loop.procedures.rank is None:
+            torque = hardware.slow.torque
+            new = hardware.lost or not same(torque, self._seen) or some(hardware.readings.jumps)
+            # a silence is noted tick by tick: a bus that was silent for long is identified anew
+            if not new and hardware.connected and not self._gone and every(loop.measured.heard):
+                return True
+        self._seen = hardware.slow.torque.tobytes()
+        self._next_look = now + LOOK
+        return False
 
     def settle_state(self, now: float) -> None:
         """Bring the robot's state in line with its ports."""
@@ -268,8 +289,8 @@ class IdentificationState:
 
     def _report_findings(self, level: str, findings: Sequence[Finding]) -> None:
         """Report one event per code, however many joints it concerns."""
-        for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
-            group = tuple(same)
+        for code, alike in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
+            group = tuple(alike)
             self._loop.say.event(level, code, group[0].message, group)
 
     # ----------------------------------------------------------------------------- going
