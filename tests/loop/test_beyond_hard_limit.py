@@ -34,7 +34,7 @@ def moved(rig: Rig, seconds: float) -> np.ndarray:
     """Return the largest distance of each joint from its start, rad (n,)."""
     began = rig.truth
     most = np.zeros(len(rig.names))
-    for _ in range(round(seconds / rig.loop.period)):
+    for _ in range(round(seconds / rig.loop.robot.period)):
         rig.ticks(1)
         most = np.maximum(most, np.abs(rig.truth - began))
     return most
@@ -59,7 +59,7 @@ def test_torque_goes_off_without_motion_where_a_joint_is_beyond_its_hard_limit(c
 def test_a_robot_one_count_beyond_a_limit_is_lowered() -> None:
     with found_on(l_knee=2.2505) as rig:
         assert rig.call(link.Disarm).error is None
-        assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
+        assert np.abs(rig.truth - rig.loop.robot.rest).max() < 0.05
         assert not joint_codes(rig)
 
 
@@ -84,9 +84,9 @@ def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged(
         rig.ticks(1)
     rig.ticks(5)
     assert rig.truth[rig.names.index("l_knee")] == pytest.approx(BEYOND, abs=0.01)
-    rig.loop.stop_wanted = True
+    rig.loop.condition.stop_wanted = True
     assert moved(rig, 4.0).max() < 0.01
-    assert rig.loop.finished
+    assert rig.loop.condition.finished
     assert not rig.register("torque_enable").any()
     assert joint_codes(rig)
 

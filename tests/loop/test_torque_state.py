@@ -147,7 +147,7 @@ def test_a_hold_of_some_joints_is_armed_and_settles_what_was_open() -> None:
     assert torque.armed is False
 
 
-def test_the_joints_that_are_held_are_a_copy_that_nobody_writes_to() -> None:
+def test_the_joints_that_are_held_are_a_read_only_copy() -> None:
     torque = TorqueState(3)
     mine = SOME.copy()
     torque.take_hold(mine)

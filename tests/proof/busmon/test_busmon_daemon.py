@@ -12,6 +12,7 @@ from tests.support.homing_rig import homed
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.loop.procedures import damping
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
@@ -42,7 +43,7 @@ class Day:
 
     def nod(self) -> None:
         """Every joint half-way to the middle of its travel and back, at a good part of its speed."""
-        limits = self.rig.loop.limits
+        limits = self.rig.loop.robot.limits
         here = self.rig.loop.executor.reference.position
         away = here + np.clip(0.5 * (limits.lower + limits.upper) - here, -0.5, 0.5)
         rows = np.array([away, here, away, here])
@@ -53,7 +54,7 @@ class Day:
     def stop(self, level: str) -> None:
         self.rig.send(link.EStop, level=level)
         self.run(5.0 if level == "settle" else 0.5)
-        assert self.rig.loop.torque_off
+        assert torque_off(self.rig.loop)
         assert self.rig.call(link.Reset).error is None
 
     def verdict(self) -> None:
@@ -88,7 +89,7 @@ def test_a_stop_that_becomes_damping_keeps_every_rule(tmp_path: Path) -> None:
     day.run(0.05)
     damping.demand(day.rig.loop, (), day.rig.clock.now())
     day.run(7.0)
-    assert day.rig.loop.torque_off
+    assert torque_off(day.rig.loop)
     day.verdict()
     day.rig.close()
 

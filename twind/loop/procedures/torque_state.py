@@ -59,7 +59,7 @@ class TorqueState:
 
     @property
     def soft_since(self) -> float | None:
-        """When damping was demanded, s; None: it is not. It stays until torque is off."""
+        """Time of the demand for damping, s; None: there is none. It stays until torque is off."""
         return self._soft_since
 
     @property
