@@ -9,7 +9,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.procedures.torque_release import SettleProfile, release
+from twind.loop.procedures.lowering import SettleProfile
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError
 
@@ -66,7 +66,7 @@ def test_a_robot_one_count_beyond_a_limit_is_lowered() -> None:
 def test_a_full_takeover_fails_and_leaves_torque_on_where_a_joint_is_beyond_its_limit() -> None:
     with found_on(l_knee=BEYOND) as rig:
         why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
-        way = release(rig.loop, why, SettleProfile(whole=True))
+        way = rig.loop.commands.release.release(why, SettleProfile(whole=True))
         with pytest.raises(BusError, match="l_knee"):
             next(way)
         assert moved(rig, 1.0).max() < 0.01

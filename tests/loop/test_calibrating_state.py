@@ -8,7 +8,6 @@ import pytest
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
-from twind.loop.procedures import command_handlers
 from twind.loop.procedures.procedure_runner import Priority, Procedure
 from twind.loop.procedures.torque_readback import torque_possible
 from twind.robot.finding import ReasonCode
@@ -266,13 +265,14 @@ def test_time_that_goes_on_within_a_tick_does_not_end_it(
 ) -> None:
     """A lease that is renewed later than the tick's own time would look like one of the future."""
     calibrate(connected)
-    begin = command_handlers.begin
+    commands = connected.loop.commands
+    begin = commands.begin
 
     def later(*arguments: Any) -> None:
         connected.clock.time += 1e-4  # as on a real machine
         begin(*arguments)
 
-    monkeypatch.setattr(command_handlers, "begin", later)
+    monkeypatch.setattr(commands, "begin", later)
     for value in range(1, 6):
         assert write(connected, "homing_offset", value).error is None
         assert connected.loop.condition.state is RobotState.CALIBRATING

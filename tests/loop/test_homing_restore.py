@@ -13,7 +13,6 @@ import pytest
 from tests.support.homing_rig import JOINT, OTHER, Homed, codes, failed, homed
 from twind import link
 from twind.loop.bus.joint_readings import JointReadings
-from twind.loop.procedures.reload_coordinator import at_rest
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusSample, WireRangeError
 
@@ -230,7 +229,7 @@ def test_changes_of_the_robot_wait_for_it() -> None:
         made.ready()
         ticket = owed(made)
         until(made, lambda: not made.loop.torque.energising)
-        found: tuple[Finding, ...] = at_rest(made.loop)
+        found: tuple[Finding, ...] = made.loop.commands.reloads.at_rest()
         assert [each.code for each in found] == [ReasonCode.BUSY] and JOINT in found[0].message
         made.bus.faults.silence(made.spec.id, False)
         failed(made, ticket)

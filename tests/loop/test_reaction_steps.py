@@ -329,7 +329,7 @@ def test_a_simulation_that_broke_down_at_rest_ends_nothing(rig: ReactionRig) -> 
     rig.reactions.watch_simulation()
 
 
-# --------------------------------------------------------------------------------------------- internal faults
+# --------------------------------------------------------------------------------------------- own faults
 
 
 def test_an_internal_fault_holds_the_last_goal_and_latches(rig: ReactionRig) -> None:

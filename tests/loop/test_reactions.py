@@ -11,9 +11,8 @@ from tests.support.described_robot import redescribe
 from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.procedures import damping, torque_release
+from twind.loop.procedures import damping, lowering
 from twind.loop.procedures.torque_readback import torque_off
-from twind.loop.tick.reactions import react
 from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction
@@ -217,11 +216,11 @@ def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(ar
     began = armed.clock.now()
     while armed.loop.torque.soft_since is None:
         armed.ticks(1)
-        assert armed.clock.now() <= began + torque_release.SETTLE + 0.05
+        assert armed.clock.now() <= began + lowering.SETTLE + 0.05
     assert armed.clock.now() - began > 3.0
     armed.seconds(damping.SLOW_FOR + 0.3)
     assert torque_off(armed.loop)
-    assert armed.clock.now() - began < torque_release.SETTLE + damping.SLOW_MOST + 0.5
+    assert armed.clock.now() - began < lowering.SETTLE + damping.SLOW_MOST + 0.5
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry", "free"])
@@ -238,7 +237,7 @@ def test_an_e_stop_switches_torque_off_within_four_seconds(armed: Rig, support: 
     assert after is not None
     place = armed.names.index("l_shoulder_pitch")
     assert abs(after.velocity[place]) < abs(before.velocity[place]), "the next goal decelerates (W6)"
-    armed.seconds(torque_release.SETTLE)
+    armed.seconds(lowering.SETTLE)
     assert (armed.register("torque_enable") == 0).all()
     assert torque_off(armed.loop)
     assert not armed.events("DAMP")
@@ -285,7 +284,7 @@ def test_a_settle_that_latches_nothing_ends_disarmed(armed: Rig) -> None:
     with injected_findings(armed, reaction=Reaction.SETTLE):
         armed.ticks(1)
     assert armed.loop.condition.state == "settling"
-    armed.seconds(torque_release.SETTLE)
+    armed.seconds(lowering.SETTLE)
     assert armed.loop.condition.state == "connected"
     assert not armed.loop.torque.armed
 
@@ -321,7 +320,7 @@ def test_a_joint_beyond_its_hard_limit_is_held_at_that(armed: Rig) -> None:
     unjudged(armed)
     armed.loop.robot.measured = replace(armed.loop.robot.measured, position=beyond)
     with injected_findings(armed, reaction=Reaction.HOLD, here=(place,)):
-        react(armed.loop, armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
+        armed.loop.reactions.react(armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
     track = steps(armed, 100)
     hard = armed.loop.robot.limits.hard_upper[place]
     tick = armed.loop.hardware.resolution[place]
@@ -353,7 +352,7 @@ def test_the_way_to_the_rest_pose_is_never_slowed(armed: Rig) -> None:
     raised(armed)
     with injected_findings(armed, pace=0.1, findings=()):
         armed.send(link.EStop, level="settle", reason="test")
-        armed.seconds(torque_release.SETTLE)
+        armed.seconds(lowering.SETTLE)
     assert torque_off(armed.loop)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, Rig
 from twind import link, sealed_memfd
-from twind.loop.tick.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard_types import GuardDecision, Reaction
@@ -271,7 +270,7 @@ def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig
 
 def test_the_reaction_of_the_guard_is_in_its_event(armed: Rig) -> None:
     why = (Finding(ReasonCode.FOLLOW_ERR, 3, message="ordered by the test"),)
-    react(armed.loop, GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
-    react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())
+    armed.loop.reactions.react(GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
+    armed.loop.reactions.react(GuardDecision(Reaction.NONE, why), None, armed.clock.now())
     armed.ticks(2)
     assert [event.stop for event in armed.events(ReasonCode.FOLLOW_ERR)] == ["hold", ""]

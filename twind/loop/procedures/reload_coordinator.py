@@ -132,7 +132,7 @@ class ReloadCoordinator:
         robot = of_robot(command.changes)
         if robot:
             one = context.robot.bound.with_changes(robot)
-            unfit = (*self._at_rest(), *outside(context, one.binding.limits, now))
+            unfit = (*self.at_rest(), *outside(context, one.binding.limits, now))
             if unfit:
                 self._refuse(command, unfit)
                 return False
@@ -165,7 +165,7 @@ class ReloadCoordinator:
         if command.reread:
             self._end(f"restart for {listed(waiting)}" if waiting else "")
 
-    def _at_rest(self) -> tuple[Finding, ...]:
+    def at_rest(self) -> tuple[Finding, ...]:
         """Return why limits and gains may not change now, as a BUSY finding; empty: they may.
 
         Reasons: a motion or procedure runs, a trajectory is judged, torque may be on, a bus serves a request.
