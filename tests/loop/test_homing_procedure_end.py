@@ -93,7 +93,7 @@ def test_homing_ends_with_torque_off_and_registers_restored_after_any_interrupti
             made.bus.faults.silence(made.spec.id, False)
         found = failed(made, ticket)
         assert set(found) & expected, found
-        assert made.loop.commands.homing.owed is None and not made.loop.torque.energising
+        assert made.loop.commands.homing.unrestored is None and not made.loop.torque.energising
 
 
 @pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])

@@ -33,7 +33,7 @@ def owed(made: Homed) -> int:
     until(made, lambda: not made.get("torque_enable"))
     made.bus.faults.silence(made.spec.id)
     made.ticks(3)
-    assert made.get("operating_mode") == 5 and made.loop.commands.homing.owed is not None
+    assert made.get("operating_mode") == 5 and made.loop.commands.homing.unrestored is not None
     return ticket
 
 
@@ -165,7 +165,7 @@ def test_an_early_arm_does_not_interrupt_the_pending_restore(ticks: int) -> None
         made.call(link.Disarm, client=OTHER)
         made.send(link.Calibrate, on=False)
         made.ticks(ticks)
-        assert made.loop.commands.homing.owed is not None
+        assert made.loop.commands.homing.unrestored is not None
         assert ReasonCode.CALIB_MISMATCH in codes(made.call(link.Arm))
         made.undone()
 
@@ -193,7 +193,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        debt = made.loop.commands.homing.owed
+        debt = made.loop.commands.homing.unrestored
         assert debt is not None
         made.bus.faults.unplug()
         made.ticks(5)
@@ -203,7 +203,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         assert codes(reply)[-1] == ReasonCode.DEVICE_MISMATCH
         assert "another device has its id now" in reply.parameters["findings"][-1]["message"]
         assert made.get("operating_mode") == 5, "it was written to"
-        assert made.loop.commands.homing.owed is None
+        assert made.loop.commands.homing.unrestored is None
 
 
 def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,7 +221,7 @@ def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyP
         reply = made.last(ticket)
         assert codes(reply) == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]
         assert "no such mode" in reply.parameters["findings"][-1]["message"]
-        assert made.loop.commands.homing.owed is None
+        assert made.loop.commands.homing.unrestored is None
 
 
 def test_changes_of_the_robot_wait_for_it() -> None:

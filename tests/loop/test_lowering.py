@@ -82,7 +82,7 @@ def test_any_other_robot_is_released_only_at_rest_in_its_rest_pose(support: str)
         ({"age": np.array([0.51, 0.0, 0.0])}, False),
     ],
 )
-def test_a_free_robot_that_moves_is_elsewhere_or_is_not_heard_is_not_released(
+def test_a_free_robot_that_moves_or_is_silent_or_away_from_its_rest_pose_is_not_released(
     odd: dict[str, Any], fine: bool
 ) -> None:
     rig = supported("free")

@@ -232,7 +232,7 @@ class Search:
         self.reported = 0
 
     @property
-    def owed(self) -> Any:
+    def unrestored(self) -> Any:
         return object() if self._rig.clock.now() < self._until else None
 
     def report_pending_restore(self) -> None:

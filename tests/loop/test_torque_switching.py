@@ -128,7 +128,7 @@ def test_of_many_joints_the_first_three_are_named(rig: ProcedureRig, count: int,
     assert torque_switching.joint_names(rig, np.arange(4) < count) == text
 
 
-def test_a_silent_device_is_named_by_its_joint_and_any_other_error_is_told_as_it_is(
+def test_a_silent_device_is_named_by_its_joint_and_any_other_error_stays_as_it_is(
     rig: ProcedureRig,
 ) -> None:
     assert torque_switching.error_text(rig, SILENT) == f"{SILENT} (toe)"
@@ -140,7 +140,7 @@ def test_a_silent_device_is_named_by_its_joint_and_any_other_error_is_told_as_it
 
 
 @pytest.mark.parametrize(("age", "known"), [(0.5, 1), (0.51, -1), (np.nan, -1)])
-def test_torque_of_a_servo_that_was_not_heard_for_half_a_second_is_unknown(
+def test_torque_of_a_servo_that_is_silent_for_half_a_second_is_unknown(
     rig: ProcedureRig, age: float, known: int
 ) -> None:
     rig.robot.measured = replace(rig.robot.measured, age=np.array([0.0, age, 0.0]))
@@ -214,7 +214,7 @@ def test_a_robot_that_rests_is_damped_for_a_second(rig: ProcedureRig) -> None:
 
 
 @pytest.mark.parametrize("odd", [{"velocity": np.array([0.0, -0.051, 0.0])}, {"age": np.array([0, 0, 1.01])}])
-def test_a_joint_that_moves_or_is_not_heard_keeps_it_damped_for_five_seconds(
+def test_a_joint_that_moves_or_is_silent_keeps_it_damped_for_five_seconds(
     rig: ProcedureRig, odd: dict[str, Any]
 ) -> None:
     rig.read(**odd)
@@ -222,7 +222,7 @@ def test_a_joint_that_moves_or_is_not_heard_keeps_it_damped_for_five_seconds(
 
 
 @pytest.mark.parametrize("fine", [{"velocity": np.array([0.05, -0.05, 0.0])}, {"age": np.array([0, 0, 1.0])}])
-def test_slow_joints_that_were_heard_within_a_second_rest(rig: ProcedureRig, fine: dict[str, Any]) -> None:
+def test_slow_joints_with_a_reading_of_the_last_second_rest(rig: ProcedureRig, fine: dict[str, Any]) -> None:
     rig.read(**fine)
     assert damp(rig) == pytest.approx(1.0, abs=1.5 * PERIOD)
 
@@ -268,7 +268,7 @@ def test_the_goals_follow_the_sinking_joints_at_half_a_radian_per_second(rig: Pr
 
 
 @pytest.mark.parametrize(
-    ("result", "error", "confirmed", "told"),
+    ("result", "error", "confirmed", "texts"),
     [
         ((), None, True, []),
         (None, None, True, []),
@@ -277,12 +277,12 @@ def test_the_goals_follow_the_sinking_joints_at_half_a_radian_per_second(rig: Pr
     ],
 )
 def test_what_did_not_confirm_damping_is_reported_once_and_a_stop_counts_as_begun_only_with_all(
-    rig: ProcedureRig, result: Any, error: Any, confirmed: bool, told: list[str]
+    rig: ProcedureRig, result: Any, error: Any, confirmed: bool, texts: list[str]
 ) -> None:
     rig.hardware.results["damp"] = result
     if error is not None:
         rig.hardware.failing["damp"] = error
     damp(rig)
     assert rig.torque.stop_begun == confirmed
-    assert [event.message for event in rig.book.events[1:]] == told
+    assert [event.message for event in rig.book.events[1:]] == texts
     assert all(event.code == "DAMP" and event.level == "error" for event in rig.book.events)

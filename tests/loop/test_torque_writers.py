@@ -37,7 +37,7 @@ def test_each_field_has_one_module_that_writes_it() -> None:
             if field in FIELDS and (torque or (module == OWNER and owner == "self")):
                 writers[field].add(module)
     assert len(FIELDS) == 9
-    assert writers == dict.fromkeys(FIELDS, {OWNER})
+    assert writers == {field: {OWNER} for field in FIELDS}
 
 
 def test_the_search_for_writers_sees_every_form() -> None:

@@ -80,7 +80,7 @@ class Homed(Rig):
         for _ in range(500):
             self.ticks(1)
             assert not [reply for reply in self.replies(ticket) if not reply.continues], self.replies(ticket)
-            if self.get("torque_enable") and self.loop.commands.homing.owed.powered is not None:
+            if self.get("torque_enable") and self.loop.commands.homing.unrestored.powered is not None:
                 self.ticks(20)
                 return
         raise AssertionError("never powered")
@@ -113,7 +113,7 @@ class Homed(Rig):
     def undone(self, seconds: float = 4.0) -> None:
         """Torque is off and everything is as it was, of an independent look."""
         for _ in range(round(seconds / self.loop.robot.period)):
-            if self.loop.commands.homing.owed is None:
+            if self.loop.commands.homing.unrestored is None:
                 break
             self.ticks(1)
         assert not any(self.torques())

@@ -299,7 +299,7 @@ class ProcedureRig:
         return [event.code for event in self.book.events]
 
     def requests(self) -> list[str]:
-        """What was asked of the devices, without the queue's clearing."""
+        """Requests to the devices, without the clearing of the queue."""
         return [name for name in self.hardware.log if name not in ("clear",)]
 
 

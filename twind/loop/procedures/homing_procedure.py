@@ -50,7 +50,7 @@ OFF_TURN = 16
 
 
 class HomingProcedure:
-    """At most one search. `owed` is set until the mode and settings of its servo are restored."""
+    """At most one search. `unrestored` is set until the mode and settings of its servo are restored."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class HomingProcedure:
         self._guard = parts.guard
         self._gate_input = gate_input
         self._verified = verified
-        self.owed: HomingRestore | None = None
+        self.unrestored: HomingRestore | None = None
         self._last_report = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
@@ -74,7 +74,7 @@ class HomingProcedure:
             allowed = [RobotState.CALIBRATING.value]
             context.reports.error(command, "WrongState", state=context.condition.state.value, allowed=allowed)
             return
-        if self.owed is not None or context.procedures.rank is not None:
+        if self.unrestored is not None or context.procedures.rank is not None:
             context.reports.error(command, "Busy", what="an end-stop search or its restoring is under way")
             return
         if (occupied := next((port.name for port in context.hardware.ports if port.busy), None)) is not None:
@@ -96,15 +96,18 @@ class HomingProcedure:
 
         Without arguments it covers all devices.
         """
-        owed = self.owed
-        if owed is None or (bus, id) not in ((None, None), (owed.request.port.name, owed.request.id)):
+        unrestored = self.unrestored
+        if unrestored is None or (bus, id) not in (
+            (None, None),
+            (unrestored.request.port.name, unrestored.request.id),
+        ):
             return ""
-        return f"{self._context.robot.joints.names[owed.request.joint]} gets its mode and settings back"
+        return f"{self._context.robot.joints.names[unrestored.request.joint]} gets its mode and settings back"
 
     def report_pending_restore(self) -> None:
         """Report what is not restored yet when the daemon ends."""
-        if self.owed is not None:
-            report_pending_restore(self._context, self.owed)
+        if self.unrestored is not None:
+            report_pending_restore(self._context, self.unrestored)
 
     # ------------------------------------------------------------------------------- the search
 
@@ -137,7 +140,7 @@ class HomingProcedure:
         """End the obligation to restore; all devices on its bus are written to again."""
         if pending.request.port.writer is not None:
             pending.request.port.writer.end_single_device()
-        self.owed = None
+        self.unrestored = None
         self._verified.unrestored = None
 
     def _outcome(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
@@ -201,7 +204,7 @@ class HomingProcedure:
         # What is kept is recorded before the first write: a search that ends now is still restored.
         pending.left = alone.describe_leftovers(kept)
         pending.watchdog = alone.watchdog
-        self.owed = pending
+        self.unrestored = pending
         message = f"not restored after an end-stop search yet: it has {pending.left}"
         self._verified.unrestored = Finding(ReasonCode.CALIB_MISMATCH, aim.joint, message=message)
         pending.kept = kept

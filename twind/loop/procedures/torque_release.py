@@ -134,7 +134,7 @@ class TorqueRelease:
             yield from self._release_reported(why)
             context.condition.change_if(RobotEvent.SETTLED)
         until = context.clock.now() + AWAITED
-        while homing.owed is not None and context.clock.now() < until:
+        while homing.unrestored is not None and context.clock.now() < until:
             yield  # the servo of an end-stop search is restored
         homing.report_pending_restore()
         context.condition.finished = True
