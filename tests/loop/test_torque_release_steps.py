@@ -299,6 +299,15 @@ def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None
         assert rig.requests() == ["prepare", "hold True", "read goals", *OFF]
 
 
+def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
+    rig = ProcedureRig(period=1.0 / 128.0)  # a second and a half is a whole number of such ticks
+    assert shut(rig, Search(rig, 9.0)) == 1.5
+    rig = ProcedureRig(period=1.0 / 128.0)
+    rig.torque.lose_bus()
+    rig.hardware.connected = False
+    assert shut(rig) == 1.5
+
+
 def test_without_a_lost_bus_nothing_is_waited_for() -> None:
     rig = ProcedureRig()
     rig.hardware.connected = False

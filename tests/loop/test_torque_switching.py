@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.gate_rig import limits
-from tests.support.procedure_rig import BROKEN, NAMES, PERIOD, PLACE, SILENT, WHY, ProcedureRig
+from tests.support.procedure_rig import BROKEN, NAMES, PERIOD, PLACE, SILENT, WHY, BusTask, ProcedureRig
 from twind.loop.procedures import damping, torque_readback, torque_switching
 from twind.loop.procedures.procedure_runner import Priority
 from twind.robot.modes import Mode
@@ -56,6 +56,16 @@ def test_a_device_that_stays_silent_is_asked_for_a_second_then_left_unconfirmed(
     assert rig.hardware.log.count("torque False") == pytest.approx(50, abs=2)
     assert rig.hardware.log.count("cut 0") == 1
     assert (rig.torque.energising, rig.torque.unconfirmed) == (False, True)
+
+
+def test_after_exactly_a_second_nothing_is_repeated(rig: ProcedureRig) -> None:
+    rig.hardware.failing["torque False"] = [SILENT] * 1000
+    body = torque_switching.switch_torque_off(rig)
+    next(body)
+    rig.hardware.serve()
+    rig.clock.time += 1.0
+    with pytest.raises(BusError):
+        body.send(0.0)
 
 
 def test_a_device_that_answers_late_is_confirmed(rig: ProcedureRig) -> None:
@@ -213,6 +223,12 @@ def test_a_robot_that_rests_is_damped_for_a_second(rig: ProcedureRig) -> None:
     assert (event.level, event.code, event.stop) == ("error", "DAMP", "damp")
 
 
+def test_the_second_of_rest_ends_with_its_last_tick() -> None:
+    rig = ProcedureRig(period=1.0 / 128.0)  # a second is a whole number of such ticks, exactly
+    rig.hold()
+    assert damp(rig) == 1.0
+
+
 @pytest.mark.parametrize("odd", [{"velocity": np.array([0.0, -0.051, 0.0])}, {"age": np.array([0, 0, 1.01])}])
 def test_a_joint_that_moves_or_is_silent_keeps_it_damped_for_five_seconds(
     rig: ProcedureRig, odd: dict[str, Any]
@@ -265,6 +281,12 @@ def test_the_goals_follow_the_sinking_joints_at_half_a_radian_per_second(rig: Pr
     steps = np.diff(np.array(places), axis=0)
     assert steps.min() == pytest.approx(-0.5 * PERIOD)
     assert places[-1][0] < PLACE[0] - 0.4
+
+
+def test_one_bus_that_is_not_damped_is_enough_that_a_stop_has_not_begun(rig: ProcedureRig) -> None:
+    rig.hardware.damp = lambda: [BusTask(done=True, result=()), BusTask(BROKEN, done=True)]
+    damp(rig)
+    assert not rig.torque.stop_begun
 
 
 @pytest.mark.parametrize(

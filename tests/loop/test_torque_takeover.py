@@ -21,7 +21,9 @@ def rig() -> ProcedureRig:
 
 
 def taken(rig: ProcedureRig, whole: bool = False, unjudged: Any = lambda: NONE) -> bool:
-    return bool(rig.run(take_over(rig, unjudged, whole)))
+    held = rig.run(take_over(rig, unjudged, whole))
+    assert isinstance(held, bool)
+    return held
 
 
 # --------------------------------------------------------------------------------------------- nothing to do
@@ -198,6 +200,14 @@ def test_without_a_goal_that_was_sent_every_joint_is_held_where_it_is(rig: Proce
     rig.hardware.slow.watchdog[0] = 255
     rig.robot.measured = rig.state(PLACE - 0.1)
     rig.robot.written = None
+    assert taken(rig)
+    assert rig.hardware.goals[0].tolist() == (PLACE - 0.1).tolist()
+
+
+def test_a_robot_that_is_not_armed_any_more_is_held_where_it_is(rig: ProcedureRig) -> None:
+    rig.hold()
+    rig.torque.lose_hold()
+    rig.robot.measured = rig.state(PLACE - 0.1)
     assert taken(rig)
     assert rig.hardware.goals[0].tolist() == (PLACE - 0.1).tolist()
 
