@@ -114,6 +114,12 @@ def test_after_a_second_an_unread_value_refuses(rig: ProcedureRig) -> None:
     assert isinstance(outcome, CallRefusal) and tuple(outcome.findings) == UNREAD
 
 
+def test_the_wait_for_an_unread_value_ends_with_its_last_tick() -> None:
+    rig = ProcedureRig(period=1.0 / 128.0)  # a second is a whole number of such ticks
+    arm(rig, judge=lambda now: Verdict(UNREAD))
+    assert rig.until_done() == 1.0
+
+
 @pytest.mark.parametrize(
     "final",
     [
@@ -254,7 +260,8 @@ def test_an_unknown_position_while_goals_are_written_is_no_standstill(rig: Proce
 def test_torque_in_some_joints_refuses_arming(rig: ProcedureRig, torque: Any, first: int) -> None:
     rig.found(torque)
     finding = refusal(rig)
-    assert (finding.code, finding.joint, finding.value) == (ReasonCode.ARM_FAILED, first, float(sum(torque)))
+    assert (finding.code, finding.joint) == (ReasonCode.ARM_FAILED, first)
+    assert (finding.value, finding.bound) == (float(sum(torque)), 0.0)
     assert finding.message.startswith(f"torque is on in {sum(torque)} of 3 joints")
     assert "prepare" not in rig.hardware.log
     assert "torque False" not in rig.hardware.log, "torque that was found on stays"
@@ -314,6 +321,7 @@ def test_what_happens_meanwhile_ends_arming(rig: ProcedureRig, when: str, what: 
     rig.watched = disturb
     finding = refusal(rig)
     assert finding.code is ReasonCode.ARM_FAILED and "meanwhile" in finding.message
+    assert (finding.value, finding.bound) == (0.0, 0.0)
     assert rig.requests() == [*ORDER[: ORDER.index(when) + 1], *OFF]
 
 
@@ -333,6 +341,17 @@ def test_a_joint_that_jumps_at_torque_on_ends_with_torque_off(
         assert (finding.code, finding.joint, finding.bound) == (ReasonCode.ARM_FAILED, 2, 0.05)
         assert finding.value == pytest.approx(abs(jump), nan_ok=True)
         assert rig.requests() == [*ORDER, *OFF]
+
+
+def test_a_jump_of_exactly_a_twentieth_of_a_radian_is_none(rig: ProcedureRig) -> None:
+    rig.robot.measured = rig.state(np.zeros(3))
+
+    def slip() -> None:
+        if "torque True" in rig.hardware.log:
+            rig.read(position=np.array([0.0, 0.05, 0.0]))
+
+    rig.watched = slip
+    assert isinstance(armed(rig), CallReply)
 
 
 @pytest.mark.parametrize(("falls", "off"), [(True, True), (False, False)])

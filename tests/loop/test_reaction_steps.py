@@ -317,6 +317,7 @@ def test_a_simulation_that_broke_down_is_reported_once_and_ends_its_motion(
     rig.reactions.watch_simulation()
     [event] = rig.book.events
     assert (event.level, event.code) == ("error", "INTERNAL")
+    assert event.findings[0].code is ReasonCode.INTERNAL
     assert event.findings[0].value == 2.0 and event.findings[0].message == event.message
     assert rig.ended() == ([("aborted", tuple(event.findings))] if ends else [])
 
@@ -385,7 +386,7 @@ def test_an_inhibit_is_quiet_until_the_watchdogs_have_tripped(rig: ReactionRig) 
     rig.moving()
     inhibit(rig, BUG, 50.0)
     assert rig.hardware.log == ["clear", "hold False"]
-    assert rig.hardware.quiet_until == 50.0 + QUIET and QUIET >= 0.3
+    assert rig.hardware.quiet_until == 50.0 + QUIET and QUIET == 0.3
     assert rig.executor.reference is None
     assert rig.torque.armed and rig.torque.inhibited
     [event] = rig.book.events

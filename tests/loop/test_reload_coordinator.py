@@ -56,7 +56,7 @@ def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None
     others = np.arange(len(quiet.names)) != joint
     for field in fields(old):
         assert np.array_equal(getattr(old, field.name)[others], getattr(new, field.name)[others]), field.name
-    for holder in (loop.parts, loop.executor):
+    for holder in (loop.robot, loop.executor):
         assert holder.limits is new, type(holder).__name__
     low, high = loop.hardware.reach
     assert low[joint] > old_reach[0][joint] and high[joint] < old_reach[1][joint]

@@ -99,7 +99,7 @@ def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(armed: Rig
         assert reply.error == "Refused"
         assert codes(reply) == ["BAD_SHAPE"]
         assert armed.loop.condition.state == "armed"
-        assert not armed.loop.commands.submissions.busy
+        assert not armed.loop.commands.gate_input.busy
 
 
 def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:

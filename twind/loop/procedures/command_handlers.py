@@ -78,7 +78,7 @@ class CommandHandlers:
             link.FindStop: self.homing.ask,
             link.Mark: self._mark,
             link.Cancel: self._cancel,
-            link.Setpoint: self.submissions.setpoint,
+            link.Setpoint: lambda command, now: self.submissions.setpoint(command, now),
             link.ReadRegister: devices.read,
             link.WriteRegister: devices.write,
             link.Reboot: devices.reboot,
