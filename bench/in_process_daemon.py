@@ -81,7 +81,7 @@ class InProcessDaemon:
 
     def run(self, seconds: float) -> None:
         """Let time pass; news are taken off the pipe as a front would, and only replies looked at."""
-        period = self.loop.period
+        period = self.loop.robot.period
         for _ in range(round(seconds / CHUNK)):
             self.loop.run(until=self.clock.now() + CHUNK - 0.5 * period)
             self.clock.sleep_until(self._next())
@@ -89,7 +89,7 @@ class InProcessDaemon:
 
     def _next(self) -> float:
         """Start of the next tick, on the grid of the first, s."""
-        period = self.loop.period
+        period = self.loop.robot.period
         return BEGIN + ceil((self.clock.now() - BEGIN) / period - 1e-6) * period
 
     def _take_news(self) -> None:

@@ -66,10 +66,10 @@ def moving_round(robot: InProcessDaemon, span: float) -> Callable[[], float]:
             robot.run(MOTION)
             robot.demand(ticket, phase="succeeded")
         used = time.process_time() - before
-        missing = round(span / robot.loop.period) - (robot.loop.figures.ticks - ticks)
-        if robot.loop.state is not RobotState.ARMED or missing > 0:
+        missing = round(span / robot.loop.robot.period) - (robot.loop.figures.ticks - ticks)
+        if robot.loop.condition.state is not RobotState.ARMED or missing > 0:
             raise RuntimeError(
-                f"state {robot.loop.state}, {missing} ticks missing: this was no hour of moving"
+                f"state {robot.loop.condition.state}, {missing} ticks missing: this was no hour of moving"
             )
         return used * HOUR / span
 

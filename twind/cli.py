@@ -199,15 +199,15 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     aloud = HeadlessLink(2, None if recorder is None else recorder.link)
     loop = _loop(described, one, buses, aloud, notifier, recorder)
-    failsafe = FailsafeRun(loop)
+    failsafe = FailsafeRun(loop, loop.identity, loop.commands.release, notifier)
 
     def stop(number: int, frame: FrameType | None) -> None:  # on the way down nothing ends earlier by it
-        loop.stop_wanted = True
+        loop.condition.stop_wanted = True
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    loop.say.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
+    loop.reports.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
     failsafe.begin()
     try:
         run_loop(loop)
@@ -216,7 +216,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     if failsafe.left:
         print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
     if recorder is not None:
-        save_failsafe_recording(described, one, recorder, loop.mode.value)
+        save_failsafe_recording(described, one, recorder, loop.condition.mode.value)
     return FAILED if failsafe.left else 0
 
 
@@ -303,7 +303,7 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
 
     def end() -> None:
         notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{LOWERING * 1e6:.0f}")
-        loop.stop_wanted = True
+        loop.condition.stop_wanted = True
 
     def stop(number: int, frame: FrameType | None) -> None:
         end()
@@ -311,16 +311,16 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    hang_ups.enable_delivery(reread=loop.reloads.want, end=end)
+    hang_ups.enable_delivery(reread=loop.commands.reloads.want, end=end)
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     sockets = ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
-    loop.say.event("info", EventCode.START, f"twind {__version__}, {_what(loop)}; {sockets}")
+    loop.reports.event("info", EventCode.START, f"twind {__version__}, {_what(loop)}; {sockets}")
     for what, got in loop.parts.realtime.items():
         if not got.granted:
-            loop.say.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
+            loop.reports.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
     if os.geteuid() == 0:
         for warning in wrong_groups(groups):
-            loop.say.event("warning", EventCode.START, warning)
+            loop.reports.event("warning", EventCode.START, warning)
     try:
         run_loop(loop)
     finally:
@@ -331,7 +331,7 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
 
 def _what(loop: Loop) -> str:
     where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
-    return f"mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}"
+    return f"mode {loop.condition.mode.value}, {1 / loop.parts.period:g} Hz, {where}"
 
 
 def wrong_groups(groups: Mapping[str, str]) -> list[str]:

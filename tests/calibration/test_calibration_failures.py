@@ -133,7 +133,7 @@ def test_a_servo_that_restarts_under_torque_is_unverified_and_gets_no_goal(plant
         verified.append(bool(rig.loop.identity.verified.joints[row]))
     assert not all(verified) and verified[-1], "until it was asked anew"
     assert names_it(rig.reported_findings(), "SERVO_REBOOTED", KNEE, "restarted by itself")
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     assert servos["torque_enable"][row] == 0
     assert rig.truth[row] == pytest.approx(stood, abs=0.003), "it never moves again by itself"
     rig.lease()

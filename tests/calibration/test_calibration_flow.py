@@ -65,7 +65,7 @@ def arms_and_moves(rig: Rig, calibration: Calibration) -> None:
     restarted(rig, calibration, Mode.LIVE)
     rig.arm()
     before = rig.truth
-    assert np.abs(before - rig.loop.measured.position).max() < NEAR
+    assert np.abs(before - rig.loop.robot.measured.position).max() < NEAR
     rig.lease()
     rig.submit(rig.path("l_knee", [MOVED + 0.05], [1.0]), more=True)
     rig.seconds(2.0)

@@ -70,7 +70,7 @@ def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig)
     )
     mixed.call(link.AcquireLease)
     assert mixed.call(link.Arm).error is not None
-    assert mixed.loop.state is RobotState.IDENTIFYING
+    assert mixed.loop.condition.state is RobotState.IDENTIFYING
     assert (mixed.register("torque_enable") == 0).all()
 
 
@@ -82,7 +82,7 @@ def test_a_mode_written_through_the_daemon_is_reported_at_once(mixed: Rig) -> No
     mixed.ticks(80)
     calibrated(mixed)
     mixed.ticks(2)
-    assert mixed.loop.state is RobotState.IDENTIFYING
+    assert mixed.loop.condition.state is RobotState.IDENTIFYING
     assert any("id 2 on bus main: operating_mode (11) is 4" in event.message for event in mixed.events())
     calibrate(mixed)
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=3)
@@ -96,7 +96,7 @@ def test_a_write_to_an_uncompared_register_leaves_the_bus_connected(mixed: Rig) 
     assert mixed.call(link.WriteRegister, bus="main", id=2, name="led", value=1).error is None
     for _ in range(50):
         mixed.ticks(1)
-        assert mixed.loop.state is RobotState.CONNECTED
+        assert mixed.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_servo_with_the_shadow_id_of_another_is_never_armed() -> None:
@@ -112,7 +112,7 @@ def test_a_servo_with_the_shadow_id_of_another_is_never_armed() -> None:
         assert any("secondary_shadow_id (12) is" in event.message for event in rig.events())
         rig.call(link.AcquireLease)
         assert rig.call(link.Arm).error is not None
-        assert rig.loop.state is RobotState.IDENTIFYING
+        assert rig.loop.condition.state is RobotState.IDENTIFYING
         assert (rig.register("torque_enable") == 0).all()
         lower = rig.register("min_position_limit")
         upper = rig.register("max_position_limit")
@@ -134,4 +134,4 @@ def test_a_mode_that_was_changed_after_identification_is_found_before_torque(mix
     reply = mixed.call(link.Arm)
     assert "register 11" in str(reply.parameters)
     assert (mixed.register("torque_enable") == 0).all()
-    assert mixed.loop.state is RobotState.CONNECTED
+    assert mixed.loop.condition.state is RobotState.CONNECTED

@@ -12,7 +12,7 @@ from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
 from twind.front import front_server
 from twind.loop.ipc import front_process
-from twind.loop.procedures import arming, damping, failsafe, torque_release
+from twind.loop.procedures import arming, damping, failsafe, lowering
 from twind.loop.tick import control_loop as tick
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
@@ -153,9 +153,9 @@ THRESHOLDS = {
     "INTERNAL: failed ticks in a row, INHIBIT": f"{tick.PATIENCE}",
     # stops
     "`support: free`: SETTLE after a HOLD": f"after {GUARD.hold_most:g} s",
-    "Settling until torque off, else DAMP": f"{torque_release.SETTLE:g} s",
-    "At rest, `support: free`": f"{torque_release.SLOW:g} rad/s for {torque_release.SLOW_FOR:g} s, "
-    f"within {torque_release.NEAR:g} rad of the rest pose",
+    "Settling until torque off, else DAMP": f"{lowering.SETTLE:g} s",
+    "At rest, `support: free`": f"{lowering.SLOW:g} rad/s for {lowering.SLOW_FOR:g} s, "
+    f"within {lowering.NEAR:g} rad of the rest pose",
     "DAMP: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
     "DAMP: PWM or current; P gain": f"{soft.SHARE * 100:g} %; 1/{soft.SOFT}",
     # processes

@@ -37,7 +37,7 @@ def oldest(rig: Rig, seconds: float) -> tuple[float, float, int]:
         rig.ticks(1)
         ticks += 1
         status = max(status, float((rig.clock.now() - rig.loop.hardware.slow.status_time).max()))
-        reading = max(reading, float(rig.loop.measured.age.max()))
+        reading = max(reading, float(rig.loop.robot.measured.age.max()))
     return status, reading, ticks
 
 

@@ -105,7 +105,7 @@ def test_a_policy_that_stops_sending_leaves_the_robot_holding_within_the_gate_bo
     rig.seconds(0.09)  # 60 ms of the last setpoint, and the ticks that took and missed it
     assert rig.loop.executor.motion == "holding"
     rig.seconds(0.18)  # 0.25 s after the last setpoint
-    assert not rig.loop.lease.holds(rig.clock.now())
+    assert not rig.loop.parts.lease.holds(rig.clock.now())
     rig.seconds(2.0)
     assert rig.loop.torque.armed and rig.base()["position"][2] > 0.4
 

@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from twind import link
+from twind.loop.procedures.torque_readback import torque_inherited, torque_off
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
@@ -60,7 +61,7 @@ def test_a_daemon_that_stalls_before_arming_arms_from_no_reading_older_than_50_m
         assert np.array_equal(rig.register("goal_position"), goals)
         assert not rig.register("bus_watchdog").any()
         assert not rig.register("torque_enable").any()
-        assert rig.loop.state is RobotState.CONNECTED
+        assert rig.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_single_joint_with_a_stale_reading_prevents_arming() -> None:
@@ -89,7 +90,7 @@ def test_a_robot_found_energised_gets_no_goal_from_an_old_reading_and_keeps_its_
         assert refusal(rig.call(link.Arm))["code"] == "HW_DISCONNECTED"
         assert np.array_equal(rig.register("goal_position"), goals)
         assert rig.register("torque_enable").all()
-        assert rig.loop.inherited
+        assert torque_inherited(rig.loop)
 
 
 def test_a_stall_before_goals_are_chosen_ends_arming_before_torque() -> None:
@@ -121,7 +122,7 @@ def test_register_writes_that_wait_are_dropped_when_arming_begins() -> None:
 def test_register_writes_that_wait_are_dropped_when_the_arming_client_is_gone(make_rig: MakeRig) -> None:
     """Backing out of an arming that still waits for the first temperatures leaves nothing queued."""
     rig = make_rig()
-    while rig.loop.state is not RobotState.CONNECTED:
+    while rig.loop.condition.state is not RobotState.CONNECTED:
         rig.ticks(1)
     assert not np.isfinite(rig.loop.hardware.slow.health_time).all()
     rig.send(link.AcquireLease)
@@ -171,7 +172,7 @@ def test_a_joint_that_jumps_at_torque_on_ends_arming_with_torque_off(monkeypatch
         assert (finding["code"], finding["joint"], finding["bound"]) == ("ARM_FAILED", 0, 0.05)
         assert not rig.register("torque_enable").any()
         assert (rig.loop.torque.armed, rig.loop.torque.energising) == (False, False)
-        assert rig.loop.state is RobotState.CONNECTED
+        assert rig.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_robot_found_energised_that_fails_to_arm_keeps_its_torque() -> None:
@@ -207,7 +208,7 @@ def test_arming_holds_every_joint_where_it_is_with_its_watchdog_set() -> None:
         assert rig.register("torque_enable").all()
         assert (rig.register("bus_watchdog") == 5).all()
         rig.seconds(0.5)
-        assert rig.loop.state is RobotState.ARMED
+        assert rig.loop.condition.state is RobotState.ARMED
         assert np.abs(rig.counts - before).max() <= 2
 
 
@@ -218,7 +219,7 @@ def test_a_joint_beyond_either_hard_limit_is_named_with_the_limit() -> None:
             finding = refusal(rig.call(link.Arm))
             assert (finding["code"], finding["joint"]) == ("OUT_OF_LIMIT", place)
             assert finding["value"] == pytest.approx(angle, abs=0.01)
-            assert finding["bound"] == getattr(rig.loop.limits, side)[place]
+            assert finding["bound"] == getattr(rig.loop.robot.limits, side)[place]
             assert not rig.register("torque_enable").any()
 
 
@@ -268,7 +269,7 @@ def on_the_way(rig: Rig, *, energised: bool) -> int:
         if rig.register("bus_watchdog").all() and written.all() and not rig.loop.hardware.ports[0].busy:
             break
     assert not rig.replies(ticket)
-    assert rig.loop.state is RobotState.ARMING
+    assert rig.loop.condition.state is RobotState.ARMING
     return ticket
 
 
@@ -282,7 +283,7 @@ def test_torque_goes_off_when_the_arming_client_is_gone_before_arming_has_ended(
         rig.ticks(20)
         assert not rig.register("torque_enable").any()
         assert (rig.loop.torque.armed, rig.loop.torque.energising) == (False, False)
-        assert rig.loop.state is RobotState.CONNECTED
+        assert rig.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_robot_found_energised_keeps_its_torque_when_the_arming_client_is_gone() -> None:
@@ -291,14 +292,18 @@ def test_a_robot_found_energised_keeps_its_torque_when_the_arming_client_is_gone
         rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(20)
         assert rig.register("torque_enable").all()
-        assert (rig.loop.torque.armed, rig.loop.torque.energising, rig.loop.inherited) == (False, False, True)
+        assert (rig.loop.torque.armed, rig.loop.torque.energising, torque_inherited(rig.loop)) == (
+            False,
+            False,
+            True,
+        )
 
 
 def test_a_fault_that_is_latched_before_torque_ends_arming_without_torque() -> None:
     with connected() as rig:
         ticket = rig.send(link.Arm)
         rig.ticks(2)
-        rig.loop.latch(FAULT)
+        rig.loop.condition.latch(FAULT)
         for _ in range(60):
             rig.ticks(1)
             assert not rig.register("torque_enable").any()
@@ -308,7 +313,7 @@ def test_a_fault_that_is_latched_before_torque_ends_arming_without_torque() -> N
 def test_a_fault_that_is_latched_after_torque_came_on_ends_arming_with_torque_off() -> None:
     with connected() as rig:
         ticket = on_the_way(rig, energised=False)
-        rig.loop.latch(FAULT)
+        rig.loop.condition.latch(FAULT)
         rig.ticks(60)
         assert refusal(rig.replies(ticket)[-1])["code"] == "ARM_FAILED"
         assert not rig.register("torque_enable").any()
@@ -319,8 +324,8 @@ def test_a_servo_that_does_not_confirm_torque_off_after_a_failed_arming_is_repor
     with connected() as rig:
         on_the_way(rig, energised=False)
         rig.virtual["main"].faults.silence(5)
-        rig.loop.latch(FAULT)
+        rig.loop.condition.latch(FAULT)
         rig.seconds(2.0)
         (event,) = rig.events("TORQUE_MISMATCH")
         assert rig.names[4] in event.message
-        assert rig.loop.torque_off is not True
+        assert torque_off(rig.loop) is not True

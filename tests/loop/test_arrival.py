@@ -48,14 +48,14 @@ def move(rig: Rig, joint: str, goal: float, **more: object) -> link.Reply:
 
 def test_a_joint_in_an_overlapping_hull_arrives(simulated: Rig) -> None:
     assert move(simulated, "head", 0.5).parameters["phase"] == "succeeded"
-    assert simulated.loop.simulated.position[HEAD] == pytest.approx(0.5, abs=0.02)
+    assert simulated.loop.robot.simulated.position[HEAD] == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_motion_whose_simulation_is_blocked_is_aborted_with_joint_value_bound_and_contact(
     simulated: Rig,
 ) -> None:
     last = move(simulated, "hand", INSIDE)
-    place = simulated.loop.simulated.position[HAND]
+    place = simulated.loop.robot.simulated.position[HAND]
     assert place > -1.0
     assert last.parameters["phase"] == "aborted"
     (finding,) = last.parameters["findings"]
@@ -73,7 +73,7 @@ def test_after_a_blocked_motion_the_joint_is_held_where_it_is_and_the_next_motio
     move(simulated, "hand", INSIDE)
     reference = simulated.loop.executor.reference
     assert reference is not None
-    assert reference.position[HAND] == pytest.approx(simulated.loop.simulated.position[HAND], abs=0.05)
+    assert reference.position[HAND] == pytest.approx(simulated.loop.robot.simulated.position[HAND], abs=0.05)
     simulated.lease()
     assert move(simulated, "hand", 0.3).parameters["phase"] == "succeeded"
 
@@ -115,7 +115,7 @@ def test_a_motion_of_a_humanoid_ends_with_its_last_point(make_rig: MakeRig, mode
 def test_a_drift_names_the_contact_that_blocks_the_simulated_joint(live: Rig) -> None:
     """The servos of this robot meet nothing: the robot arrives where its model cannot."""
     assert move(live, "hand", INSIDE).parameters["phase"] == "succeeded"
-    assert live.loop.measured.position[HAND] == pytest.approx(INSIDE, abs=0.05)
+    assert live.loop.robot.measured.position[HAND] == pytest.approx(INSIDE, abs=0.05)
     (finding,) = live.events("MIRROR_DRIFT")[0].findings
     assert finding.joint == HAND
     assert "hand and torso touch in the simulation" in finding.message
@@ -138,4 +138,4 @@ def test_a_drift_of_a_joint_that_nothing_blocks_names_no_contact(live: Rig) -> N
 def test_no_motion_of_an_overlapping_hull_drifts(live: Rig) -> None:
     assert move(live, "head", 0.5).parameters["phase"] == "succeeded"
     assert live.events("MIRROR_DRIFT") == []
-    assert live.loop.simulated.position[HEAD] == pytest.approx(0.5, abs=0.02)
+    assert live.loop.robot.simulated.position[HEAD] == pytest.approx(0.5, abs=0.02)

@@ -9,7 +9,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.procedures.torque_release import SettleProfile, release
+from twind.loop.procedures.lowering import SettleProfile
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError
 
@@ -34,7 +34,7 @@ def moved(rig: Rig, seconds: float) -> np.ndarray:
     """Return the largest distance of each joint from its start, rad (n,)."""
     began = rig.truth
     most = np.zeros(len(rig.names))
-    for _ in range(round(seconds / rig.loop.period)):
+    for _ in range(round(seconds / rig.loop.robot.period)):
         rig.ticks(1)
         most = np.maximum(most, np.abs(rig.truth - began))
     return most
@@ -59,14 +59,14 @@ def test_torque_goes_off_without_motion_where_a_joint_is_beyond_its_hard_limit(c
 def test_a_robot_one_count_beyond_a_limit_is_lowered() -> None:
     with found_on(l_knee=2.2505) as rig:
         assert rig.call(link.Disarm).error is None
-        assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
+        assert np.abs(rig.truth - rig.loop.robot.rest).max() < 0.05
         assert not joint_codes(rig)
 
 
 def test_a_full_takeover_fails_and_leaves_torque_on_where_a_joint_is_beyond_its_limit() -> None:
     with found_on(l_knee=BEYOND) as rig:
         why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
-        way = release(rig.loop, why, SettleProfile(whole=True))
+        way = rig.loop.commands.release.release(why, SettleProfile(whole=True))
         with pytest.raises(BusError, match="l_knee"):
             next(way)
         assert moved(rig, 1.0).max() < 0.01
@@ -84,9 +84,9 @@ def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged(
         rig.ticks(1)
     rig.ticks(5)
     assert rig.truth[rig.names.index("l_knee")] == pytest.approx(BEYOND, abs=0.01)
-    rig.loop.stop_wanted = True
+    rig.loop.condition.stop_wanted = True
     assert moved(rig, 4.0).max() < 0.01
-    assert rig.loop.finished
+    assert rig.loop.condition.finished
     assert not rig.register("torque_enable").any()
     assert joint_codes(rig)
 

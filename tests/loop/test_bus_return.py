@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.loop.procedures.internal_faults import inhibit
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind_drivers.bus import BusReader, BusSample
@@ -47,11 +48,11 @@ def test_an_unplugged_bus_is_seen_within_50_ms_and_identified_a_second_after_it_
     while not moving.events("PORT_LOST"):
         moving.ticks(1)
     assert moving.clock.now() - begun <= 0.050
-    assert moving.loop.state is RobotState.FAULT
+    assert moving.loop.condition.state is RobotState.FAULT
     moving.seconds(away)
     upper.faults.replug()
     assert until_connected(moving) <= 1.0
-    assert moving.loop.state is RobotState.FAULT
+    assert moving.loop.condition.state is RobotState.FAULT
 
 
 def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(moving: Rig) -> None:
@@ -114,13 +115,13 @@ def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(
     rig = make_rig()
     power_off(rig, "main")
     rig.ticks(ticks)
-    assert rig.loop.state is RobotState.IDENTIFYING
+    assert rig.loop.condition.state is RobotState.IDENTIFYING
     power_on(rig, "main")
     rig.virtual["main"].faults.silence(on=False)
     late = 0
-    while rig.loop.state is not RobotState.CONNECTED:
+    while rig.loop.condition.state is not RobotState.CONNECTED:
         rig.ticks(1)
-        late += bool(rig.loop.measured.heard.any())
+        late += bool(rig.loop.robot.measured.heard.any())
         assert late < 25
 
 
@@ -139,7 +140,7 @@ def test_a_short_power_loss_is_detected_and_every_device_identified_within_a_sec
         assert moving.clock.now() - begun < 1.0
     until_connected(moving)
     assert moving.clock.now() - begun < 1.5
-    assert moving.loop.state is RobotState.FAULT
+    assert moving.loop.condition.state is RobotState.FAULT
     limp = moving.counts[:12]
     moving.seconds(1.0)
     assert not any(moving.virtual["upper"].servos["torque_enable"])
@@ -156,7 +157,7 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     power_on(rig, "upper")
     rig.seconds(1.5)  # servos begin anew, everybody is asked, and a second of the bus is good
     assert rig.events("HW_DISCONNECTED")
-    assert rig.loop.state is RobotState.CONNECTED
+    assert rig.loop.condition.state is RobotState.CONNECTED
     rig.lease()
     assert rig.call(link.Arm).error is None
 
@@ -172,7 +173,7 @@ def test_a_single_servo_without_replies_is_not_a_power_loss(make_rig: MakeRig) -
 
 
 def test_a_deliberately_inhibited_loop_reports_no_lost_device(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.seconds(1.0)
     assert not armed.events("HW_DISCONNECTED")
     assert armed.loop.hardware.connected

@@ -37,7 +37,7 @@ def story(ring: FlightRing | None, robot: str = "h24") -> tuple[list[Any], list[
     rig.arm()
     places = [rig.truth]
     joint = rig.names[3]
-    at = float(rig.loop.measured.position[3])
+    at = float(rig.loop.robot.measured.position[3])
     rig.submit(rig.path(joint, [at, at + 0.1], [0.0, 0.5]))
     for _ in range(10):
         rig.ticks(10)
@@ -200,7 +200,7 @@ def test_the_last_identification_of_a_bus_is_kept_whole(ring: FlightRing, make_r
         list(first) == only(read(ring.fd), EntryKind.OUT, EntryKind.IN, bus=0)[: len(first)]
     )  # from the first byte
     connected = next(event.time for event in rig.events("connected"))
-    assert connected - rig.loop.period <= first[-1].time <= connected  # to the last
+    assert connected - rig.loop.robot.period <= first[-1].time <= connected  # to the last
     rig.loop.hardware.ports[0].identify()
     rig.ticks(100)
     assert read(ring.fd).kept[0][0].time > first[-1].time
@@ -230,7 +230,7 @@ def test_an_identification_incomplete_from_the_start_is_kept_in_the_ring(
     rig.virtual["main"].faults.silence(3, False)
     rig.seconds(2.0)
     connected = next(event.time for event in rig.events("connected"))
-    assert connected - rig.loop.period <= read(ring.fd).kept[0][-1].time <= connected
+    assert connected - rig.loop.robot.period <= read(ring.fd).kept[0][-1].time <= connected
 
 
 def test_a_transcript_that_a_babbler_made_too_long_is_not_kept(ring: FlightRing) -> None:
@@ -392,7 +392,7 @@ def test_half_a_minute_fits_and_no_robot_takes_more_than_its_share() -> None:
     rig = Rig(ring=ring)
     rig.arm()
     joint = rig.names[3]
-    at = float(rig.loop.measured.position[3])
+    at = float(rig.loop.robot.measured.position[3])
     rig.submit(rig.path(joint, [at, at + 0.2] * 20, [0.5 * i for i in range(40)]))
     rig.seconds(32.0)
     entries = read(ring.fd).entries

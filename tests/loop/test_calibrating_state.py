@@ -8,8 +8,8 @@ import pytest
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from tests.support.eeprom_access import calibrate, calibrated
 from twind import link
-from twind.loop.procedures import command_handlers
 from twind.loop.procedures.procedure_runner import Priority, Procedure
+from twind.loop.procedures.torque_readback import torque_possible
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 
@@ -45,7 +45,7 @@ def test_calibrating_begins_in_mirror_and_live_shows_in_the_status_and_ends(eith
     calibrate(either)
     assert [news for news in either.news if isinstance(news, link.Tick)][-1].state == "calibrating"
     assert off(either).parameters == {"state": "connected"}
-    assert either.loop.state is RobotState.CONNECTED
+    assert either.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_repeated_calibrate_call_is_no_error(connected: Rig) -> None:
@@ -58,7 +58,7 @@ def test_without_the_lease_it_is_refused(connected: Rig) -> None:
     assert codes(connected.call(link.Calibrate, on=True)) == {"LEASE_MISSING"}
     calibrate(connected)
     assert codes(connected.call(link.Calibrate, client=OTHER, on=False)) == {"LEASE_MISSING"}
-    assert connected.loop.state is RobotState.CALIBRATING
+    assert connected.loop.condition.state is RobotState.CALIBRATING
 
 
 def test_in_sim_and_while_armed_it_is_refused_with_what_it_needs(make_rig: MakeRig, armed: Rig) -> None:
@@ -88,7 +88,7 @@ def test_while_a_fault_is_latched_it_is_refused(connected: Rig) -> None:
     connected.lease()
     reply = connected.call(link.Calibrate, on=True)
     assert reply.error == "WrongState"
-    assert connected.loop.state is RobotState.ESTOP
+    assert connected.loop.condition.state is RobotState.ESTOP
 
 
 def test_calibrate_is_busy_during_an_arming_procedure(connected: Rig) -> None:
@@ -101,10 +101,10 @@ def test_calibrate_is_busy_during_an_arming_procedure(connected: Rig) -> None:
     assert connected.loop.procedures.own(Priority.ARM, forever)
     assert off(connected).error == "Busy"
     connected.seconds(3.0)  # the lease has lapsed: still whoever has torque ends first
-    assert connected.loop.state is RobotState.CALIBRATING
+    assert connected.loop.condition.state is RobotState.CALIBRATING
     connected.loop.procedures.abandon()
     connected.ticks(2)
-    assert connected.loop.state is RobotState.CONNECTED
+    assert connected.loop.condition.state is RobotState.CONNECTED
 
 
 # --------------------------------------------------------------------------------- what it keeps from
@@ -136,7 +136,7 @@ def hung_up(rig: Rig) -> None:
 
 
 def front_lost(rig: Rig) -> None:
-    rig.loop.link.lost = True
+    rig.loop.parts.link.lost = True
 
 
 def taken(rig: Rig) -> None:
@@ -152,7 +152,7 @@ def test_calibrating_ends_with_the_lease_it_began_under(connected: Rig, lose: Ca
     calibrate(connected)
     lose(connected)
     connected.ticks(3)
-    assert connected.loop.state is RobotState.CONNECTED
+    assert connected.loop.condition.state is RobotState.CONNECTED
     assert connected.events(ReasonCode.LEASE_LOST)
 
 
@@ -161,7 +161,7 @@ def test_calibrating_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> No
     for _ in range(8):
         connected.seconds(0.6)
         assert connected.call(link.RenewLease).error is None
-    assert connected.loop.state is RobotState.CALIBRATING
+    assert connected.loop.condition.state is RobotState.CALIBRATING
 
 
 @pytest.mark.parametrize("bus", ["left", "right", None])
@@ -173,14 +173,14 @@ def test_calibrating_ends_when_a_port_is_lost(make_rig: MakeRig, bus: str | None
     for name in names if bus is None else [names[bus == "right"]]:
         rig.virtual[name].faults.unplug()
     rig.ticks(5)
-    assert rig.loop.state in (RobotState.DISCONNECTED, RobotState.IDENTIFYING)
+    assert rig.loop.condition.state in (RobotState.DISCONNECTED, RobotState.IDENTIFYING)
 
 
 def test_an_e_stop_ends_it_and_latches(connected: Rig) -> None:
     calibrate(connected)
     connected.call(link.EStop)
     connected.ticks(3)
-    assert connected.loop.state is RobotState.ESTOP
+    assert connected.loop.condition.state is RobotState.ESTOP
 
 
 # --------------------------------------------------------------------------------- EEPROM
@@ -227,7 +227,7 @@ def test_a_write_keeps_the_lease(connected: Rig) -> None:
     for value in range(1, 6):
         connected.seconds(0.6)
         assert write(connected, "homing_offset", value).error is None
-    assert connected.loop.state is RobotState.CALIBRATING
+    assert connected.loop.condition.state is RobotState.CALIBRATING
 
 
 def test_every_device_is_identified_after_calibrating(connected: Rig) -> None:
@@ -250,7 +250,7 @@ def test_a_write_that_waits_is_not_made_when_it_is_over(live: Rig) -> None:
     """Torque of one servo is not known, so that of the one that is written is read first."""
     live.virtual["main"].servos["status_return_level"][1] = 0  # answers pings only
     live.seconds(2.0)
-    assert live.loop.energised
+    assert torque_possible(live.loop)
     calibrate(live)
     ticket = live.send(link.WriteRegister, bus="main", id=7, name="homing_offset", value=100)
     live.send(link.Calibrate, on=False)
@@ -265,13 +265,14 @@ def test_time_that_goes_on_within_a_tick_does_not_end_it(
 ) -> None:
     """A lease that is renewed later than the tick's own time would look like one of the future."""
     calibrate(connected)
-    begin = command_handlers.begin
+    commands = connected.loop.commands
+    begin = commands.begin
 
     def later(*arguments: Any) -> None:
         connected.clock.time += 1e-4  # as on a real machine
         begin(*arguments)
 
-    monkeypatch.setattr(command_handlers, "begin", later)
+    monkeypatch.setattr(commands, "begin", later)
     for value in range(1, 6):
         assert write(connected, "homing_offset", value).error is None
-        assert connected.loop.state is RobotState.CALIBRATING
+        assert connected.loop.condition.state is RobotState.CALIBRATING

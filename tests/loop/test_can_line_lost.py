@@ -11,7 +11,6 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.modes import RobotState
-from twind.safety.guard import Guard
 from twind_drivers.bus import BusSample
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
@@ -28,16 +27,15 @@ class Can(Rig):
 
     def __init__(self, support: str = "gantry") -> None:
         super().__init__("h24-split", support=support)
-        parts = self.loop.parts
-        can = {bus.name: bus.joints.tolist() for bus in self.loop.joints.buses if bus.name == "upper"}
-        guard = Guard(
-            parts.limits,
-            buses=[bus.name for bus in self.loop.joints.buses],
+        can = {bus.name: bus.joints.tolist() for bus in self.loop.robot.joints.buses if bus.name == "upper"}
+        guard = self.loop.parts.guard
+        guard.__init__(  # type: ignore[misc]
+            self.loop.robot.limits,
+            buses=[bus.name for bus in self.loop.robot.joints.buses],
             can=can,
             support=support,
-            ratings=parts.ratings,
+            ratings=self.loop.robot.description.ratings,
         )
-        self.loop.parts = replace(parts, guard=guard)
         port = self.port
         finish = port.finish
 
@@ -59,7 +57,7 @@ class Can(Rig):
 
 
 def latched(rig: Rig) -> set[str]:
-    return {str(code) for code in rig.loop.latches}
+    return {str(code) for code in rig.loop.condition.latches}
 
 
 def test_a_passive_line_is_reported_and_the_motion_continues(make_rig: MakeRig) -> None:
@@ -67,8 +65,8 @@ def test_a_passive_line_is_reported_and_the_motion_continues(make_rig: MakeRig) 
     rig.line = PASSIVE
     rig.seconds(0.5)
     assert len(rig.events("CAN_BUS_STATE")) == 1
-    assert rig.loop.state is RobotState.ARMED
-    assert not rig.loop.latches
+    assert rig.loop.condition.state is RobotState.ARMED
+    assert not rig.loop.condition.latches
     assert rig.loop.executor.motion.value == "active"
 
 
@@ -79,7 +77,7 @@ def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(make_rig: MakeR
     rig.ticks(2)
     told = rig.goals("upper")
     assert {"CAN_BUS_STATE", "PORT_LOST"} <= latched(rig)
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     rig.line = ACTIVE
     rig.seconds(3.0)
     assert rig.goals("upper") == told  # one tick's step at most, and no more
@@ -143,7 +141,7 @@ def test_a_line_that_is_off_bars_arming(make_rig: MakeRig) -> None:
     rig.line = OFF
     rig.ticks(3)
     assert rig.loop.hardware.connected  # nobody is held up by it: it is told, and no more
-    assert rig.loop.state is RobotState.CONNECTED
+    assert rig.loop.condition.state is RobotState.CONNECTED
     rig.lease()
     refused = rig.call(link.Arm)
     assert [finding["code"] for finding in refused.parameters["findings"]] == ["CAN_BUS_STATE"]
@@ -159,7 +157,7 @@ def test_a_line_that_goes_off_while_arming_ends_the_arming(make_rig: MakeRig) ->
     rig.lease()
     rig.send(link.Arm)
     rig.ticks(3)
-    assert rig.loop.state is RobotState.ARMING
+    assert rig.loop.condition.state is RobotState.ARMING
     rig.line = OFF
     rig.ticks(3)
     assert "CAN_BUS_STATE" in latched(rig)

@@ -48,7 +48,7 @@ def stream(rig: Rig, by: float, count: int) -> None:
 
 
 def figures(rig: Rig) -> dict[str, int]:
-    windows = rig.loop.health.hops
+    windows = rig.loop.parts.health.hops
     return {name: windows[name].count for name in COMMAND if windows[name].count}
 
 
@@ -62,7 +62,7 @@ def test_a_trajectory_has_a_figure_of_every_hop(ready: Rig) -> None:
     ready.seconds(0.5)
     assert figures(ready) == WHOLE
     told = last(ready)
-    assert 4.0 <= told["received"].now_ms < 4.0 + 2.0 * ready.loop.period * 1e3
+    assert 4.0 <= told["received"].now_ms < 4.0 + 2.0 * ready.loop.robot.period * 1e3
     assert told["received"].now_ms <= told["command"].now_ms
     assert 1.0 < told["moved"].now_ms < 150.0
     assert all(told[hop].violations == 0 for hop in COMMAND)
@@ -139,7 +139,7 @@ def test_latency_reports_end_when_the_robot_is_no_longer_read(make_rig: MakeRig)
     rig = make_rig(mode=Mode.MIRROR)
     rig.ticks(30)
     rig.lease()
-    rig.loop.health.hop("reply", 0.08, rig.clock.now())
+    rig.loop.parts.health.hop("reply", 0.08, rig.clock.now())
     rig.call(link.SetMode, mode="sim")
     assert [message for _, message in latency_events(rig)] == [
         "reply is above its threshold",

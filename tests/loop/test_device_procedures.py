@@ -245,8 +245,8 @@ def test_a_scan_of_a_bus_without_power_names_who_was_asked(live: Rig) -> None:
 def test_calls_on_devices_do_not_stop_the_motion_of_the_loop(armed: Rig) -> None:
     armed.call(link.ReadRegister, bus="main", id=7, name="led")
     scan(armed)
-    assert armed.loop.measured.heard.all()
-    assert armed.loop.state == "armed"
+    assert armed.loop.robot.measured.heard.all()
+    assert armed.loop.condition.state == "armed"
     assert armed.loop.figures.missed == 0
 
 

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
+from tests.support.described_robot import redescribe
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop.procedures import failsafe
 from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.procedures.internal_faults import inhibit
 from twind.loop.process.service_notify import Notifier
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
@@ -58,12 +60,18 @@ def given_up(
         rig.close()
 
 
+def failsafe_of(rig: Rig) -> FailsafeRun:
+    """A run on this rig's robot."""
+    loop = rig.loop
+    return FailsafeRun(loop, loop.identity, loop.commands.release, loop.parts.notifier)
+
+
 def run(rig: Rig, seconds: float = MOST) -> FailsafeRun:
     """Until it has ended."""
-    safe = FailsafeRun(rig.loop)
+    safe = failsafe_of(rig)
     safe.begin()
-    for _ in range(round(seconds / rig.loop.period)):
-        if rig.loop.finished:
+    for _ in range(round(seconds / rig.loop.robot.period)):
+        if rig.loop.condition.finished:
             return safe
         rig.ticks(1)
     raise AssertionError(f"not ended: {[event.message for event in rig.events()]}")
@@ -74,7 +82,7 @@ def torque(rig: Rig) -> np.ndarray:
 
 
 def off_rest(rig: Rig) -> float:
-    return float(np.abs(rig.truth - rig.loop.rest).max())
+    return float(np.abs(rig.truth - rig.loop.robot.rest).max())
 
 
 @pytest.mark.parametrize("support", ["gantry", SLOW_FIXED, "free", "stilts"])
@@ -90,17 +98,17 @@ def test_a_robot_that_is_whole_is_lowered_to_its_rest_pose_and_let_go(support: s
 
 def test_the_fail_safe_lowers_at_a_quarter_of_every_velocity_limit() -> None:
     with given_up() as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         fastest = np.zeros(24)
         safe.begin()
-        before = rig.loop.written
-        while not rig.loop.finished:
+        before = rig.loop.robot.written
+        while not rig.loop.condition.finished:
             rig.ticks(1)
-            if before is not None and rig.loop.written is not None:
-                fastest = np.maximum(fastest, np.abs(rig.loop.written - before) / rig.loop.period)
-            before = rig.loop.written
+            if before is not None and rig.loop.robot.written is not None:
+                fastest = np.maximum(fastest, np.abs(rig.loop.robot.written - before) / rig.loop.robot.period)
+            before = rig.loop.robot.written
         assert fastest.max() > 0.1
-        assert (fastest <= 0.25 * rig.loop.limits.velocity + 1e-9).all()
+        assert (fastest <= 0.25 * rig.loop.robot.limits.velocity + 1e-9).all()
 
 
 def test_nothing_is_written_where_no_torque_is_on(make_rig: MakeRig) -> None:
@@ -198,19 +206,19 @@ def test_a_port_that_is_gone_is_waited_for_and_no_longer() -> None:
 def test_a_port_that_comes_back_in_time_is_lowered() -> None:
     with given_up() as rig:
         rig.virtual["main"].faults.unplug()
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(failsafe.WAIT / 2)
         rig.virtual["main"].faults.replug()
         rig.seconds(10.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert safe.left == ""
         assert off_rest(rig) < 0.05
 
 
 def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
     with given_up(support="free") as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(2.0)
         assert rig.loop.torque.armed
@@ -218,7 +226,7 @@ def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
         rig.seconds(1.0)
         rig.virtual["main"].faults.replug()
         rig.seconds(12.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert safe.left == ""
         assert off_rest(rig) < 0.05
         assert not torque(rig).any()
@@ -226,19 +234,20 @@ def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
 
 def test_a_bus_that_stays_away_on_the_way_down_ends_it_with_what_is_not_known() -> None:
     with given_up(support="free") as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(2.0)
         rig.virtual["main"].faults.unplug()
         rig.seconds(failsafe.WAIT + 2.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert "not known" in safe.left
 
 
 def slow_down(rig: Rig, share: float) -> None:
     """Every joint may be only so fast."""
-    slow = replace(rig.loop.limits, velocity=rig.loop.limits.velocity * share)
-    rig.loop.limits = rig.loop.executor.limits = slow
+    slow = replace(rig.loop.robot.limits, velocity=rig.loop.robot.limits.velocity * share)
+    redescribe(rig.loop, limits=slow)
+    rig.loop.executor.limits = slow
     rig.loop.parts.guard.limit(slow)
 
 
@@ -247,7 +256,7 @@ def test_a_bus_lost_twice_leaves_torque_on_and_is_reported(support: str) -> None
     """After `AGAIN` s no way is begun: a robot that could be lowered by then still has its torque."""
     with given_up(support=support) as rig:
         slow_down(rig, 0.05)
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         for there, gone in ((8.0, 9.0), (1.5, 2.0)):
             rig.seconds(there)
@@ -255,7 +264,7 @@ def test_a_bus_lost_twice_leaves_torque_on_and_is_reported(support: str) -> None
             rig.virtual["main"].faults.unplug()
             rig.seconds(gone)
             rig.virtual["main"].faults.replug()
-        while not rig.loop.finished:
+        while not rig.loop.condition.finished:
             rig.ticks(1)
         assert torque(rig).all()
         assert "torque could not be read back off" in safe.left
@@ -270,7 +279,7 @@ def test_the_worst_sequence_of_delays_ends_within_the_longest_time() -> None:
         faults = rig.virtual["main"].faults
         began = rig.clock.now()
         faults.unplug()
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(failsafe.WAIT - 1.0)
         faults.replug()
@@ -282,7 +291,7 @@ def test_the_worst_sequence_of_delays_ends_within_the_longest_time() -> None:
         rig.seconds(28.0)
         assert rig.loop.torque.armed
         faults.unplug()
-        while not rig.loop.finished:
+        while not rig.loop.condition.finished:
             rig.ticks(1)
         assert "not known" in safe.left
         took = rig.clock.now() - began
@@ -295,8 +304,8 @@ def test_the_service_manager_is_asked_for_the_longest_time_when_it_begins(tmp_pa
         manager.bind(address)
         manager.settimeout(1.0)
         notifier = Notifier({"NOTIFY_SOCKET": address})
-        rig.loop.parts = replace(rig.loop.parts, notifier=notifier)
-        FailsafeRun(rig.loop).begin()
+        loop = rig.loop
+        FailsafeRun(loop, loop.identity, loop.commands.release, notifier).begin()
         assert manager.recv(100).decode() == f"EXTEND_TIMEOUT_USEC={failsafe.LONGEST * 1e6:.0f}"
         notifier.close()
 
@@ -311,39 +320,39 @@ def test_a_robot_without_any_reply_is_reported_as_unknown() -> None:
 def test_a_stop_during_the_wait_ends_the_fail_safe_at_once_without_a_write() -> None:
     with given_up() as rig:
         rig.virtual["main"].faults.silence(3)
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(1.0)
-        rig.loop.stop_wanted = True
+        rig.loop.condition.stop_wanted = True
         rig.ticks(3)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert "was ended" in safe.left
         assert torque(rig).all()
 
 
 def test_a_stop_on_the_way_down_does_not_interrupt_the_fail_safe() -> None:
     with given_up() as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(1.5)
         assert rig.loop.torque.armed
-        rig.loop.stop_wanted = True
+        rig.loop.condition.stop_wanted = True
         rig.seconds(6.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert safe.left == ""
         assert off_rest(rig) < 0.05
 
 
 def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_as_it_is() -> None:
     with given_up(support="free") as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         while not rig.loop.hardware.connected:
             rig.ticks(1)
         rig.virtual["main"].faults.silence(9)  # heard a moment ago: judged whole
         before = rig.counts
         rig.seconds(40.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert safe.left
         assert torque(rig).all()
         assert np.abs(rig.counts - before).max() <= 2
@@ -351,13 +360,13 @@ def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_a
 
 def test_an_inhibit_ends_the_way_down_and_torque_stays() -> None:
     with given_up() as rig:
-        safe = FailsafeRun(rig.loop)
+        safe = failsafe_of(rig)
         safe.begin()
         rig.seconds(1.5)
         assert rig.loop.torque.armed
-        rig.loop.inhibit(Finding(ReasonCode.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
+        inhibit(rig.loop, Finding(ReasonCode.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
         rig.seconds(1.0)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert "a stranger" in safe.left
         assert torque(rig).all()
 

@@ -9,6 +9,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.reaction_rig import injected_findings
 from twind import link
+from twind.loop.procedures.torque_readback import torque_on
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.safety.guard_types import Reaction
@@ -47,7 +48,7 @@ def settle(rig: Rig) -> None:
     move(rig)
     rig.send(link.Disarm)
     rig.ticks(10)
-    assert rig.loop.state == "settling"
+    assert rig.loop.condition.state == "settling"
 
 
 def connect(rig: Rig) -> None:
@@ -59,7 +60,7 @@ def arm_half_way(rig: Rig) -> None:
     connect(rig)
     rig.send(link.Arm)
     rig.ticks(6)
-    assert rig.loop.state == "arming"
+    assert rig.loop.condition.state == "arming"
 
 
 SITUATIONS = (hold_still, move, wait_for_a_start, stream, settle, connect, arm_half_way)
@@ -111,8 +112,8 @@ def test_a_latch_holds_until_an_explicit_reset_and_arm(
     why = (Finding(code, message="latched by the test"),)
     with injected_findings(live, reaction=Reaction.HOLD, latches=True, findings=why, causes=why):
         live.ticks(1)
-    assert live.loop.state == "fault"
-    assert code in live.loop.latches
+    assert live.loop.condition.state == "fault"
+    assert code in live.loop.condition.latches
     watch(live, 60)
     assert live.loop.executor.motion in (Motion.HOLDING, Motion.IDLE, Motion.ACTIVE)
     if situation is not settle:
@@ -125,15 +126,15 @@ def test_a_latch_holds_until_an_explicit_reset_and_arm(
 
 def recover(rig: Rig, code: ReasonCode) -> None:
     """The way out: disarm, reset, arm; none of them alone."""
-    if rig.loop.torque_on:
+    if torque_on(rig.loop):
         assert rig.call(link.Reset).error == "WrongState"
     assert rig.call(link.Disarm, ticks=600).error in (None, "Busy")
     rig.seconds(0.5)
     assert not torques(rig).any()
-    assert rig.loop.state == "fault"
+    assert rig.loop.condition.state == "fault"
     assert "FAULT_LATCHED" in codes(rig.call(link.Arm))
     assert rig.call(link.Reset, codes=[code.value]).error is None
-    assert code not in rig.loop.latches
+    assert code not in rig.loop.condition.latches
     assert not rig.loop.torque.armed
     rig.ticks(50)
     assert not torques(rig).any(), "a reset never arms"
@@ -158,10 +159,10 @@ def test_harder_reactions_end_without_torque_or_without_a_word_and_stay_so(
         armed.ticks(1)
     watch(armed, 600, ask=50)
     if reaction is Reaction.INHIBIT:
-        assert armed.loop.state == "inhibited"
+        assert armed.loop.condition.state == "inhibited"
         assert torques(armed).all(), "torque stays, the watchdogs have stopped the motion"
     else:
-        assert armed.loop.state == "fault"
+        assert armed.loop.condition.state == "fault"
         assert not torques(armed).any()
 
 
@@ -176,11 +177,11 @@ def test_without_a_bus_to_write_to_a_latch_stops_the_simulation_until_reset(
     rig.submit(rig.path(JOINT, [0.8], [2.0]), more=True)
     rig.seconds(0.5)
     rig.call(link.EStop, reason="test")
-    place = rig.loop.simulated.position.copy()
+    place = rig.loop.robot.simulated.position.copy()
     for _ in range(10):
         rig.submit(rig.path(JOINT, [0.3], [1.0]))
         rig.ticks(10)
-    assert rig.loop.simulated.position == pytest.approx(place, abs=0.05)
+    assert rig.loop.robot.simulated.position == pytest.approx(place, abs=0.05)
     assert not torques(rig).any()
     assert np.array_equal(rig.register("goal_position"), goals)
 
@@ -203,21 +204,23 @@ def test_a_daemon_that_stood_still_sends_no_burst_of_old_goals(armed: Rig, away:
     """Rows 25, 30: the goals go on from where they were, or are held; the servos that stopped stay."""
     armed.submit(armed.path(JOINT, [0.8], [2.0]), more=True)
     armed.seconds(1.0)
-    before = armed.loop.written
+    before = armed.loop.robot.written
     assert before is not None
     armed.clock.sleep_until(armed.clock.now() + away)
     armed.ticks(1)
     stood = armed.counts.copy()
-    goals = [armed.loop.written]
+    goals = [armed.loop.robot.written]
     for _ in range(200):
         armed.ticks(1)
-        goals.append(armed.loop.written)
+        goals.append(armed.loop.robot.written)
     track = np.array([before, *goals])
-    assert (np.abs(np.diff(track, axis=0)) <= armed.loop.limits.velocity * armed.loop.period + 1e-9).all()
+    assert (
+        np.abs(np.diff(track, axis=0)) <= armed.loop.robot.limits.velocity * armed.loop.robot.period + 1e-9
+    ).all()
     if away > 0.1:
-        assert armed.loop.state == "fault"
+        assert armed.loop.condition.state == "fault"
         assert np.abs(armed.counts - stood).max() <= 2
-        assert {"WATCHDOG_TRIPPED"} <= set(armed.loop.latches)
+        assert {"WATCHDOG_TRIPPED"} <= set(armed.loop.condition.latches)
 
 
 def test_commands_queued_before_an_unplug_are_dropped_before_the_replug(armed: Rig) -> None:
@@ -238,7 +241,7 @@ def test_commands_queued_before_an_unplug_are_dropped_before_the_replug(armed: R
     goals = armed.register("goal_position").copy()
     places = armed.counts.copy()
     armed.seconds(3.0)
-    assert armed.loop.state == "fault"
+    assert armed.loop.condition.state == "fault"
     assert not armed.loop.torque.armed
     assert np.array_equal(armed.register("goal_position"), goals)
     assert np.abs(armed.counts - places).max() <= 2

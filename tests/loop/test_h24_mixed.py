@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
+from tests.support.described_robot import redescribe
 from twind import link
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
@@ -77,8 +78,8 @@ def test_all_three_buses_are_identified_and_nothing_stands_between_them_and_armi
     assert mixed.loop.identity.troubles == []
     assert [len(port.devices) for port in mixed.loop.hardware.ports] == [12, 6, 6]
     mixed.ticks(5)
-    assert mixed.loop.measured.heard.all()
-    assert np.abs(mixed.loop.measured.position).max() < 0.002  # it hangs in its rest pose
+    assert mixed.loop.robot.measured.heard.all()
+    assert np.abs(mixed.loop.robot.measured.position).max() < 0.002  # it hangs in its rest pose
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
 
 
@@ -90,7 +91,7 @@ def test_arming_energises_every_joint_with_its_watchdog_and_moves_none(mixed: Ri
     assert all(node["watchdog"] > 0 for bus in LEGS for node in nodes(mixed, bus))
     mixed.seconds(1.0)
     assert np.abs(mixed.truth - before).max() < 0.002
-    assert mixed.loop.state is RobotState.ARMED
+    assert mixed.loop.condition.state is RobotState.ARMED
 
 
 def test_a_leg_with_a_displaced_zero_is_not_armed(mixed: Rig) -> None:
@@ -114,13 +115,13 @@ def test_a_leg_that_woke_up_a_turn_off_is_put_right_and_driven_where_it_is(mixed
     mixed.virtual["l_leg"].faults.zero_lost(4, 2.0 * np.pi * turns)
     mixed.arm()
     assert mixed.loop.hardware.readings.shift[knee] == -turns * 16384
-    assert abs(mixed.loop.measured.position[knee]) < 0.002
+    assert abs(mixed.loop.robot.measured.position[knee]) < 0.002
     before = nodes(mixed, "l_leg")[3]["position"]
     mixed.submit(mixed.path("l_knee", [0.2], [1.0]))
     mixed.seconds(2.0)
-    assert mixed.loop.measured.position[knee] == pytest.approx(0.2, abs=0.01)
+    assert mixed.loop.robot.measured.position[knee] == pytest.approx(0.2, abs=0.01)
     assert abs(nodes(mixed, "l_leg")[3]["position"] - before) < 3000  # 0.2 rad, not a turn
-    assert mixed.loop.latches == {}
+    assert mixed.loop.condition.latches == {}
 
 
 def test_a_leg_two_turns_off_has_no_goals_there_and_is_refused(mixed: Rig) -> None:
@@ -134,7 +135,7 @@ def test_a_leg_two_turns_off_has_no_goals_there_and_is_refused(mixed: Rig) -> No
 def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming(make_rig: MakeRig) -> None:
     rig = make_rig("h24-mixed")
     knee = rig.names.index("l_knee")
-    rig.loop.joints = replace(rig.loop.joints, unwatched=(knee,))
+    redescribe(rig.loop, joints=replace(rig.loop.robot.joints, unwatched=(knee,)))
     for count in (1, 2):
         rig.arm()
         told = [
@@ -160,15 +161,15 @@ def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(
     ticket = rig.submit(path, more=True)
     worst = np.zeros(len(rig.names))
     before = None
-    for _ in range(round((path.time[-1] + 1.0) / rig.loop.period)):
+    for _ in range(round((path.time[-1] + 1.0) / rig.loop.robot.period)):
         rig.ticks(1)
         reference = rig.loop.executor.reference
         assert reference is not None
         if before is not None:  # what was sent a tick ago is read now
-            worst = np.maximum(worst, np.abs(rig.loop.measured.position - before))
+            worst = np.maximum(worst, np.abs(rig.loop.robot.measured.position - before))
         before = reference.position.copy()
     assert rig.replies(ticket)[-1].parameters["phase"] == "succeeded"
-    assert rig.loop.state is RobotState.ARMED
+    assert rig.loop.condition.state is RobotState.ARMED
     legs = [place for bus in LEGS for place in places(rig, bus)]
     assert worst[legs].max() < 0.02, rig.names[legs[int(worst[legs].argmax())]]
     assert worst.max() < 0.06, rig.names[int(worst.argmax())]
@@ -184,7 +185,7 @@ def test_disarming_lowers_all_and_takes_all_torque(mixed: Rig) -> None:
     assert mixed.call(link.Disarm, ticks=1200).error is None
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
     assert np.abs(mixed.truth).max() < 0.05
-    assert mixed.loop.state is RobotState.CONNECTED
+    assert mixed.loop.condition.state is RobotState.CONNECTED
 
 
 @pytest.mark.slow
@@ -194,10 +195,10 @@ def test_an_unplugged_leg_latches_and_the_others_hold_until_disarm(mixed: Rig) -
     mixed.seconds(0.5)
     mixed.virtual["l_leg"].faults.unplug()
     mixed.seconds(3.0)
-    assert mixed.loop.state is RobotState.FAULT
-    assert "PORT_LOST" in mixed.loop.latches
+    assert mixed.loop.condition.state is RobotState.FAULT
+    assert "PORT_LOST" in mixed.loop.condition.latches
     lost = places(mixed, "l_leg")
-    heard = mixed.loop.measured.heard
+    heard = mixed.loop.robot.measured.heard
     assert not heard[lost].any()
     assert heard[[place for place in range(len(heard)) if place not in lost]].all()
     knee = mixed.names.index("r_knee")
@@ -211,7 +212,7 @@ def test_an_unplugged_leg_latches_and_the_others_hold_until_disarm(mixed: Rig) -
     mixed.virtual["l_leg"].faults.replug()
     mixed.seconds(3.0)
     assert mixed.loop.hardware.connected
-    assert mixed.loop.state is RobotState.FAULT
+    assert mixed.loop.condition.state is RobotState.FAULT
     assert mixed.call(link.Disarm, ticks=1500).error is None
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
     mixed.call(link.Reset)
@@ -224,6 +225,6 @@ def test_a_mirror_of_it_reads_all_and_writes_no_leg(make_rig: MakeRig) -> None:
     rig = make_rig("h24-mixed", Mode.MIRROR)
     rig.connect()
     rig.seconds(1.0)
-    assert rig.loop.measured.heard.all()
+    assert rig.loop.robot.measured.heard.all()
     assert all(port.writer is None for port in rig.loop.hardware.ports)
     assert all(node["watchdog"] == 0 and not node["torque"] for bus in LEGS for node in nodes(rig, bus))

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.described_robot import redescribe
 from tests.support.homing_rig import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 from twind import link
 from twind.config.actuator_types import CAN
 from twind.config.counts import ticks_of
 from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
+from twind.loop.procedures.torque_readback import torque_off
 from twind.motion import endstop_search
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
@@ -37,7 +39,7 @@ def test_the_stop_is_found_within_3_counts_and_all_is_undone(joint: str, side: s
         assert len(reply.parameters["ticks"]) == 3
         assert all(abs(count - made.stop(side)) <= 3 for count in reply.parameters["ticks"])
         made.undone()
-        assert made.loop.state == "calibrating"
+        assert made.loop.condition.state == "calibrating"
         told = [each.parameters for each in made.replies(ticket)]
         assert [each["progress"] for each in told] == sorted(each["progress"] for each in told)
         phases = list(dict.fromkeys(each["phase"] for each in told))
@@ -103,8 +105,8 @@ def test_only_its_servo_has_torque_and_it_is_weak_slow_and_watched() -> None:
         assert abs(after[made.row] - before[made.row]) == pytest.approx(
             endstop_search.USUAL_SPEED * RAD, abs=3
         )
-        assert made.loop.state == "calibrating" and not made.loop.torque.armed
-        assert made.loop.torque_off is False
+        assert made.loop.condition.state == "calibrating" and not made.loop.torque.armed
+        assert torque_off(made.loop) is False
 
 
 def test_during_homing_neither_arming_nor_a_second_search_begins() -> None:
@@ -220,7 +222,7 @@ def described(made: Homed, **changes: Any) -> None:
     """The robot file says something else of its joint."""
     made.spec = replace(made.spec, **changes)
     joints = tuple(made.spec if each.name == JOINT else each for each in made.robot.joints)
-    made.loop.parts = replace(made.loop.parts, one=replace(made.one, file=replace(made.robot, joints=joints)))
+    redescribe(made.loop, bound=replace(made.one, file=replace(made.robot, joints=joints)))
 
 
 NOT_BEGUN: Mapping[str, tuple[Callable[[Homed], Any], str]] = {

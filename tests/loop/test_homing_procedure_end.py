@@ -10,6 +10,8 @@ import pytest
 
 from tests.support.homing_rig import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 from twind import link
+from twind.loop.procedures.internal_faults import fail, inhibit
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 
@@ -45,7 +47,7 @@ ENDS: Mapping[str, End] = {
         lambda made: made.call(link.AcquireLease, client=OTHER, take=True),
         {ReasonCode.LEASE_LOST},
     ),
-    "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {ReasonCode.LEASE_LOST}),
+    "the front is lost": (lambda made: setattr(made.loop.parts.link, "lost", True), {ReasonCode.LEASE_LOST}),
     "no client can connect": (
         lambda made: made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed"))),
         {ReasonCode.SOCKETS_GONE},
@@ -54,11 +56,11 @@ ENDS: Mapping[str, End] = {
     "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
     "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),
     "a fault inside": (
-        lambda made: made.loop.fail(made.loop.parts.guard.bars or fault(), made.clock.now()),
+        lambda made: fail(made.loop, made.loop.parts.guard.bars or fault()),
         {ReasonCode.INTERNAL},
     ),
     "writing is inhibited": (
-        lambda made: made.loop.inhibit(fault(), made.clock.now()),
+        lambda made: inhibit(made.loop, fault(), made.clock.now()),
         {ReasonCode.INTERNAL},
     ),
 }
@@ -91,7 +93,7 @@ def test_homing_ends_with_torque_off_and_registers_restored_after_any_interrupti
             made.bus.faults.silence(made.spec.id, False)
         found = failed(made, ticket)
         assert set(found) & expected, found
-        assert made.loop.homing.owed is None and not made.loop.torque.energising
+        assert made.loop.commands.homing.unrestored is None and not made.loop.torque.energising
 
 
 @pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])
@@ -105,12 +107,12 @@ def test_a_daemon_that_ends_restores_the_servo_first() -> None:
     with homed() as made:
         made.ready()
         made.powered(made.find())
-        made.loop.stop_wanted = True
+        made.loop.condition.stop_wanted = True
         for _ in range(300):
             made.ticks(1)
-            if made.loop.finished:
+            if made.loop.condition.finished:
                 break
-        assert made.loop.finished
+        assert made.loop.condition.finished
         assert not any(made.torques()) and made.settings() == made.before
 
 
@@ -177,7 +179,7 @@ def test_an_internal_error_during_homing_switches_torque_off(monkeypatch: pytest
         made.powered(ticket)
         monkeypatch.setattr("twind.motion.endstop_search.EndstopSearch.step", lambda *_: 1 / 0)
         assert failed(made, ticket) == [ReasonCode.INTERNAL]
-        assert ReasonCode.INTERNAL in made.loop.latches
+        assert ReasonCode.INTERNAL in made.loop.condition.latches
 
 
 def test_a_daemon_killed_during_homing_leaves_a_stopped_servo_that_the_next_daemon_reports() -> None:
@@ -190,7 +192,7 @@ def test_a_daemon_killed_during_homing_leaves_a_stopped_servo_that_the_next_daem
         made.loop = made.born(Mode.LIVE)
         made.seconds(1.0)
         assert made.get("bus_watchdog") == 255, "nothing would have stopped it"
-        assert made.loop.inherited
+        assert torque_inherited(made.loop)
         troubles = [finding.message for finding in made.loop.identity.troubles]
         assert any("operating" in message and "5" in message for message in troubles), troubles
         assert made.call(link.Disarm).error is None

@@ -13,7 +13,6 @@ import pytest
 from tests.support.homing_rig import JOINT, OTHER, Homed, codes, failed, homed
 from twind import link
 from twind.loop.bus.joint_readings import JointReadings
-from twind.loop.procedures.reload_coordinator import at_rest
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusSample, WireRangeError
 
@@ -34,7 +33,7 @@ def pending_restore(made: Homed) -> int:
     until(made, lambda: not made.get("torque_enable"))
     made.bus.faults.silence(made.spec.id)
     made.ticks(3)
-    assert made.get("operating_mode") == 5 and made.loop.homing.owed is not None
+    assert made.get("operating_mode") == 5 and made.loop.commands.homing.unrestored is not None
     return ticket
 
 
@@ -119,7 +118,7 @@ def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None
         made.powered(ticket)
         monkeypatch.setattr("twind_drivers.dynamixel.single_servo.SingleServoControl.goal", wild)
         assert failed(made, ticket) == [ReasonCode.WIRE_CLAMP]
-        assert ReasonCode.WIRE_CLAMP in made.loop.latches
+        assert ReasonCode.WIRE_CLAMP in made.loop.condition.latches
 
 
 # ------------------------------------------------------------------------------- while it is owed
@@ -166,7 +165,7 @@ def test_an_early_arm_does_not_interrupt_the_pending_restore(ticks: int) -> None
         made.call(link.Disarm, client=OTHER)
         made.send(link.Calibrate, on=False)
         made.ticks(ticks)
-        assert made.loop.homing.owed is not None
+        assert made.loop.commands.homing.unrestored is not None
         assert ReasonCode.CALIB_MISMATCH in codes(made.call(link.Arm))
         made.undone()
 
@@ -178,8 +177,8 @@ def test_a_daemon_that_ends_meanwhile_names_the_mode_that_is_left() -> None:
         made.powered(ticket)
         made.bus.faults.silence(made.spec.id)
         made.ticks(3)
-        made.loop.stop_wanted = True
-        until(made, lambda: made.loop.finished, 800)
+        made.loop.condition.stop_wanted = True
+        until(made, lambda: made.loop.condition.finished, 800)
         assert made.get("operating_mode") == 5
         reply = made.replies(ticket)[-1]
         assert codes(reply)[-1] == ReasonCode.DEVICE_MISMATCH
@@ -194,7 +193,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        debt = made.loop.homing.owed
+        debt = made.loop.commands.homing.unrestored
         assert debt is not None
         made.bus.faults.unplug()
         made.ticks(5)
@@ -204,7 +203,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         assert codes(reply)[-1] == ReasonCode.DEVICE_MISMATCH
         assert "another device has its id now" in reply.parameters["findings"][-1]["message"]
         assert made.get("operating_mode") == 5, "it was written to"
-        assert made.loop.homing.owed is None
+        assert made.loop.commands.homing.unrestored is None
 
 
 def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,7 +221,7 @@ def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyP
         reply = made.last(ticket)
         assert codes(reply) == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]
         assert "no such mode" in reply.parameters["findings"][-1]["message"]
-        assert made.loop.homing.owed is None
+        assert made.loop.commands.homing.unrestored is None
 
 
 def test_changes_of_the_robot_wait_for_it() -> None:
@@ -230,7 +229,7 @@ def test_changes_of_the_robot_wait_for_it() -> None:
         made.ready()
         ticket = pending_restore(made)
         until(made, lambda: not made.loop.torque.energising)
-        found: tuple[Finding, ...] = at_rest(made.loop)
+        found: tuple[Finding, ...] = made.loop.commands.reloads.at_rest()
         assert [each.code for each in found] == [ReasonCode.BUSY] and JOINT in found[0].message
         made.bus.faults.silence(made.spec.id, False)
         failed(made, ticket)

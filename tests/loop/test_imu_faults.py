@@ -55,7 +55,7 @@ def suffered(rig: Any, order: Order, ticks: int) -> Counter[str]:
             rig.send(link.RenewLease)
         rig.ticks(1)
         found["bad"] += hardware.traffic[0].bad
-        found["unheard"] += int((~rig.loop.measured.heard).sum())
+        found["unheard"] += int((~rig.loop.robot.measured.heard).sum())
         found["stopped"] += rig.loop.executor.motion is not motion
     found["errors"] = hardware.ports[0].counts.errors - errors
     found["told"] = sum(event.code in ("BUS_ERRORS", "RX_SHAPE", "FOREIGN_TRAFFIC") for event in rig.events())
@@ -146,4 +146,4 @@ def test_a_recovered_imu_clears_its_warning(rig: Standing) -> None:
     rig.virtual["main"].faults.delay(0.0, 200)
     rig.seconds(8.0)
     assert not rig.loop.hardware.ports[0].warning
-    assert rig.loop.measured.time - rig.imu.time < 0.02
+    assert rig.loop.robot.measured.time - rig.imu.time < 0.02

@@ -67,7 +67,7 @@ def test_every_tick_has_its_own_reading_in_mirror_and_live(rigs: Made) -> None:
             assert rig.imu.acceleration == pytest.approx([0.0, 0.0, G], abs=0.005)
             assert rig.imu.gyro.tolist() == [0.0, 0.0, 0.0]
             assert rig.imu.quaternion == pytest.approx([1.0, 0.0, 0.0, 0.0])
-        assert np.diff(times) == pytest.approx(rig.loop.period, abs=1e-4)
+        assert np.diff(times) == pytest.approx(rig.loop.robot.period, abs=1e-4)
         assert rig.loop.hardware.inertial.missed == 0
 
 
@@ -104,8 +104,8 @@ def test_mounting_and_register_format_of_the_imu_do_not_change_its_reading(order
 def test_in_sim_it_is_that_of_the_simulation(rigs: Made) -> None:
     rig = rigs(Standing, Mode.SIM)
     rig.seconds(1.0)
-    found = rig.loop.simulated.imu
-    assert found is not None and rig.loop.measured.imu is None
+    found = rig.loop.robot.simulated.imu
+    assert found is not None and rig.loop.robot.measured.imu is None
     assert np.linalg.norm(found.acceleration) == pytest.approx(G, rel=0.01)
     told = rig.reported_ticks[-1]
     assert np.frombuffer(told.imu)[3:6] == pytest.approx(found.acceleration)
@@ -131,11 +131,11 @@ def test_a_silent_imu_costs_no_servo_a_reading_and_keeps_its_last_with_its_time(
     assert rig.loop.hardware.ports[0].counts.errors == errors
     assert rig.loop.hardware.ports[0].counts.exchanges - exchanges == 500
     assert rig.loop.figures.missed == missed
-    assert rig.loop.measured.heard.all() and rig.loop.torque.armed and not rig.loop.latches
+    assert rig.loop.robot.measured.heard.all() and rig.loop.torque.armed and not rig.loop.condition.latches
     assert rig.loop.hardware.inertial.parked
     bus.faults.silence(rig.spec.id, on=False)
     rig.seconds(1.2)
-    assert rig.loop.measured.time - rig.imu.time < 0.02, "it is back"
+    assert rig.loop.robot.measured.time - rig.imu.time < 0.02, "it is back"
 
 
 @pytest.mark.parametrize("fault", ["drop", "corrupt", "duplicate", "cut", "noise"])
@@ -151,9 +151,9 @@ def test_a_noisy_imu_costs_no_servo_a_reading(fault: str, rigs: Made) -> None:
     for _ in range(60):
         rig.ticks(1)
         assert rig.imu.acceleration == pytest.approx([0.0, 0.0, G], abs=0.005)
-        assert rig.loop.measured.heard.all()
+        assert rig.loop.robot.measured.heard.all()
     assert rig.loop.hardware.ports[0].counts.errors == errors
-    assert rig.loop.torque.armed and rig.loop.state == "armed"
+    assert rig.loop.torque.armed and rig.loop.condition.state == "armed"
 
 
 def test_an_answer_that_comes_late_never_passes_for_a_fresh_one(rigs: Made) -> None:
@@ -162,10 +162,10 @@ def test_an_answer_that_comes_late_never_passes_for_a_fresh_one(rigs: Made) -> N
     rig.connect()
     rig.seconds(0.2)
     last = rig.imu.time
-    rig.virtual["main"].faults.delay(rig.loop.period, id=rig.spec.id)
+    rig.virtual["main"].faults.delay(rig.loop.robot.period, id=rig.spec.id)
     rig.seconds(2.0)
-    assert rig.imu.time <= last + 2 * rig.loop.period
-    assert rig.loop.measured.heard.all()
+    assert rig.imu.time <= last + 2 * rig.loop.robot.period
+    assert rig.loop.robot.measured.heard.all()
 
 
 @pytest.mark.parametrize("source", ["device", "filter"])
@@ -249,7 +249,7 @@ def test_an_imu_without_free_time_in_any_tick_is_still_polled_occasionally(rigs:
         rig.ticks(1)
         asked.append(inertial.asked - before)
     assert sum(asked) == 10
-    assert rig.loop.measured.time - rig.imu.time < 0.1
+    assert rig.loop.robot.measured.time - rig.imu.time < 0.1
 
 
 def test_a_lost_bus_leaves_the_last_reading_with_its_time_and_it_goes_on_after(rigs: Made) -> None:
@@ -262,13 +262,13 @@ def test_a_lost_bus_leaves_the_last_reading_with_its_time_and_it_goes_on_after(r
     assert rig.imu.time == last
     rig.virtual["main"].faults.replug()
     rig.seconds(2.0)
-    assert rig.loop.measured.time - rig.imu.time < 0.02
+    assert rig.loop.robot.measured.time - rig.imu.time < 0.02
 
 
 def test_a_robot_without_an_imu_reports_none(rigs: Made) -> None:
     rig = rigs(Rig, "h24", Mode.MIRROR)
     rig.connect()
-    assert rig.loop.hardware.inertial is None and rig.loop.measured.imu is None
+    assert rig.loop.hardware.inertial is None and rig.loop.robot.measured.imu is None
     assert all(news.imu == b"" for news in rig.news if isinstance(news, Tick))
     assert sensor_of(rig.robot, "main", None) is None
 

@@ -11,6 +11,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.planar_arm import arm_in
 from twind import link
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
@@ -47,7 +48,7 @@ def verified(rig: Rig) -> list[bool]:
 
 
 def stands_where_it_is(rig: Rig) -> bool:
-    return bool(np.abs(rig.loop.measured.position - rig.truth).max() < 0.01)
+    return bool(np.abs(rig.loop.robot.measured.position - rig.truth).max() < 0.01)
 
 
 def servos(rig: Rig) -> Any:
@@ -69,7 +70,7 @@ def test_joints_are_marked_verified_in_mirror_and_unmarked_in_sim(make_rig: Make
     rig.connect()
     assert verified(rig) == [True] * 3
     assert stands_where_it_is(rig)
-    assert np.abs(rig.loop.simulated.position - rig.truth).max() < 0.01  # it starts where the robot is
+    assert np.abs(rig.loop.robot.simulated.position - rig.truth).max() < 0.01  # it starts where the robot is
     rig = made(make_rig, path, mode=Mode.SIM)
     rig.ticks(20)
     assert [news for news in rig.news if isinstance(news, link.Overview)][-1].verified == b""
@@ -161,7 +162,7 @@ def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(
     servos(rig).invalidate_cache()
     before = rig.counts
     rig.connect()
-    assert rig.loop.inherited
+    assert torque_inherited(rig.loop)
     assert verified(rig) == [True] * 3
     assert stands_where_it_is(rig)
     rig.lease()
@@ -200,10 +201,10 @@ def test_a_restart_while_armed_changes_no_turn_until_torque_is_off(arm: Rig) -> 
         arm.ticks(1)
         if arm.loop.torque.armed:
             assert arm.loop.hardware.readings.shift.tolist() == before.tolist()
-            others.append(arm.loop.measured.position[[SINGLE, CAPPED]])
+            others.append(arm.loop.robot.measured.position[[SINGLE, CAPPED]])
     assert len(others) > 20
     assert np.abs(np.diff(np.array(others), axis=0)).max() < 0.05
-    assert arm.loop.state is RobotState.FAULT
+    assert arm.loop.condition.state is RobotState.FAULT
     assert not verified(arm)[EXTENDED]
     arm.call(link.Disarm, ticks=900)
     arm.call(link.Reset)

@@ -25,11 +25,13 @@ def until(rig: Rig, what: Callable[[], bool], ticks: int) -> int:
         rig.ticks(1)
         if what():
             return count
-    raise AssertionError(f"not within {ticks} ticks: {rig.loop.state}, {[e.message for e in rig.events()]}")
+    raise AssertionError(
+        f"not within {ticks} ticks: {rig.loop.condition.state}, {[e.message for e in rig.events()]}"
+    )
 
 
 def latched(rig: Rig, code: str) -> Callable[[], bool]:
-    return lambda: code in rig.loop.latches
+    return lambda: code in rig.loop.condition.latches
 
 
 def move(rig: Rig) -> None:
@@ -46,8 +48,8 @@ def test_bus_errors_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig
     armed.virtual["main"].faults.bit_errors(0.1, to_servos=False)
     until(armed, lambda: armed.loop.executor.motion is Motion.HOLDING, 5 + 2)
     until(armed, latched(armed, "BUS_ERRORS"), 20 + 2)
-    assert armed.loop.state is RobotState.FAULT
-    assert "bus main" in armed.loop.latches["BUS_ERRORS"].message
+    assert armed.loop.condition.state is RobotState.FAULT
+    assert "bus main" in armed.loop.condition.latches["BUS_ERRORS"].message
     assert on(armed).all()
 
 
@@ -67,7 +69,7 @@ def test_bus_errors_one_broken_answer_at_a_low_rate_ends_no_motion(make_rig: Mak
 def test_bus_errors_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
     armed.virtual["main"].faults.silence(7)
     armed.seconds(0.4)
-    assert "BUS_ERRORS" not in armed.loop.latches
+    assert "BUS_ERRORS" not in armed.loop.condition.latches
     until(armed, latched(armed, "STATE_STALE"), 20)
 
 
@@ -78,12 +80,12 @@ def test_foreign_traffic_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> No
     move(armed)
     armed.virtual["main"].faults.foreign(3)
     until(armed, latched(armed, "FOREIGN_TRAFFIC"), 3 + 2)
-    assert armed.loop.state is RobotState.INHIBITED
+    assert armed.loop.condition.state is RobotState.INHIBITED
     assert armed.loop.publisher.overview(armed.clock.now()).latched == ["FOREIGN_TRAFFIC"]
     armed.seconds(0.5)
     assert (armed.register("bus_watchdog") == 255).all()  # nothing was sent: their watchdogs ended the motion
     assert on(armed).all()
-    assert armed.loop.measured.heard.all()  # reading resumes
+    assert armed.loop.robot.measured.heard.all()  # reading resumes
     assert len(armed.events("FOREIGN_TRAFFIC")) <= 2
 
 
@@ -101,7 +103,7 @@ def test_foreign_traffic_prevents_arming(live: Rig) -> None:
     live.ticks(6)
     reply = live.call(link.Arm)
     assert [each["code"] for each in reply.parameters["findings"]] == ["FOREIGN_TRAFFIC"]
-    assert live.loop.latches == {} and reported() == ["FOREIGN_TRAFFIC"], "the status says why, too"
+    assert live.loop.condition.latches == {} and reported() == ["FOREIGN_TRAFFIC"], "the status says why, too"
     live.seconds(1.1)
     live.lease()
     assert reported() == []
@@ -115,9 +117,9 @@ def test_servo_alert_a_servo_that_shuts_down_latches_within_two_ticks_with_its_c
     move(armed)
     armed.virtual["main"].faults.damage(9, OVERLOAD)
     until(armed, latched(armed, "SERVO_ALERT"), 2)
-    assert "overload" in armed.loop.latches["SERVO_ALERT"].message
-    assert armed.loop.latches["SERVO_ALERT"].joint == armed.loop.joints.buses[0].ids.index(9)
-    assert armed.loop.state is RobotState.FAULT
+    assert "overload" in armed.loop.condition.latches["SERVO_ALERT"].message
+    assert armed.loop.condition.latches["SERVO_ALERT"].joint == armed.loop.robot.joints.buses[0].ids.index(9)
+    assert armed.loop.condition.state is RobotState.FAULT
     armed.seconds(0.5)
     assert armed.loop.executor.motion is Motion.HOLDING
     assert on(armed).sum() == 23  # a gantry carries what hangs: the others hold
@@ -130,8 +132,8 @@ def test_servo_alert_a_latched_alert_gives_its_cause_once_it_is_read(armed: Rig)
     armed.ticks(1)
     slow.fault[joint] = 0  # as if there had been no room for the question in this tick
     armed.ticks(1)
-    assert "not read yet" in armed.loop.latches["SERVO_ALERT"].message
-    until(armed, lambda: "overload" in armed.loop.latches["SERVO_ALERT"].message, 8)
+    assert "not read yet" in armed.loop.condition.latches["SERVO_ALERT"].message
+    until(armed, lambda: "overload" in armed.loop.condition.latches["SERVO_ALERT"].message, 8)
 
 
 # --------------------------------------------------------------------------------------------- SERVO_REBOOTED
@@ -141,7 +143,7 @@ def test_servo_rebooted_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_its
     move(armed)
     armed.virtual["main"].faults.brown_out(9)
     until(armed, latched(armed, "SERVO_REBOOTED"), PROBE + HEALTH + 2)
-    assert armed.loop.state is RobotState.FAULT
+    assert armed.loop.condition.state is RobotState.FAULT
     assert not armed.loop.hardware.connected  # everybody on its bus is asked who they are
     armed.seconds(3.0)
     assert armed.loop.hardware.connected
@@ -161,9 +163,9 @@ def test_servo_rebooted_a_restart_while_disarmed_is_reported_and_the_bus_identif
     live.seconds(1.0)
     live.virtual["main"].faults.brown_out(9)
     until(live, lambda: bool(live.events("SERVO_REBOOTED")), PROBE + HEALTH + 2)
-    assert not live.loop.latches
+    assert not live.loop.condition.latches
     assert not live.loop.hardware.connected
-    until(live, lambda: live.loop.state is RobotState.CONNECTED, 300)
+    until(live, lambda: live.loop.condition.state is RobotState.CONNECTED, 300)
 
 
 def test_servo_rebooted_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) -> None:
@@ -191,7 +193,7 @@ def test_servo_rebooted_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
     """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
     armed.seconds(34.0)
     assert armed.events("SERVO_REBOOTED") == []
-    assert armed.loop.state is RobotState.ARMED
+    assert armed.loop.condition.state is RobotState.ARMED
 
 
 # ----------------------------------------------------------------------------------------------- SENSE_JUMP
@@ -208,14 +210,14 @@ def test_sense_jump_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_se
     armed: Rig,
 ) -> None:
     move(armed)
-    place = armed.loop.joints.buses[0].ids.index(9)
-    joint = int(armed.loop.joints.buses[0].joints[place])
-    before = armed.loop.measured.position[joint]
+    place = armed.loop.robot.joints.buses[0].ids.index(9)
+    joint = int(armed.loop.robot.joints.buses[0].joints[place])
+    before = armed.loop.robot.measured.position[joint]
     shift(armed, 9, 4096)
     armed.ticks(2)
-    assert armed.loop.measured.position[joint] == before
-    assert not armed.loop.measured.heard[joint]
-    assert armed.loop.measured.age[joint] > 0.009
+    assert armed.loop.robot.measured.position[joint] == before
+    assert not armed.loop.robot.measured.heard[joint]
+    assert armed.loop.robot.measured.age[joint] > 0.009
     until(armed, lambda: bool(armed.events("SENSE_JUMP")), 2)
     until(armed, lambda: armed.loop.executor.motion is Motion.HOLDING, 3)
 
@@ -224,8 +226,8 @@ def test_sense_jump_a_hand_may_throw_a_limp_joint(live: Rig) -> None:
     live.connect()
     shift(live, 9, 700)
     live.ticks(2)
-    assert live.loop.measured.heard.all()
-    assert live.loop.state is RobotState.CONNECTED
+    assert live.loop.robot.measured.heard.all()
+    assert live.loop.condition.state is RobotState.CONNECTED
     assert live.events("SENSE_JUMP")
 
 

@@ -5,6 +5,8 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from twind import link
+from twind.loop.procedures.internal_faults import inhibit
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import FINE
@@ -41,7 +43,7 @@ def test_an_estop_by_settling_lowers_a_robot_that_was_found_energised(make_rig: 
     assert on(rig).all()  # on its way, not dropped
     assert rig.replies(ticket)[0].parameters["done"] is False
     rig.seconds(5.0)
-    assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
+    assert np.abs(rig.truth - rig.loop.robot.rest).max() < 0.05
     assert not on(rig).any()
     assert rig.replies(ticket)[-1].parameters["done"] is True
 
@@ -80,7 +82,7 @@ def test_a_command_that_fails_internally_costs_no_other_command_its_reply(armed:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(armed.loop.submissions, "setpoint", broken)
+    monkeypatch.setattr(armed.loop.commands.submissions, "setpoint", broken)
     bad = armed.send(link.Setpoint, joints=[0], positions=[0.1])
     good = armed.send(link.RenewLease)
     armed.ticks(2)
@@ -112,15 +114,15 @@ def test_a_failing_tick_on_the_way_down_does_not_drop_the_robot(armed: Rig, monk
     armed.seconds(1.5)
     armed.send(link.Disarm)
     armed.ticks(20)
-    update = armed.loop.twin.update
-    monkeypatch.setattr(armed.loop.twin, "update", lambda *_: 1 / 0)
+    update = armed.loop.parts.twin.update
+    monkeypatch.setattr(armed.loop.parts.twin, "update", lambda *_: 1 / 0)
     armed.ticks(1)
-    monkeypatch.setattr(armed.loop.twin, "update", update)
+    monkeypatch.setattr(armed.loop.parts.twin, "update", update)
     armed.ticks(5)
     assert on(armed).all()
     armed.seconds(6.0)
     assert not on(armed).any()
-    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert np.abs(armed.truth - armed.loop.robot.rest).max() < 0.05
 
 
 def test_a_goal_that_fails_its_last_check_holds_the_robot_and_keeps_it_fed(armed: Rig, monkeypatch) -> None:
@@ -130,8 +132,8 @@ def test_a_goal_that_fails_its_last_check_holds_the_robot_and_keeps_it_fed(armed
     armed.loop.executor.begin(wild)
     monkeypatch.setattr(armed.loop.parts.guard, "judge", lambda facts: FINE)  # only the last check is left
     armed.ticks(30)
-    assert "WIRE_CLAMP" in armed.loop.latches
-    assert armed.loop.state is RobotState.FAULT
+    assert "WIRE_CLAMP" in armed.loop.condition.latches
+    assert armed.loop.condition.state is RobotState.FAULT
     assert not (armed.register("bus_watchdog") == 255).any()
     assert on(armed).all()
     assert np.abs(armed.counts - before).max() <= 2
@@ -143,12 +145,12 @@ def test_motion_does_not_outlive_the_lease_under_which_it_was_accepted(armed: Ri
     armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
     armed.send(link.AcquireLease, client=CLIENT + 1)
     armed.ticks(60)
-    assert armed.loop.lease.held_by(CLIENT + 1, armed.clock.now())
+    assert armed.loop.parts.lease.held_by(CLIENT + 1, armed.clock.now())
     assert armed.loop.executor.motion is Motion.HOLDING
 
 
 def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_enough(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
     armed.ticks(2)
     assert on(armed).all()
     armed.send(link.EStop, level="cut")
@@ -163,7 +165,7 @@ def test_an_e_stop_before_identification_still_leads_to_connected_after_a_reset(
     rig.seconds(1.0)
     rig.call(link.Reset)
     rig.seconds(1.0)
-    assert rig.loop.state is RobotState.CONNECTED
+    assert rig.loop.condition.state is RobotState.CONNECTED
 
 
 def test_torque_that_could_not_be_read_back_off_leaves_no_state_without_a_way_out(armed: Rig) -> None:
@@ -173,11 +175,11 @@ def test_torque_that_could_not_be_read_back_off_leaves_no_state_without_a_way_ou
     armed.virtual["main"].faults.silence(7, False)
     armed.seconds(3.0)
     assert not on(armed).any()  # ordered again when it answered
-    assert armed.loop.inherited is False
+    assert torque_inherited(armed.loop) is False
     assert armed.call(link.Disarm, ticks=900).error is None
     armed.call(link.Reset)
     armed.seconds(1.0)
-    assert armed.loop.state is RobotState.CONNECTED
+    assert armed.loop.condition.state is RobotState.CONNECTED
 
 
 def test_a_second_trajectory_is_refused_at_once_while_one_is_judged_or_waits(armed: Rig) -> None:
@@ -223,12 +225,12 @@ def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_
     rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
     rig.ticks(30)
     assert rig.loop.executor.motion is Motion.ACTIVE
-    before = rig.loop.simulated.position.copy()
-    rig.loop.twin.simulation.data.qpos[:] = np.nan
+    before = rig.loop.robot.simulated.position.copy()
+    rig.loop.parts.twin.simulation.data.qpos[:] = np.nan
     rig.ticks(1)
     told = [event for event in rig.events("INTERNAL") if "simulation" in event.message]
     assert len(told) == 1
-    assert np.abs(rig.loop.simulated.position - before).max() < 0.05
+    assert np.abs(rig.loop.robot.simulated.position - before).max() < 0.05
     rig.ticks(30)
     assert (rig.loop.executor.motion is Motion.ACTIVE) == (mode is Mode.LIVE)
     assert len([event for event in rig.events("INTERNAL") if "simulation" in event.message]) == 1

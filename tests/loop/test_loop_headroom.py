@@ -7,6 +7,7 @@ import pytest
 
 from tests.support.daemon_rig import Rig
 from twind import link
+from twind.loop.procedures.torque_readback import torque_on
 from twind.robot.finding import ReasonCode
 
 
@@ -33,11 +34,11 @@ def test_a_hot_or_undervolted_servo_is_not_armed(
     live.seconds(0.5)
     live.call(link.AcquireLease)
     assert code in codes(live.call(link.Arm))
-    assert not live.loop.torque_on
+    assert not torque_on(live.loop)
 
 
 def test_arming_at_once_waits_for_the_first_reading(live: Rig) -> None:
-    while live.loop.state != "connected":
+    while live.loop.condition.state != "connected":
         live.ticks(1)
     assert not np.isfinite(live.loop.hardware.slow.health_time).any()
     live.call(link.AcquireLease)
@@ -46,7 +47,7 @@ def test_arming_at_once_waits_for_the_first_reading(live: Rig) -> None:
 
 
 def test_an_e_stop_ends_the_wait_of_arm_with_a_refusal(live: Rig) -> None:
-    while live.loop.state != "connected":
+    while live.loop.condition.state != "connected":
         live.ticks(1)
     live.call(link.AcquireLease)
     ticket = live.send(link.Arm)
@@ -54,4 +55,4 @@ def test_an_e_stop_ends_the_wait_of_arm_with_a_refusal(live: Rig) -> None:
     live.call(link.EStop, level="settle", reason="")
     (reply,) = live.replies(ticket)
     assert reply.error is not None and "ESTOP" in str(reply.parameters)
-    assert not live.loop.torque_on
+    assert not torque_on(live.loop)

@@ -5,6 +5,8 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.loop.procedures.internal_faults import inhibit
+from twind.loop.procedures.torque_readback import torque_inherited, torque_known, torque_off
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, RobotState
 
@@ -19,7 +21,7 @@ def codes(reply: link.Reply) -> list[str]:
 def test_nothing_moves_and_torque_never_changes_because_a_daemon_started(live: Rig) -> None:
     before = live.truth
     live.seconds(2.0)
-    assert live.loop.state is RobotState.CONNECTED
+    assert live.loop.condition.state is RobotState.CONNECTED
     assert (live.register("torque_enable") == 0).all()
     assert np.array_equal(live.truth, before)
 
@@ -38,7 +40,7 @@ def test_disarming_goes_to_the_rest_pose_before_torque_goes_off(armed: Rig) -> N
     assert armed.truth[0] == pytest.approx(0.4, abs=0.05)
     reply = armed.call(link.Disarm, ticks=800)
     assert reply.parameters["state"] == "connected"
-    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert np.abs(armed.truth - armed.loop.robot.rest).max() < 0.05
     assert (armed.register("torque_enable") == 0).all()
 
 
@@ -65,7 +67,7 @@ def test_an_e_stop_of_level_settle_decelerates_lowers_and_switches_torque_off(ar
     armed.seconds(6.0)
     last = armed.replies(ticket)[-1]
     assert last.parameters == {"state": "estop", "torque_off": True, "done": True}
-    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert np.abs(armed.truth - armed.loop.robot.rest).max() < 0.05
 
 
 def test_a_cut_overtakes_a_settling_estop(armed: Rig) -> None:
@@ -92,7 +94,7 @@ def test_torque_found_on_is_reported_as_inherited_and_left_until_arming(make_rig
         bus.servos.torque(row, True)
     rig.connect()
     rig.seconds(2.0)
-    assert rig.loop.inherited is True
+    assert torque_inherited(rig.loop) is True
     assert rig.events("TORQUE_INHERITED")
     assert (rig.register("bus_watchdog") == 0).all()
     before = rig.counts
@@ -105,7 +107,7 @@ def test_torque_found_on_at_the_very_edge_of_the_travel_is_taken_over_and_lowere
     """The hard limit itself may round to a count that no goal may have: the nearest one that may is held."""
     rig = make_rig(start={"l_elbow": 0.15})
     place = rig.names.index("l_elbow")
-    assert rig.loop.limits.hard_upper[place] == pytest.approx(0.15)
+    assert rig.loop.robot.limits.hard_upper[place] == pytest.approx(0.15)
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()
@@ -119,13 +121,13 @@ def test_torque_found_on_at_the_very_edge_of_the_travel_is_taken_over_and_lowere
 def test_sigterm_lowers_the_robot_and_then_ends(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [0.4], [1.0]))
     armed.seconds(1.5)
-    armed.loop.stop_wanted = True
+    armed.loop.condition.stop_wanted = True
     for _ in range(800):
-        if armed.loop.finished:
+        if armed.loop.condition.finished:
             break
         armed.ticks(1)
-    assert armed.loop.finished
-    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert armed.loop.condition.finished
+    assert np.abs(armed.truth - armed.loop.robot.rest).max() < 0.05
     assert (armed.register("torque_enable") == 0).all()
 
 
@@ -134,14 +136,14 @@ def test_sigterm_leaves_inherited_torque_as_it_was_found(make_rig: MakeRig) -> N
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()
-    rig.loop.stop_wanted = True
+    rig.loop.condition.stop_wanted = True
     rig.ticks(5)
-    assert rig.loop.finished
+    assert rig.loop.condition.finished
     assert (rig.register("torque_enable") == 1).all()
 
 
 def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.ticks(5)
     assert (armed.register("torque_enable") == 1).all()
     reply = armed.call(link.Disarm, ticks=50)
@@ -155,10 +157,10 @@ def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
 
 
 def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
-    armed.loop.stop_wanted = True
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
+    armed.loop.condition.stop_wanted = True
     armed.ticks(5)
-    assert armed.loop.finished
+    assert armed.loop.condition.finished
     assert (armed.register("torque_enable") == 1).all()
 
 
@@ -216,10 +218,10 @@ def test_sigterm_at_any_moment_of_arming_leaves_no_torque_but_what_was_found(
         rig.lease()
         rig.send(link.Arm)
         rig.ticks(moment)
-        assert rig.loop.state is RobotState.ARMING
-        rig.loop.stop_wanted = True
+        assert rig.loop.condition.state is RobotState.ARMING
+        rig.loop.condition.stop_wanted = True
         rig.ticks(10)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
         assert (rig.register("torque_enable") == int(found_on)).all(), moment
         rig.close()
 
@@ -272,8 +274,8 @@ def test_an_unconfirmed_torque_off_is_repeated_when_the_servo_replies(make_rig: 
     faults.silence(id=11)
     for _ in range(300):
         rig.ticks(1)
-        assert rig.loop.torque_off is not True  # it is on, and silent
-        assert rig.loop.torque_known[10] != 0
+        assert torque_off(rig.loop) is not True  # it is on, and silent
+        assert torque_known(rig.loop)[10] != 0
     assert rig.replies(ticket)[-1].error is not None
     told = rig.events("TORQUE_MISMATCH")[-1].message
     assert told.startswith("torque could not be read back off: main: no reply")
@@ -282,5 +284,5 @@ def test_an_unconfirmed_torque_off_is_repeated_when_the_servo_replies(make_rig: 
     faults.silence(id=11, on=False)
     rig.seconds(2.0)
     assert not rig.register("torque_enable").any()
-    assert rig.loop.torque_off is True
-    assert rig.loop.inherited is False
+    assert torque_off(rig.loop) is True
+    assert torque_inherited(rig.loop) is False

@@ -76,7 +76,7 @@ def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
         rig.reported_findings(reply.parameters["findings"]), "ARM_FAILED", KNEE, "jumped at torque-on"
     )
     assert (rig.register("torque_enable") == 0).all()
-    assert rig.loop.state is RobotState.CONNECTED
+    assert rig.loop.condition.state is RobotState.CONNECTED
 
 
 # ------------------------------------------------------------------- 3, 4: turns that are lost or found
@@ -90,7 +90,7 @@ def test_a_joint_has_the_same_angle_on_whatever_turn_it_starts(
     """Extended mode; also where the travel crosses the encoder's seam."""
     rig = plant(JointGroundTruth(zero_ticks=zero), JointGroundTruth(zero_ticks=zero, turns=turns), floating)
     rig.connect()
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.01)
     rig.arm()
     rig.seconds(0.3)
     assert rig.moved <= 2.0
@@ -114,7 +114,7 @@ def test_a_limp_joint_that_restarts_is_where_it_was_and_is_verified_anew(plant: 
         rig.ticks(1)
         verified.append(bool(rig.loop.identity.verified.joints[row]))
     assert verified[0] and not all(verified) and verified[-1]
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.01)
     rig.arm()
     rig.seconds(0.3)
     assert rig.moved <= 2.0
@@ -131,9 +131,9 @@ def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str
     for _ in range(4):
         rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
         rig.seconds(0.7)
-        assert rig.loop.state is RobotState.CONNECTED
+        assert rig.loop.condition.state is RobotState.CONNECTED
         seen.add(int(rig.loop.hardware.readings.raw.ticks[row]) // TURN)
-        assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+        assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.01)
     assert len(seen) == 2, "both sides of the seam were seen"
     rig.arm()
     rig.seconds(0.3)
@@ -151,12 +151,12 @@ def test_a_joint_moves_across_the_seam_of_its_encoder(plant: Any, floating: str,
     assert entry.seam_margin_ticks == 0
     rig.arm()
     row = rig.names.index(KNEE)
-    before = rig.loop.measured.position[row]
+    before = rig.loop.robot.measured.position[row]
     steps = []
     rig.submit(rig.path(KNEE, [0.6], [1.0]))
     for _ in range(160):
         rig.ticks(1)
-        steps.append(float(rig.loop.measured.position[row] - before))
-        before = rig.loop.measured.position[row]
+        steps.append(float(rig.loop.robot.measured.position[row] - before))
+        before = rig.loop.robot.measured.position[row]
     assert rig.truth[row] == pytest.approx(0.6, abs=0.01)
     assert np.abs(steps).max() < 0.05, "no step of a turn"

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureRunner, all_of, ticks
 from twind_drivers.bus import BusError, PingRequest, Script
 
@@ -146,6 +147,138 @@ def test_a_procedure_that_breaks_is_gone_after_the_next_step(story: Story) -> No
     procedures.step(2.0)
     assert procedures.rank is None
     assert story.lines == ["read begins", "read at 2"]
+
+
+# ------------------------------------------------------------------------------------- what they answer
+
+DONE = CallReply({"state": "armed"})
+
+
+def answering(steps: int, outcome: CallOutcome | None = DONE) -> Procedure:
+    """A procedure of so many waits."""
+    for _ in range(steps):
+        yield
+    return outcome
+
+
+@pytest.mark.parametrize("outcome", [DONE, None])
+@pytest.mark.parametrize("steps", [0, 1, 3])
+@pytest.mark.parametrize("owner", [True, False])
+def test_the_outcome_of_a_procedure_reaches_its_caller_once_when_it_ends(
+    owner: bool, steps: int, outcome: CallOutcome | None
+) -> None:
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    if owner:
+        procedures.own(Priority.ARM, lambda: answering(steps, outcome), answers.append)
+    else:
+        procedures.beside(answering(steps, outcome), answers.append)
+    for tick in range(5):
+        assert answers == ([outcome] if tick >= steps else [])
+        procedures.step(float(tick))
+    procedures.abandon()
+    assert answers == [outcome]
+
+
+DOING = {
+    Priority.ARM: "arming",
+    Priority.HOME: "the end-stop search",
+    Priority.DISARM: "disarming",
+    Priority.FAULT: "fault",
+    Priority.SHUTDOWN: "shutdown",
+    Priority.ESTOP: "estop",
+    Priority.CUT: "cut",
+}
+
+
+@pytest.mark.parametrize("rank", list(Priority))
+@pytest.mark.parametrize(("cause", "text"), [("", "something more urgent"), ("ESTOP: a", "ESTOP: a")])
+def test_a_procedure_that_is_ended_by_force_is_answered_with_what_is_latched(
+    rank: Priority, cause: str, text: str
+) -> None:
+    procedures = ProcedureRunner(lambda: cause)
+    answers: list[CallOutcome | None] = []
+    procedures.own(rank, lambda: answering(9), answers.append)
+    procedures.abandon()
+    procedures.abandon()
+    procedures.step(1.0)
+    assert answers == [CallFailure("Busy", {"what": f"{DOING[rank]} was ended by {text}"})]
+
+
+def test_without_a_cause_given_something_more_urgent_ends_it() -> None:
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    procedures.own(Priority.ARM, lambda: answering(9), answers.append)
+    procedures.own(Priority.CUT, lambda: answering(9))
+    assert answers == [CallFailure("Busy", {"what": "arming was ended by something more urgent"})]
+    assert procedures.rank is Priority.CUT
+
+
+def test_the_answer_of_one_that_is_ended_precedes_the_next_one(story: Story) -> None:
+    procedures = ProcedureRunner()
+    procedures.own(Priority.ARM, lambda: story.body("arm"), lambda _: story.lines.append("answered"))
+    procedures.own(Priority.CUT, lambda: story.body("cut"))
+    assert story.lines == ["arm begins", "arm is ended", "answered", "cut begins"]
+
+
+@pytest.mark.parametrize("owner", [True, False])
+def test_a_procedure_that_breaks_is_answered_in_the_next_tick(owner: bool) -> None:
+    def broken() -> Procedure:
+        yield
+        raise ZeroDivisionError
+
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    if owner:
+        procedures.own(Priority.DISARM, broken, answers.append)
+    else:
+        procedures.beside(broken(), answers.append)
+    with pytest.raises(ZeroDivisionError):
+        procedures.step(1.0)
+    assert answers == []
+    procedures.step(2.0)
+    procedures.step(3.0)
+    assert answers == [CallFailure("Busy", {"what": "failed inside"})]
+
+
+def test_a_procedure_that_breaks_at_once_is_answered_by_the_caller_that_sees_it() -> None:
+    def broken() -> Procedure:
+        raise ZeroDivisionError
+        yield
+
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    with pytest.raises(ZeroDivisionError):
+        procedures.own(Priority.ARM, broken, answers.append)
+    procedures.step(1.0)
+    assert answers == [None] and procedures.rank is None
+
+
+def test_an_owner_that_the_end_of_another_begins_is_kept(story: Story) -> None:
+    procedures = ProcedureRunner()
+
+    def next_one(_outcome: CallOutcome | None) -> None:
+        procedures.own(Priority.FAULT, lambda: story.body("fault"))
+
+    procedures.own(Priority.ARM, lambda: answering(1), next_one)
+    procedures.step(1.0)
+    assert procedures.rank is Priority.FAULT
+    procedures.step(2.0)
+    assert story.lines == ["fault begins", "fault at 2"]
+
+
+def test_an_owner_that_has_ended_is_not_ended_again() -> None:
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    procedures.own(Priority.ARM, lambda: answering(1), answers.append)
+    procedures.step(1.0)
+    procedures.step(2.0)
+    procedures.own(Priority.ARM, lambda: answering(1, None))
+    assert answers == [DONE]
+
+
+def test_the_urgencies_are_numbered_from_one() -> None:
+    assert [int(rank) for rank in Priority] == [1, 2, 3, 4, 5, 6, 7]
 
 
 # ------------------------------------------------------------------------------------- what they wait for

@@ -5,6 +5,7 @@ import pytest
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.scene_rig import ask, move, reported_codes
 from twind import link
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 
@@ -27,7 +28,7 @@ def test_a_motion_holds_and_none_begins_until_clients_can_connect_again(armed: R
     move(armed)
     report(armed, GONE)
     armed.seconds(1.0)
-    assert (armed.loop.state, armed.loop.executor.motion) == (RobotState.ARMED, Motion.HOLDING)
+    assert (armed.loop.condition.state, armed.loop.executor.motion) == (RobotState.ARMED, Motion.HOLDING)
     (event,) = armed.events("SOCKETS_GONE")
     assert (event.level, event.message) == ("error", "control.sock: removed")
     ended = [each for each in armed.events("MOTION") if "aborted" in each.message]
@@ -39,9 +40,9 @@ def test_a_motion_holds_and_none_begins_until_clients_can_connect_again(armed: R
     ticket = armed.submit(armed.path("head_yaw", [0.2], [1.0]))
     armed.ticks(3)
     assert refused(armed, ticket) == ["SOCKETS_GONE"]
-    place = armed.loop.written.copy()
+    place = armed.loop.robot.written.copy()
     report(armed, BACK, 200)
-    assert (armed.loop.written == place).all(), "it moved by itself"
+    assert (armed.loop.robot.written == place).all(), "it moved by itself"
     assert armed.events("SOCKETS_GONE")[-1].message.startswith("clients can connect again")
     assert "SOCKETS_GONE" not in armed.loop.publisher.status()
     move(armed)
@@ -66,10 +67,10 @@ def test_a_motion_that_waits_for_its_start_never_begins(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [0.5], [1.0]), start_in=0.5)
     armed.ticks(3)
     assert armed.loop.executor.waiting == 1
-    place = armed.loop.written.copy()
+    place = armed.loop.robot.written.copy()
     report(armed, GONE)
     report(armed, BACK, 100)
-    assert (armed.loop.written == place).all()
+    assert (armed.loop.robot.written == place).all()
 
 
 def test_an_arming_under_way_is_given_up(live: Rig) -> None:
@@ -77,10 +78,10 @@ def test_an_arming_under_way_is_given_up(live: Rig) -> None:
     live.lease()
     ticket = live.send(link.Arm)
     live.ticks(3)
-    assert live.loop.state is RobotState.ARMING
+    assert live.loop.condition.state is RobotState.ARMING
     report(live, GONE, 100)
-    assert live.loop.torque_off is True
-    assert live.loop.state is RobotState.CONNECTED
+    assert torque_off(live.loop) is True
+    assert live.loop.condition.state is RobotState.CONNECTED
     assert live.replies(ticket)[-1].error is not None
 
 
@@ -96,7 +97,7 @@ def test_stops_are_carried_out_as_ever(armed: Rig, kind: type[link.Command]) -> 
     report(armed, GONE)
     assert armed.call(kind, ticks=900).error is None
     armed.seconds(5.0)
-    assert armed.loop.torque_off is True
+    assert torque_off(armed.loop) is True
 
 
 def test_a_way_to_the_rest_pose_goes_on(armed: Rig) -> None:
@@ -104,7 +105,7 @@ def test_a_way_to_the_rest_pose_goes_on(armed: Rig) -> None:
     armed.ticks(20)
     report(armed, GONE, 600)
     assert armed.replies(ticket)[-1].error is None
-    assert armed.loop.torque_off is True
+    assert torque_off(armed.loop) is True
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])

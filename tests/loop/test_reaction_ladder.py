@@ -6,6 +6,8 @@ import pytest
 from tests.support.daemon_rig import Rig
 from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
+from twind.loop.procedures.internal_faults import inhibit
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.guard_types import Reaction
@@ -30,7 +32,7 @@ def test_an_inhibit_on_the_way_down_writes_nothing_more_and_torque_stays(armed: 
     elif begin == "estop":
         ticket = armed.send(link.EStop, more=True)
     elif begin == "shutdown":
-        armed.loop.stop_wanted = True
+        armed.loop.condition.stop_wanted = True
     else:
         with injected_findings(
             armed, reaction=Reaction.SETTLE if begin == "settle" else Reaction.DAMP, latches=True
@@ -40,13 +42,13 @@ def test_an_inhibit_on_the_way_down_writes_nothing_more_and_torque_stays(armed: 
     assert torques(armed).all()
     goals = armed.register("goal_position")
     gains = armed.register("position_p_gain")
-    armed.loop.inhibit(BUG, armed.clock.now())
+    inhibit(armed.loop, BUG, armed.clock.now())
     if begin == "shutdown":
         armed.ticks(3)
-        assert armed.loop.finished
+        assert armed.loop.condition.finished
     else:
         armed.seconds(8.0)
-        assert armed.loop.state is RobotState.INHIBITED
+        assert armed.loop.condition.state is RobotState.INHIBITED
     assert torques(armed).all()
     assert np.array_equal(armed.register("goal_position"), goals)
     assert np.array_equal(armed.register("position_p_gain"), gains)
@@ -60,16 +62,16 @@ def test_an_inhibit_on_the_way_down_writes_nothing_more_and_torque_stays(armed: 
 def test_an_inhibit_does_not_keep_torque_that_is_going_off(armed: Rig) -> None:
     armed.send(link.EStop, level="cut")
     armed.ticks(1)
-    armed.loop.inhibit(BUG, armed.clock.now())
+    inhibit(armed.loop, BUG, armed.clock.now())
     armed.seconds(1.5)
     assert not torques(armed).any()
-    assert armed.loop.torque_off
+    assert torque_off(armed.loop)
 
 
 @pytest.mark.parametrize("reaction", [Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP])
 def test_nothing_softer_ends_an_inhibit(armed: Rig, reaction: Reaction) -> None:
     raised(armed)
-    armed.loop.inhibit(BUG, armed.clock.now())
+    inhibit(armed.loop, BUG, armed.clock.now())
     armed.ticks(5)
     goals = armed.register("goal_position")
     with injected_findings(armed, reaction=reaction, latches=True, here=(3,)):

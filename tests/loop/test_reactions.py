@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
+from tests.support.described_robot import redescribe
 from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.procedures import damping, torque_release
-from twind.loop.tick.reactions import react
+from twind.loop.procedures import damping, lowering
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction
@@ -29,12 +30,12 @@ def unjudged(rig: Rig) -> None:
 
 def steps(rig: Rig, ticks: int) -> np.ndarray:
     """Goals (k, n) of `ticks` ticks; each within one step of the last (W3)."""
-    rows = [rig.loop.written]
+    rows = [rig.loop.robot.written]
     for _ in range(ticks):
         rig.ticks(1)
-        rows.append(rig.loop.written)
+        rows.append(rig.loop.robot.written)
     track = np.array(rows)
-    most = rig.loop.limits.velocity * rig.loop.period
+    most = rig.loop.robot.limits.velocity * rig.loop.robot.period
     assert (np.abs(np.diff(track, axis=0)) <= most + 1e-9).all()
     return track
 
@@ -49,10 +50,10 @@ def test_a_damped_robot_is_soft_with_torque_on_then_off(armed: Rig) -> None:
     steps(armed, 20)
     assert soft(armed)
     assert (armed.register("torque_enable") == 1).all()
-    assert armed.loop.state == "fault"
+    assert armed.loop.condition.state == "fault"
     armed.seconds(damping.SLOW_FOR + 0.3)
     assert (armed.register("torque_enable") == 0).all()
-    assert armed.loop.torque_off
+    assert torque_off(armed.loop)
     assert (armed.loop.torque.soft_since, armed.loop.torque.armed) == (None, False)
     assert [event.level for event in armed.events("DAMP")] == ["error"]
 
@@ -64,8 +65,8 @@ def test_a_robot_that_never_rests_is_let_go_after_five_seconds(armed: Rig) -> No
     shake = armed.loop.hardware.readings
     while armed.loop.torque.armed:
         shake.velocity[:] = 0.2
-        state = armed.loop.measured
-        armed.loop.measured = replace(state, velocity=state.velocity * 0.0 + 0.2)
+        state = armed.loop.robot.measured
+        armed.loop.robot.measured = replace(state, velocity=state.velocity * 0.0 + 0.2)
         armed.ticks(1)
         assert armed.clock.now() < began + 6.0
     assert armed.clock.now() - began == pytest.approx(damping.SLOW_MOST, abs=0.1)
@@ -81,7 +82,7 @@ def test_damp_takes_every_way_down_over_and_none_takes_it_over(armed: Rig, begin
     elif begin == "estop":
         armed.send(link.EStop, level="settle", reason="test")
     elif begin == "shutdown":
-        armed.loop.stop_wanted = True
+        armed.loop.condition.stop_wanted = True
     else:
         with injected_findings(armed, reaction=Reaction.SETTLE, latches=True):
             armed.ticks(1)
@@ -91,16 +92,16 @@ def test_damp_takes_every_way_down_over_and_none_takes_it_over(armed: Rig, begin
         steps(armed, 1)
     steps(armed, 30)
     assert soft(armed)
-    high = armed.loop.written[armed.names.index("l_shoulder_pitch")]  # type: ignore[index]
+    high = armed.loop.robot.written[armed.names.index("l_shoulder_pitch")]  # type: ignore[index]
     with injected_findings(armed, reaction=Reaction.SETTLE, latches=True):
         armed.send(link.EStop, level="settle", reason="again")
         steps(armed, 30)
     assert soft(armed)
     assert armed.loop.executor.motion is Motion.HOLDING, "no way to the rest pose any more"
-    now = armed.loop.written[armed.names.index("l_shoulder_pitch")]  # type: ignore[index]
+    now = armed.loop.robot.written[armed.names.index("l_shoulder_pitch")]  # type: ignore[index]
     assert now == pytest.approx(high, abs=0.05), "joints without load stay where they are"
     armed.seconds(6.0)
-    assert armed.loop.torque_off
+    assert torque_off(armed.loop)
     assert (armed.register("torque_enable") == 0).all()
 
 
@@ -113,7 +114,7 @@ def test_a_hold_does_not_end_a_damping(armed: Rig) -> None:
     assert soft(armed)
     assert armed.loop.torque.soft_since is not None
     armed.seconds(2.0)
-    assert armed.loop.torque_off
+    assert torque_off(armed.loop)
 
 
 def test_a_cut_overtakes_a_damping(armed: Rig) -> None:
@@ -174,10 +175,10 @@ def fall(rig: Rig, seconds: float) -> tuple[float, float]:
     """Fastest speed (rad/s) of the raised joint, and how far it came (rad)."""
     place = rig.names.index("l_shoulder_pitch")
     track = []
-    for _ in range(round(seconds / rig.loop.period)):
+    for _ in range(round(seconds / rig.loop.robot.period)):
         rig.ticks(1)
         track.append(rig.truth[place])
-    return float(np.abs(np.diff(track)).max() / rig.loop.period), abs(track[-1] - track[0])
+    return float(np.abs(np.diff(track)).max() / rig.loop.robot.period), abs(track[-1] - track[0])
 
 
 def test_a_raised_arm_sinks_slowly_where_torque_off_drops_it() -> None:
@@ -207,7 +208,7 @@ def test_a_raised_arm_sinks_slowly_where_torque_off_drops_it() -> None:
 
 def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(armed: Rig) -> None:
     """`support: free`, and something holds the arm up: not at rest in the rest pose after 4 s."""
-    armed.loop.support = "free"
+    redescribe(armed.loop, support="free")
     raised(armed)
     unjudged(armed)
     armed.virtual["main"].faults.lock(3)
@@ -215,16 +216,16 @@ def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(ar
     began = armed.clock.now()
     while armed.loop.torque.soft_since is None:
         armed.ticks(1)
-        assert armed.clock.now() <= began + torque_release.SETTLE + 0.05
+        assert armed.clock.now() <= began + lowering.SETTLE + 0.05
     assert armed.clock.now() - began > 3.0
     armed.seconds(damping.SLOW_FOR + 0.3)
-    assert armed.loop.torque_off
-    assert armed.clock.now() - began < torque_release.SETTLE + damping.SLOW_MOST + 0.5
+    assert torque_off(armed.loop)
+    assert armed.clock.now() - began < lowering.SETTLE + damping.SLOW_MOST + 0.5
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry", "free"])
 def test_an_e_stop_switches_torque_off_within_four_seconds(armed: Rig, support: str) -> None:
-    armed.loop.support = support
+    redescribe(armed.loop, support=support)
     raised(armed)
     assert armed.submit(armed.path("l_shoulder_pitch", [1.0], [3.0]), more=True)
     armed.seconds(1.5)
@@ -236,15 +237,15 @@ def test_an_e_stop_switches_torque_off_within_four_seconds(armed: Rig, support: 
     assert after is not None
     place = armed.names.index("l_shoulder_pitch")
     assert abs(after.velocity[place]) < abs(before.velocity[place]), "the next goal decelerates (W6)"
-    armed.seconds(torque_release.SETTLE)
+    armed.seconds(lowering.SETTLE)
     assert (armed.register("torque_enable") == 0).all()
-    assert armed.loop.torque_off
+    assert torque_off(armed.loop)
     assert not armed.events("DAMP")
 
 
 @pytest.mark.parametrize("support", ["fixed", "free", "hovering"])
 def test_a_way_that_is_interrupted_is_damped(armed: Rig, support: str) -> None:
-    armed.loop.support = support
+    redescribe(armed.loop, support=support)
     raised(armed)
     armed.send(link.Disarm)
     for _ in range(40):
@@ -256,25 +257,25 @@ def test_a_way_that_is_interrupted_is_damped(armed: Rig, support: str) -> None:
     armed.ticks(20)
     assert soft(armed)
     armed.seconds(2.0)
-    assert armed.loop.torque_off
-    assert armed.loop.state == "connected"
+    assert torque_off(armed.loop)
+    assert armed.loop.condition.state == "connected"
 
 
 @pytest.mark.parametrize(("support", "damped"), [("free", True), ("gantry", False)])
 def test_sigterm_on_a_free_robot_switches_torque_off_only_at_rest(
     armed: Rig, support: str, damped: bool
 ) -> None:
-    armed.loop.support = support
+    redescribe(armed.loop, support=support)
     raised(armed)
     unjudged(armed)
     armed.virtual["main"].faults.lock(3)
-    armed.loop.stop_wanted = True
+    armed.loop.condition.stop_wanted = True
     for _ in range(1200):
-        armed.loop.stop_wanted = True  # a second signal, and a third: nothing is cut short
+        armed.loop.condition.stop_wanted = True  # a second signal, and a third: nothing is cut short
         armed.ticks(1)
-        if armed.loop.finished:
+        if armed.loop.condition.finished:
             break
-    assert armed.loop.finished
+    assert armed.loop.condition.finished
     assert bool(armed.events("DAMP")) == damped
     assert (armed.register("torque_enable") == 0).all()
 
@@ -282,9 +283,9 @@ def test_sigterm_on_a_free_robot_switches_torque_off_only_at_rest(
 def test_a_settle_that_latches_nothing_ends_disarmed(armed: Rig) -> None:
     with injected_findings(armed, reaction=Reaction.SETTLE):
         armed.ticks(1)
-    assert armed.loop.state == "settling"
-    armed.seconds(torque_release.SETTLE)
-    assert armed.loop.state == "connected"
+    assert armed.loop.condition.state == "settling"
+    armed.seconds(lowering.SETTLE)
+    assert armed.loop.condition.state == "connected"
     assert not armed.loop.torque.armed
 
 
@@ -299,7 +300,7 @@ def test_a_named_joint_is_held_where_it_is_and_the_others_as_commanded(armed: Ri
     armed.virtual["main"].faults.lock(3)
     steps(armed, 20)
     place = armed.names.index("l_shoulder_pitch")
-    away = armed.loop.written[place] - armed.truth[place]  # type: ignore[index]
+    away = armed.loop.robot.written[place] - armed.truth[place]  # type: ignore[index]
     assert abs(away) > 0.1
     held = armed.loop.executor.reference
     with injected_findings(armed, reaction=Reaction.HOLD, here=(place,)):
@@ -314,22 +315,22 @@ def test_a_named_joint_is_held_where_it_is_and_the_others_as_commanded(armed: Ri
 
 def test_a_joint_beyond_its_hard_limit_is_held_at_that(armed: Rig) -> None:
     place = armed.names.index("l_elbow")
-    beyond = armed.loop.measured.position.copy()
-    beyond[place] = armed.loop.limits.hard_upper[place] + 0.3
+    beyond = armed.loop.robot.measured.position.copy()
+    beyond[place] = armed.loop.robot.limits.hard_upper[place] + 0.3
     unjudged(armed)
-    armed.loop.measured = replace(armed.loop.measured, position=beyond)
+    armed.loop.robot.measured = replace(armed.loop.robot.measured, position=beyond)
     with injected_findings(armed, reaction=Reaction.HOLD, here=(place,)):
-        react(armed.loop, armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
+        armed.loop.reactions.react(armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
     track = steps(armed, 100)
-    hard = armed.loop.limits.hard_upper[place]
+    hard = armed.loop.robot.limits.hard_upper[place]
     tick = armed.loop.hardware.resolution[place]
     assert hard - tick <= track[-1][place] <= hard, "the last place that a goal may have"
-    assert armed.loop.state == "armed", "and every goal left"
+    assert armed.loop.condition.state == "armed", "and every goal left"
 
 
 def test_a_joint_whose_place_is_unknown_stays_where_it_was_commanded(armed: Rig) -> None:
-    before = armed.loop.written
-    armed.loop.executor.give_in([0], armed.loop.measured.position * np.nan)
+    before = armed.loop.robot.written
+    armed.loop.executor.give_in([0], armed.loop.robot.measured.position * np.nan)
     assert steps(armed, 20)[-1] == pytest.approx(before)
 
 
@@ -339,11 +340,11 @@ def test_a_pace_reaction_slows_the_robot_is_reported_once_and_restores_its_speed
     armed.seconds(1.0)
     with injected_findings(armed, pace=0.25, findings=()):
         steps(armed, 50)
-        slow = np.diff(steps(armed, 50)[:, place]) / armed.loop.period
+        slow = np.diff(steps(armed, 50)[:, place]) / armed.loop.robot.period
         assert np.abs(slow).max() <= 0.3 * 1.2 / 3.0 * 2.0
     steps(armed, 300)
     assert armed.replies(ticket)[-1].parameters["phase"] == "succeeded"
-    assert armed.loop.written[place] == pytest.approx(1.2)  # type: ignore[index]
+    assert armed.loop.robot.written[place] == pytest.approx(1.2)  # type: ignore[index]
     assert len(armed.events("PACE")) == 1
 
 
@@ -351,8 +352,8 @@ def test_the_way_to_the_rest_pose_is_never_slowed(armed: Rig) -> None:
     raised(armed)
     with injected_findings(armed, pace=0.1, findings=()):
         armed.send(link.EStop, level="settle", reason="test")
-        armed.seconds(torque_release.SETTLE)
-    assert armed.loop.torque_off
+        armed.seconds(lowering.SETTLE)
+    assert torque_off(armed.loop)
 
 
 # ------------------------------------------------------------------------------------- a hold that lasts
@@ -378,6 +379,6 @@ def test_a_hold_of_thirty_seconds_lowers_what_stands_freely_alone(
     assert rig.loop.torque.armed
     assert rig.loop.executor.motion is Motion.HOLDING
     rig.seconds(6.0)
-    assert rig.loop.torque_off is lowered
+    assert torque_off(rig.loop) is lowered
     assert (rig.register("torque_enable") == (0 if lowered else 1)).all()
     assert not rig.events("DAMP")

@@ -45,18 +45,18 @@ def kept(thing: object, depth: int = 0) -> Iterator[np.ndarray]:
 def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None:
     loop = quiet.loop
     guard = loop.parts.guard
-    old = loop.limits
+    old = loop.robot.limits
     old_reach = [ends.copy() for ends in loop.hardware.reach]
     reply = quiet.adopt(NARROW)
     assert (reply.error, reply.parameters["applied"]) == (None, sorted(NARROW))
     joint = quiet.names.index("head_yaw")
-    new = loop.limits
+    new = loop.robot.limits
     assert (new.lower[joint], new.upper[joint], new.velocity[joint]) == (-0.3, 0.3, 0.5)
     assert (new.hard_lower[joint], new.hard_upper[joint]) == pytest.approx((-0.35, 0.35), abs=0.01)
     others = np.arange(len(quiet.names)) != joint
     for field in fields(old):
         assert np.array_equal(getattr(old, field.name)[others], getattr(new, field.name)[others]), field.name
-    for holder in (loop.parts, loop.executor):
+    for holder in (loop.robot, loop.executor):
         assert holder.limits is new, type(holder).__name__
     low, high = loop.hardware.reach
     assert low[joint] > old_reach[0][joint] and high[joint] < old_reach[1][joint]
@@ -64,8 +64,8 @@ def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None
     _, bus = loop.hardware.pairs[0]
     row = bus.joints.tolist().index(joint)
     assert bus.lower[row] > rig_map(quiet).buses[0].lower[row]
-    assert loop.joints is loop.hardware.joints is loop.parts.joints is loop.parts.one.binding.joint_map
-    assert loop.identity.judge == loop.parts.one.judge
+    assert loop.robot.joints is loop.hardware.joints is loop.robot.bound.binding.joint_map
+    assert loop.robot.limits is loop.robot.bound.binding.limits
     assert loop.parts.guard is guard  # it keeps the memory of its rules
     bounds = GuardThresholds()
     fastest = bounds.overspeed * old.velocity + bounds.overspeed_slack
@@ -73,12 +73,12 @@ def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None
     stale = [old.lower, old.upper, old.hard_lower, old.hard_upper, old.velocity, fastest, highest]
     for holder in (
         loop.executor,
-        loop.outlook,
+        loop.robot.outlook,
         loop.parts.guard,
-        loop.submissions,
-        loop.health,
+        loop.commands.submissions,
+        loop.parts.health,
         loop.hardware,
-        loop.stops,
+        loop.commands.stops,
     ):
         left = [array for array in kept(holder) if any(np.array_equal(array, one) for one in stale)]
         assert not left, f"{type(holder).__name__} keeps limits that are no longer in force"
@@ -132,8 +132,8 @@ def test_gains_are_those_that_the_next_arming_writes(quiet: Rig) -> None:
 def test_thresholds_change_at_any_time_and_the_log_level_is_nothing_to_the_loop(armed: Rig) -> None:
     reply = armed.adopt({"thresholds.latency_warn_ms": 20.0, "log_level": "debug"}, reread=False)
     assert reply.error is None
-    assert armed.loop.parts.thresholds.latency_warn == 0.02
-    health = armed.loop.health
+    assert armed.loop.commands.gate_input.thresholds.latency_warn == 0.02
+    health = armed.loop.parts.health
     assert {health.total.threshold, health.hops["reply"].threshold} == {0.02}
     assert armed.loop.torque.armed
 
@@ -170,7 +170,7 @@ def test_a_change_that_may_not_be_made_changes_nothing(quiet: Rig, changes: dict
     assert (reply.error, codes(reply)) == ("Refused", [ReasonCode.CONFIG_REFUSED])
     assert all(one is other for one, other in zip(before, held(quiet), strict=True))
     assert quiet.front.briefings == []
-    assert quiet.loop.reloads.generation == 0
+    assert quiet.loop.commands.reloads.generation == 0
 
 
 def test_limits_do_not_change_while_torque_is_on(armed: Rig) -> None:
@@ -229,7 +229,7 @@ def test_limits_do_not_change_while_a_long_path_is_judged(make_rig: MakeRig) -> 
     rig.lease()
     count = 1500
     time = np.arange(1, count + 1) * 0.03
-    rows = np.tile(rig.loop.simulated.position, (count, 1))
+    rows = np.tile(rig.loop.robot.simulated.position, (count, 1))
     rig.submit(Trajectory(time, rows, np.ones(len(rig.names), np.bool_)))
     reply = rig.adopt(NARROW)
     assert codes(reply) == [ReasonCode.BUSY]
@@ -265,7 +265,7 @@ def test_changes_that_others_overtook_are_refused(quiet: Rig) -> None:
     assert quiet.adopt(NARROW, generation=2).error == "Refused"
     assert quiet.adopt(NARROW, generation=0).error == "Refused"
     assert quiet.adopt(NARROW).error is None
-    assert quiet.loop.reloads.generation == 1
+    assert quiet.loop.commands.reloads.generation == 1
     assert len(quiet.front.briefings) == 1, "the next front is told"
 
 
@@ -277,7 +277,7 @@ def test_a_changeable_briefing_is_as_good_as_a_broken_front(quiet: Rig) -> None:
     socket.send_fds(quiet.front.outer, [link.encode(command)], [fd])
     os.close(fd)
     quiet.ticks(2)
-    assert quiet.loop.link.front.socket is None
+    assert quiet.loop.parts.link.front.socket is None
     assert all(one is other for one, other in zip(before, held(quiet), strict=True))
 
 

@@ -46,7 +46,7 @@ def managed(tmp_path: Path) -> Iterator[tuple[Rig, Any]]:
 
 def test_a_hang_up_asks_the_front_and_ends_with_ready(managed: tuple[Rig, Any]) -> None:
     rig, told = managed
-    rig.loop.reloads.wanted = True
+    rig.loop.commands.reloads.wanted = True
     rig.ticks(1)
     (first,) = [text for text in told() if "RELOADING" in text]
     stamp = int(first.removeprefix("RELOADING=1\nMONOTONIC_USEC="))
@@ -90,7 +90,7 @@ def test_files_that_arrive_after_the_reload_timeout_change_nothing(
     reply = rig.adopt({**NARROW, "thresholds.latency_warn_ms": 20.0}, announced=False)
     assert codes(reply) == [ReasonCode.BUSY]
     assert all(one is other for one, other in zip(before[1:], held(rig)[1:], strict=True))
-    assert rig.loop.parts.thresholds.latency_warn != 0.02
+    assert rig.loop.commands.gate_input.thresholds.latency_warn != 0.02
     assert told().count("READY=1") == 1
     assert rig.adopt(NARROW).error is None
 
@@ -102,10 +102,10 @@ def test_a_front_that_never_answers_does_not_leave_a_reload_open(
     monkeypatch.setattr(reload_coordinator, "PATIENCE", 0.5)
     rig, told = managed
     before = held(rig)
-    rig.loop.reloads.wanted = True
+    rig.loop.commands.reloads.wanted = True
     rig.ticks(2)
     if how == "dead":
-        rig.loop.link.lost = True
+        rig.loop.parts.link.lost = True
         rig.ticks(2)
     else:
         rig.seconds(0.7)

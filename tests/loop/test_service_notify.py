@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from tests.support.daemon_rig import Rig
+from tests.support.described_robot import redescribe
 from tests.support.service_notify_rig import Manager
 from twind.link import EStop, Reset
-from twind.loop.procedures.torque_release import LETTING_GO
+from twind.loop.procedures.lowering import LETTING_GO
 from twind.loop.process.service_notify import STATUS, Notifier
 
 FAR = str(os.getpid() + 1)
@@ -131,7 +132,7 @@ class NotifyRig:
 
     def listen(self) -> None:
         """From now on the rig's loop tells this manager."""
-        self.rig.loop.parts = replace(self.rig.loop.parts, notifier=self.notifier)
+        vars(self.rig.loop.parts.notifier).update(vars(self.notifier))
 
     def seconds(self, seconds: float) -> list[str]:
         """Let time pass; return the messages of that time."""
@@ -157,7 +158,7 @@ def telling(tmp_path: Path) -> Iterator[NotifyRig]:
 
 
 def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: NotifyRig) -> None:
-    twin = telling.rig.loop.twin
+    twin = telling.rig.loop.parts.twin
     healthy = twin.update
     twin.update = lambda *_: 1 / 0
     telling.rig.ticks(2)  # the third in a row would end the daemon
@@ -209,10 +210,10 @@ def test_a_way_down_that_takes_long_asks_the_manager_for_its_time(telling: Notif
     rig.arm()
     rig.submit(rig.path("head_yaw", [0.8], [3.0]), more=True)  # keeps the lease
     telling.seconds(3.5)
-    slow = rig.loop.limits.velocity.copy()
+    slow = rig.loop.robot.limits.velocity.copy()
     slow[0] = 0.2  # rad/s
-    rig.loop.limits = replace(rig.loop.limits, velocity=slow)
-    rig.loop.stop_wanted = True
+    redescribe(rig.loop, limits=replace(rig.loop.robot.limits, velocity=slow))
+    rig.loop.condition.stop_wanted = True
     [asked] = [line for line in telling.seconds(1.0) if line.startswith("EXTEND_TIMEOUT_USEC=")]
     lasts = 1.875 * 0.8 / (0.95 * 0.2)
     assert int(asked.partition("=")[2]) / 1e6 == pytest.approx(lasts + LETTING_GO, abs=0.2)

@@ -12,6 +12,7 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 
@@ -48,7 +49,7 @@ def until(rig: Rig, what: Callable[[], bool], ticks: int) -> int:
         if what():
             return count
     said = [(event.code, event.message) for event in rig.events()]
-    raise AssertionError(f"not within {ticks} ticks: {rig.loop.state}, {said}")
+    raise AssertionError(f"not within {ticks} ticks: {rig.loop.condition.state}, {said}")
 
 
 def is_reported(rig: Rig, code: str, joint: int | None = None) -> Callable[[], bool]:
@@ -59,13 +60,13 @@ def is_reported(rig: Rig, code: str, joint: int | None = None) -> Callable[[], b
 
 
 def latched(rig: Rig, code: str) -> Callable[[], bool]:
-    return lambda: code in rig.loop.latches
+    return lambda: code in rig.loop.condition.latches
 
 
 def let_go(rig: Rig) -> None:
     """Lowered, and its torque read back off."""
-    until(rig, lambda: rig.loop.torque_off is True, 1200)
-    assert rig.loop.state is RobotState.FAULT
+    until(rig, lambda: torque_off(rig.loop) is True, 1200)
+    assert rig.loop.condition.state is RobotState.FAULT
 
 
 # ------------------------------------------------------------------------------------ FOLLOW_ERR, OVERCURRENT
@@ -80,17 +81,17 @@ def test_follow_err_a_joint_that_something_holds_is_held_where_it_is(rig: Rig) -
 
     def behind() -> bool:
         allowed = 0.2 + 0.03 * abs(rig.loop.executor.reference.velocity[place])
-        return bool(abs(rig.loop.written[place] - rig.truth[place]) > allowed)
+        return bool(abs(rig.loop.robot.written[place] - rig.truth[place]) > allowed)
 
     until(rig, behind, 200)
     until(rig, latched(rig, "FOLLOW_ERR"), 10 + 1 + SLACK)
-    assert rig.loop.latches["FOLLOW_ERR"].joint == place
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.latches["FOLLOW_ERR"].joint == place
+    assert rig.loop.condition.state is RobotState.FAULT
     rig.ticks(50)
-    assert rig.loop.written[place] == pytest.approx(rig.truth[place], abs=0.01)
+    assert rig.loop.robot.written[place] == pytest.approx(rig.truth[place], abs=0.01)
     assert rig.loop.hardware.readings.load[place] < 0.1
     assert (rig.register("torque_enable") == 1).all()
-    assert "SENSE_FROZEN" not in rig.loop.latches
+    assert "SENSE_FROZEN" not in rig.loop.condition.latches
     assert rig.loop.executor.motion is Motion.HOLDING
 
 
@@ -105,7 +106,7 @@ def test_overcurrent_a_joint_at_full_load_is_reported_and_held(rig: Rig) -> None
     until(rig, latched(rig, "OVERCURRENT"), 100 + LOOK + SLACK)
     rig.seconds(0.3)
     assert rig.loop.hardware.readings.load[place] < 0.1  # aimed at where it is, it pushes no more
-    assert "SERVO_ALERT" not in rig.loop.latches  # before it shut itself down
+    assert "SERVO_ALERT" not in rig.loop.condition.latches  # before it shut itself down
 
 
 def test_a_frozen_encoder_is_distinguished_from_a_blocked_shaft(rig: Rig) -> None:
@@ -113,8 +114,8 @@ def test_a_frozen_encoder_is_distinguished_from_a_blocked_shaft(rig: Rig) -> Non
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.freeze(1)
     until(rig, latched(rig, "SENSE_FROZEN"), 20 + LOOK + 1 + SLACK)
-    assert rig.loop.latches["SENSE_FROZEN"].joint == place
-    assert (rig.loop.state, rig.loop.executor.motion) == (RobotState.FAULT, Motion.HOLDING)
+    assert rig.loop.condition.latches["SENSE_FROZEN"].joint == place
+    assert (rig.loop.condition.state, rig.loop.executor.motion) == (RobotState.FAULT, Motion.HOLDING)
 
 
 # ------------------------------------------------------------------------------------------- OVERTEMP
@@ -131,7 +132,7 @@ def test_overtemp_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(ri
     seen: dict[float, int] = {}
     celsius = 57.0
     tick = 0
-    while rig.loop.state is RobotState.ARMED and tick < 1500:
+    while rig.loop.condition.state is RobotState.ARMED and tick < 1500:
         if tick % HEALTH == 0:
             celsius += 1.0
             heat(rig, celsius)
@@ -144,9 +145,9 @@ def test_overtemp_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(ri
                 crossed.setdefault(bound, tick)
             if bound in bounds:
                 seen.setdefault(bound, tick)
-        if seen.get(65.0) and tick > seen[65.0] + 1 and rig.loop.state is RobotState.ARMED:
+        if seen.get(65.0) and tick > seen[65.0] + 1 and rig.loop.condition.state is RobotState.ARMED:
             assert rig.loop.executor.pace == 0.5
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     for bound in (60.0, 65.0, 70.0):
         assert 0 < seen[bound] - crossed[bound] <= 100, (bound, seen, crossed)
     let_go(rig)
@@ -162,7 +163,7 @@ def test_overtemp_prevents_arming_until_the_servo_is_cool(rig: Rig) -> None:
         heat(rig, celsius)
         rig.ticks(VOTES + SLACK)
         rig.lease()
-        if rig.loop.state is RobotState.FAULT:
+        if rig.loop.condition.state is RobotState.FAULT:
             assert rig.call(link.Reset).error is None
         reply = rig.call(link.Arm)
         assert (reply.error is None) is arms, reply
@@ -180,7 +181,7 @@ def test_voltage_a_falling_supply_is_reported_lowers_the_robot_and_ends_damped(r
     tick = 0
     crossed: dict[float, int] = {}
     seen: dict[float, int] = {}
-    while rig.loop.state is RobotState.ARMED and tick < 1000:
+    while rig.loop.condition.state is RobotState.ARMED and tick < 1000:
         if tick % HEALTH == 0:
             volts -= 0.1
             supply(volts)
@@ -193,7 +194,7 @@ def test_voltage_a_falling_supply_is_reported_lowers_the_robot_and_ends_damped(r
                 crossed.setdefault(bound, tick)
             if any(abs(each - bound) < 1e-6 for each in bounds):
                 seen.setdefault(bound, tick)
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     for bound in (11.1, 10.5):
         assert 0 < seen[bound] - crossed[bound] <= 10 + HEALTH + SLACK, (bound, seen, crossed)
     supply(10.4)
@@ -204,7 +205,7 @@ def test_voltage_where_nothing_can_be_held_any_more_the_robot_is_soft_at_once(ri
     nod(rig)
     rig.virtual["main"].faults.supply(9.8)
     until(rig, latched(rig, "VOLTAGE"), 10 + 10 + HEALTH + SLACK)  # the registers follow within 0.1 s
-    assert rig.loop.latches["VOLTAGE"].bound == pytest.approx(10.0)
+    assert rig.loop.condition.latches["VOLTAGE"].bound == pytest.approx(10.0)
     until(rig, lambda: bool(rig.events("DAMP")), 10)
     let_go(rig)
 
@@ -223,15 +224,15 @@ def test_a_gap_is_a_fault_and_no_goal_of_before_leaves_after_it(
     rig: Rig, seconds: float, slept: float
 ) -> None:
     nod(rig)
-    before = rig.loop.written.copy()
+    before = rig.loop.robot.written.copy()
     stopped(rig, seconds, slept)
     rig.ticks(1)
-    assert rig.loop.state is RobotState.FAULT
-    assert "TIME_GAP" in rig.loop.latches
-    assert rig.loop.written == pytest.approx(before, abs=1e-12)
+    assert rig.loop.condition.state is RobotState.FAULT
+    assert "TIME_GAP" in rig.loop.condition.latches
+    assert rig.loop.robot.written == pytest.approx(before, abs=1e-12)
     rig.ticks(100)
     assert rig.loop.executor.motion is Motion.HOLDING
-    assert rig.loop.written == pytest.approx(before, abs=0.02)
+    assert rig.loop.robot.written == pytest.approx(before, abs=0.02)
     assert rig.call(link.Arm).error is not None
     assert rig.call(link.Disarm, ticks=1500).error is None
     assert rig.call(link.Reset).error is None
@@ -244,7 +245,7 @@ def test_a_gap_is_a_fault_and_no_goal_of_before_leaves_after_it(
 
 def full_speed(rig: Rig, joint: int) -> Trajectory:
     """One joint there and back, with all the acceleration and speed it may have."""
-    limits = rig.loop.limits
+    limits = rig.loop.robot.limits
     here = rig.loop.executor.reference.position
     up = limits.upper[joint] - 0.1 - here[joint]
     down = here[joint] - limits.lower[joint] - 0.1
@@ -294,16 +295,16 @@ def test_a_joint_at_full_speed_trips_nothing(rig: Rig, joints: tuple[int, ...]) 
         if rig.names[joint].endswith("hip_yaw"):
             continue  # the feet would meet: LOOKAHEAD_COLLISION slows it, or holds
         rig.lease()
-        rig.loop.motion_epoch = rig.loop.lease.epoch
+        rig.loop.commands.submissions.epoch = rig.loop.parts.lease.epoch
         assert rig.loop.executor.submit("full", full_speed(rig, joint)) is None
         fastest = 0.0
         while rig.loop.executor.motion is Motion.ACTIVE:
             rig.ticks(1)
-            rig.loop.lease.renew(7, rig.clock.now())
-            fastest = max(fastest, abs(float(rig.loop.measured.velocity[joint])))
+            rig.loop.parts.lease.renew(7, rig.clock.now())
+            fastest = max(fastest, abs(float(rig.loop.robot.measured.velocity[joint])))
         assert fastest > 1.5  # rad/s; the way of some is too short for more
     assert not {event.code for event in rig.events()} & TRIPS
-    assert rig.loop.state is RobotState.ARMED
+    assert rig.loop.condition.state is RobotState.ARMED
 
 
 @pytest.mark.parametrize("name", ["reach", "squat", pytest.param("wave", marks=pytest.mark.slow)])

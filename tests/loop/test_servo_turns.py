@@ -38,10 +38,10 @@ class Watched(Rig):
             loop = self.loop
             settled = loop.hardware.connected and loop.identity.verified.joints.all()
             if loop.torque.armed or settled:
-                assert np.abs(loop.measured.position - self.truth).max() < 0.1, self.truth
+                assert np.abs(loop.robot.measured.position - self.truth).max() < 0.1, self.truth
                 if self.last is not None:
-                    assert np.abs(loop.measured.position - self.last).max() < 0.1
-            self.last = loop.measured.position.copy() if loop.torque.armed or settled else None
+                    assert np.abs(loop.robot.measured.position - self.last).max() < 0.1
+            self.last = loop.robot.measured.position.copy() if loop.torque.armed or settled else None
 
 
 @st.composite
@@ -78,7 +78,7 @@ def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
         rig.connect()
         rig.lease()
         reply = rig.call(link.Arm)
-        limits = rig.loop.limits
+        limits = rig.loop.robot.limits
         place = np.array([start[name] for name in NAMES])
         reachable = bool(((place > limits.hard_lower + 0.01) & (place < limits.hard_upper - 0.01)).all())
         if reply.error is not None:
@@ -96,6 +96,6 @@ def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
         rig.seconds(3.5)
         place[0] = to
         assert np.abs(rig.truth - place).max() < NEAR
-        assert rig.loop.latches == {}
+        assert rig.loop.condition.latches == {}
     finally:
         rig.close()

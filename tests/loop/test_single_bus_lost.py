@@ -5,6 +5,8 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.loop.procedures.internal_faults import inhibit
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 
@@ -19,8 +21,8 @@ def one_bus_lost(make_rig: MakeRig, support: str | None = None) -> Rig:
     rig.seconds(0.5)
     rig.virtual["upper"].faults.unplug()
     rig.seconds(10.0)
-    assert rig.loop.state is RobotState.FAULT
-    assert "PORT_LOST" in rig.loop.latches
+    assert rig.loop.condition.state is RobotState.FAULT
+    assert "PORT_LOST" in rig.loop.condition.latches
     return rig
 
 
@@ -33,8 +35,8 @@ def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     rig.virtual["upper"].faults.replug()
     rig.seconds(3.0)
-    assert rig.loop.state is RobotState.FAULT
-    assert rig.loop.inherited is True  # the servos of the lost bus kept their torque
+    assert rig.loop.condition.state is RobotState.FAULT
+    assert torque_inherited(rig.loop) is True  # the servos of the lost bus kept their torque
     rig.call(link.Disarm, ticks=1200)
     assert (rig.register("torque_enable") == 0).all()
     rig.call(link.Reset)
@@ -61,12 +63,12 @@ def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(
     upper.faults.replug()
     rig.seconds(3.0)
     assert rig.loop.hardware.connected
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     assert np.array_equal(upper.servos["goal_position"], goals)
     assert np.array_equal(lower.servos["goal_position"], held)
     rig.call(link.Disarm, ticks=700)
     assert (rig.register("torque_enable") == 0).all()
-    assert np.abs(rig.truth - rig.loop.rest).max() < 0.05  # all of it was lowered, the returned bus too
+    assert np.abs(rig.truth - rig.loop.robot.rest).max() < 0.05  # all of it was lowered, the returned bus too
     rig.call(link.Reset)
     rig.lease()
     assert rig.call(link.Arm).error is None
@@ -83,7 +85,7 @@ def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold(
     rig.seconds(3.0)
     assert rig.loop.hardware.connected
     assert rig.loop.torque.soft_since is None
-    assert "FOLLOW_ERR" not in rig.loop.latches
+    assert "FOLLOW_ERR" not in rig.loop.condition.latches
     assert all(lower.servos["torque_enable"])
 
 
@@ -96,8 +98,8 @@ def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned(ma
     rig.virtual["lower"].faults.unplug()
     rig.seconds(8.0)
     assert rig.loop.torque.armed is False
-    assert rig.loop.inherited is True
-    assert rig.loop.state is RobotState.FAULT
+    assert torque_inherited(rig.loop) is True
+    assert rig.loop.condition.state is RobotState.FAULT
     assert all(upper["torque_enable"])
     assert np.array_equal(upper["goal_position"], goals)
 
@@ -105,12 +107,12 @@ def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned(ma
 def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other(make_rig: MakeRig) -> None:
     rig = make_rig("h24-split")
     rig.arm()
-    rig.loop.inhibit(Finding(ReasonCode.INTERNAL), rig.clock.now())
+    inhibit(rig.loop, Finding(ReasonCode.INTERNAL), rig.clock.now())
     rig.seconds(0.5)
     rig.virtual["upper"].faults.unplug()
     rig.seconds(2.0)
-    assert "PORT_LOST" in rig.loop.latches
-    assert rig.loop.state is RobotState.INHIBITED
+    assert "PORT_LOST" in rig.loop.condition.latches
+    assert rig.loop.condition.state is RobotState.INHIBITED
     assert all(rig.virtual["lower"].servos["torque_enable"])
 
 
@@ -123,9 +125,9 @@ def test_a_robot_holding_after_a_bus_loss_is_lowered_by_e_stop_or_sigterm(
         rig.send(link.EStop)
         rig.seconds(5.0)
     else:
-        rig.loop.stop_wanted = True
+        rig.loop.condition.stop_wanted = True
         rig.seconds(6.5)
-        assert rig.loop.finished
+        assert rig.loop.condition.finished
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     assert abs(rig.truth[rig.names.index("l_knee")]) < 0.05
 

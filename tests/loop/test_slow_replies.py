@@ -37,9 +37,9 @@ def messages(rig: Rig) -> list[str]:
 
 def test_servos_as_delivered_are_identified_and_read(fresh: Rig) -> None:
     fresh.seconds(1.0)
-    assert fresh.loop.state == "connected", messages(fresh)
+    assert fresh.loop.condition.state == "connected", messages(fresh)
     fresh.seconds(1.0)
-    assert (fresh.loop.measured.age <= 0.02).all()
+    assert (fresh.loop.robot.measured.age <= 0.02).all()
     assert (fresh.loop.hardware.slow.torque == 0).all()
 
 
@@ -71,13 +71,13 @@ def test_every_servo_is_read_again_after_a_missing_reply(fresh: Rig) -> None:
     fresh.seconds(0.02)
     servos["status_return_level"][5] = 2
     fresh.seconds(0.5)
-    assert (fresh.loop.measured.age <= 0.02).all()
+    assert (fresh.loop.robot.measured.age <= 0.02).all()
     servos["status_return_level"][5] = 0  # for longer: it is parked, the others are read
     fresh.seconds(1.0)
-    assert (np.delete(fresh.loop.measured.age, 5) <= 0.02).all()
+    assert (np.delete(fresh.loop.robot.measured.age, 5) <= 0.02).all()
     servos["status_return_level"][5] = 2
     fresh.seconds(1.5)
-    assert (fresh.loop.measured.age <= 0.02).all()
+    assert (fresh.loop.robot.measured.age <= 0.02).all()
 
 
 def test_the_remedy_that_is_printed_works(fresh: Rig) -> None:
@@ -88,7 +88,7 @@ def test_the_remedy_that_is_printed_works(fresh: Rig) -> None:
         assert reply.error is None, reply
     calibrated(fresh)
     fresh.seconds(1.0)
-    assert fresh.loop.state == "connected"
+    assert fresh.loop.condition.state == "connected"
     assert not fresh.loop.hardware.ports[0].resting
     assert fresh.register("return_delay_time").tolist() == [5] * 24
 
@@ -96,7 +96,7 @@ def test_the_remedy_that_is_printed_works(fresh: Rig) -> None:
 def test_a_reading_longer_than_a_tick_is_not_asked_and_named(old: Rig) -> None:
     old.seconds(3.0)
     (port,) = old.loop.hardware.ports
-    assert (old.loop.state, port.link) == ("identifying", PortState.IDENTIFYING)
+    assert (old.loop.condition.state, port.link) == ("identifying", PortState.IDENTIFYING)
     slow, *others = old.loop.identity.troubles
     assert len(others) == 23
     assert all("answers slowly: return delay is 500 us" in each.message for each in (slow, *others))
@@ -112,8 +112,8 @@ def test_the_return_delay_can_be_corrected_before_identification(old: Rig) -> No
         assert reply.error is None, reply
     calibrated(old)
     old.seconds(2.0)
-    assert old.loop.state == "connected", messages(old)
-    assert np.isfinite(old.loop.measured.position).all()
+    assert old.loop.condition.state == "connected", messages(old)
+    assert np.isfinite(old.loop.robot.measured.position).all()
 
 
 def test_a_register_is_written_while_the_torque_of_another_servo_is_unknown(old: Rig) -> None:
@@ -146,8 +146,8 @@ def test_a_missing_servo_is_not_waited_for_repeatedly(make_rig: MakeRig) -> None
     ages = []
     for _ in range(300):
         rig.ticks(1)
-        ages.append(np.delete(rig.loop.measured.age, 4).max())
-    assert rig.loop.state == "identifying"
+        ages.append(np.delete(rig.loop.robot.measured.age, 4).max())
+    assert rig.loop.condition.state == "identifying"
     assert max(ages) <= 0.05
 
 

@@ -33,20 +33,20 @@ def test_every_tick_is_published_once_with_its_number(live: Rig) -> None:
     numbers = [tick.sequence for tick in of(live, link.Tick)]
     assert numbers == list(range(numbers[0], numbers[0] + 30))
     gaps = np.diff([tick.time for tick in of(live, link.Tick)])
-    assert gaps == pytest.approx(live.loop.period)
+    assert gaps == pytest.approx(live.loop.robot.period)
 
 
 def test_the_arrays_of_a_tick_are_the_loops_own_in_joint_order(armed: Rig) -> None:
     armed.ticks(5)
     tick = of(armed, link.Tick)[-1]
     loop = armed.loop
-    assert floats(tick.position).tolist() == loop.measured.position.tolist()
-    assert floats(tick.velocity).tolist() == loop.measured.velocity.tolist()
-    assert floats(tick.effort).tolist() == loop.measured.effort.tolist()
-    assert floats(tick.age).tolist() == loop.measured.age.tolist()
-    assert floats(tick.simulated).tolist() == loop.simulated.position.tolist()
+    assert floats(tick.position).tolist() == loop.robot.measured.position.tolist()
+    assert floats(tick.velocity).tolist() == loop.robot.measured.velocity.tolist()
+    assert floats(tick.effort).tolist() == loop.robot.measured.effort.tolist()
+    assert floats(tick.age).tolist() == loop.robot.measured.age.tolist()
+    assert floats(tick.simulated).tolist() == loop.robot.simulated.position.tolist()
     assert tick.heard == bytes([1] * N)
-    assert floats(tick.goal) == pytest.approx(loop.written)
+    assert floats(tick.goal) == pytest.approx(loop.robot.written)
     assert (tick.mode, tick.state, tick.motion, tick.armed) == ("live", "armed", "holding", True)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, Rig
 from twind import link, sealed_memfd
-from twind.loop.tick.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard_types import GuardDecision, Reaction
@@ -17,7 +16,7 @@ JOINT = "l_elbow"
 
 def path(rig: Rig, *way: float, step: float = 0.5) -> Trajectory:
     """Places of one joint, rad of bending from where it is, `step` s apart."""
-    here = float(rig.loop.measured.position[rig.names.index(JOINT)])
+    here = float(rig.loop.robot.measured.position[rig.names.index(JOINT)])
     return rig.path(JOINT, [here - each for each in way], [step * (k + 1) for k in range(len(way))])
 
 
@@ -99,8 +98,8 @@ def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(armed: Rig
         (reply,) = last(armed, raw(armed, data, **fields))
         assert reply.error == "Refused"
         assert codes(reply) == ["BAD_SHAPE"]
-        assert armed.loop.state == "armed"
-        assert not armed.loop.submissions.busy
+        assert armed.loop.condition.state == "armed"
+        assert not armed.loop.commands.gate_input.busy
 
 
 def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:
@@ -127,7 +126,7 @@ def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
 def test_a_state_change_during_a_long_check_is_checked_again(armed: Rig) -> None:
     count = 2000
     n = len(armed.names)
-    rows = np.tile(armed.loop.measured.position, (count, 1))
+    rows = np.tile(armed.loop.robot.measured.position, (count, 1))
     long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
     ticket = armed.submit(long)
     armed.send(link.ReleaseLease)
@@ -203,7 +202,7 @@ def setpoint(rig: Rig, *positions: float, joints: list[int] | None = None, **mor
 
 
 def test_a_setpoint_is_answered_with_the_tick_that_takes_it_and_no_changes(armed: Rig) -> None:
-    here = float(armed.loop.measured.position[armed.names.index(JOINT)])
+    here = float(armed.loop.robot.measured.position[armed.names.index(JOINT)])
     reply = setpoint(armed, here + 0.01)
     assert reply.error is None
     assert reply.parameters == {"sequence": pytest.approx(armed.loop.figures.ticks, abs=2), "changes": []}
@@ -212,7 +211,7 @@ def test_a_setpoint_is_answered_with_the_tick_that_takes_it_and_no_changes(armed
 
 def test_a_clamped_setpoint_reports_joint_value_and_bound(armed: Rig) -> None:
     place = armed.names.index(JOINT)
-    upper = float(armed.loop.limits.upper[place])
+    upper = float(armed.loop.robot.limits.upper[place])
     reply = setpoint(armed, upper + 0.5, allow_clamp=True)
     (change,) = reply.parameters["changes"]
     assert (change["code"], change["joint"]) == ("POS_LIMIT", place)
@@ -233,7 +232,7 @@ def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(armed: Rig) 
         assert reply.error == "Refused"
         assert code in codes(reply)
         assert armed.loop.executor.motion == "holding"
-        assert armed.loop.state == "armed"
+        assert armed.loop.condition.state == "armed"
 
 
 def test_a_setpoint_without_the_lease_is_refused(armed: Rig) -> None:
@@ -271,8 +270,8 @@ def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig
 
 def test_the_reaction_of_the_guard_is_in_its_event(armed: Rig) -> None:
     why = (Finding(ReasonCode.FOLLOW_ERR, 3, message="ordered by the test"),)
-    react(armed.loop, GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
-    react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())
+    armed.loop.reactions.react(GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
+    armed.loop.reactions.react(GuardDecision(Reaction.NONE, why), None, armed.clock.now())
     armed.ticks(2)
     assert [event.stop for event in armed.events(ReasonCode.FOLLOW_ERR)] == ["hold", ""]
 

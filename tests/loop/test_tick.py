@@ -38,7 +38,7 @@ def test_motion_holds_when_the_lease_lapses(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [1.0], [4.0]))
     armed.seconds(1.5)
     assert armed.loop.executor.motion is Motion.HOLDING
-    assert armed.loop.state is RobotState.ARMED
+    assert armed.loop.condition.state is RobotState.ARMED
     assert (armed.register("torque_enable") == 1).all()
     assert 0.05 < armed.truth[0] < 0.6
 
@@ -67,14 +67,14 @@ def test_a_servo_silent_for_half_a_second_is_a_fault_and_the_others_hold(armed: 
     armed.virtual["main"].faults.silence(7)
     armed.ticks(15)
     assert armed.loop.executor.motion is Motion.HOLDING
-    assert armed.loop.state is RobotState.ARMED
+    assert armed.loop.condition.state is RobotState.ARMED
     armed.seconds(0.5)
-    assert armed.loop.state is RobotState.FAULT
+    assert armed.loop.condition.state is RobotState.FAULT
     held = armed.truth
     armed.seconds(6.0)
     assert (armed.register("torque_enable") == 1).all()  # it hangs on a gantry
     assert armed.truth == pytest.approx(held, abs=0.002)
-    assert armed.loop.state is RobotState.FAULT
+    assert armed.loop.condition.state is RobotState.FAULT
     assert armed.call(link.Disarm, ticks=1000).error is not None  # one cannot confirm it
     assert (np.delete(armed.register("torque_enable"), 6) == 0).all()
 
@@ -85,7 +85,7 @@ def test_a_servo_silent_for_half_a_second_lowers_what_stands_freely(make_rig: Ma
     rig.arm()
     rig.virtual["main"].faults.silence(7)
     rig.seconds(0.6)
-    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.condition.state is RobotState.FAULT
     rig.seconds(14.0)
     assert (np.delete(rig.register("torque_enable"), 6) == 0).all()
 
@@ -93,8 +93,8 @@ def test_a_servo_silent_for_half_a_second_lowers_what_stands_freely(make_rig: Ma
 def test_a_servo_that_drops_its_torque_is_a_fault(armed: Rig) -> None:
     armed.virtual["main"].servos.torque(3, False)
     armed.seconds(0.3)
-    assert armed.loop.state is RobotState.FAULT
-    assert "TORQUE_MISMATCH" in armed.loop.latches
+    assert armed.loop.condition.state is RobotState.FAULT
+    assert "TORQUE_MISMATCH" in armed.loop.condition.latches
 
 
 def test_mirror_writes_nothing_and_moves_only_the_simulation(make_rig: MakeRig) -> None:
@@ -106,7 +106,7 @@ def test_mirror_writes_nothing_and_moves_only_the_simulation(make_rig: MakeRig) 
     ticket = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
     rig.seconds(2.0)
     assert last(rig, ticket).parameters["phase"] == "succeeded"
-    assert rig.loop.simulated.position[0] == pytest.approx(0.4, abs=0.05)
+    assert rig.loop.robot.simulated.position[0] == pytest.approx(0.4, abs=0.05)
     assert np.array_equal(rig.register("goal_position"), goals)
     assert np.array_equal(rig.truth, truth)
 
@@ -116,7 +116,7 @@ def test_sim_opens_no_bus_and_still_judges(make_rig: MakeRig) -> None:
     rig.ticks(10)
     assert all(port.reader is None for port in rig.loop.hardware.ports)
     rig.lease()
-    rig.loop.measured = rig.loop.simulated
+    rig.loop.robot.measured = rig.loop.robot.simulated
     good = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
     rig.seconds(1.8)
     assert last(rig, good).parameters["phase"] == "succeeded"
@@ -131,7 +131,7 @@ def test_estop_in_sim_latches_and_answers_at_once(make_rig: MakeRig) -> None:
     rig.lease()
     reply = rig.call(link.EStop, ticks=3)
     assert reply.parameters == {"state": "estop", "torque_off": None, "done": True}
-    rig.loop.measured = rig.loop.simulated
+    rig.loop.robot.measured = rig.loop.robot.simulated
     refused = rig.submit(rig.path("head_yaw", [0.4], [1.0]))
     rig.ticks(3)
     assert "ESTOP_LATCHED" in [f["code"] for f in last(rig, refused).parameters["findings"]]
@@ -150,15 +150,15 @@ def test_after_e_stop_and_reset_in_sim_the_simulation_moves_only_on_a_new_comman
     rig.seconds(0.6)
     rig.call(link.EStop, ticks=3)
     rig.seconds(1.0)
-    stopped = rig.loop.simulated.position.copy()
+    stopped = rig.loop.robot.simulated.position.copy()
     assert 0.1 < stopped[rig.names.index("head_yaw")] < 0.8
     rig.call(link.Reset)
     rig.seconds(1.0)
-    assert np.abs(rig.loop.simulated.position - stopped).max() < 0.01
+    assert np.abs(rig.loop.robot.simulated.position - stopped).max() < 0.01
     rig.lease()
     rig.submit(rig.path("head_yaw", [0.4], [1.5]))
     rig.seconds(2.0)
-    assert abs(rig.loop.simulated.position[rig.names.index("head_yaw")] - 0.4) < 0.05
+    assert abs(rig.loop.robot.simulated.position[rig.names.index("head_yaw")] - 0.4) < 0.05
 
 
 def test_modes_change_only_while_disarmed(armed: Rig) -> None:
@@ -200,11 +200,11 @@ def test_a_bus_without_replies_counts_as_disconnected_and_is_identified_again(li
     assert live.loop.hardware.connected
     live.seconds(1.5)
     assert not live.loop.hardware.connected
-    assert live.loop.state is RobotState.IDENTIFYING
+    assert live.loop.condition.state is RobotState.IDENTIFYING
     for id in range(1, 25):
         live.virtual["main"].faults.silence(id, False)
     live.seconds(3.0)
-    assert live.loop.state is RobotState.CONNECTED
+    assert live.loop.condition.state is RobotState.CONNECTED
     assert not live.loop.identity.troubles
 
 
@@ -224,7 +224,7 @@ def test_a_minute_of_robot_without_a_refusal_a_fault_or_a_missed_reading(make_ri
         assert last(rig, ticket).parameters["phase"] == "succeeded"
         ends += 1
     assert ends > 8
-    assert rig.loop.state is RobotState.ARMED
+    assert rig.loop.condition.state is RobotState.ARMED
     assert rig.loop.hardware.ports[0].counts.errors == 0
     assert rig.loop.figures.missed == 0
 

@@ -61,7 +61,7 @@ def test_raw_counts_are_null_in_sim(make_rig: MakeRig) -> None:
 def test_the_time_of_a_message_is_that_of_its_reading(live: Rig) -> None:
     live.connect()
     news = [each for each in live.news if isinstance(each, link.Tick)][-1]
-    assert news.read == live.loop.measured.time
+    assert news.read == live.loop.robot.measured.time
     assert news.read > news.time  # read after the tick had begun
 
 

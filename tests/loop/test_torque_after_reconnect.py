@@ -5,6 +5,7 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import RobotState
 
 
@@ -26,7 +27,7 @@ def test_a_reboot_that_waits_does_not_land_on_a_robot_that_is_armed(live: Rig) -
     live.call(link.Arm)
     live.seconds(1.0)
     assert on(live).all() or not on(live).any()
-    assert live.loop.state in (RobotState.ARMED, RobotState.CONNECTED, RobotState.IDENTIFYING)
+    assert live.loop.condition.state in (RobotState.ARMED, RobotState.CONNECTED, RobotState.IDENTIFYING)
 
 
 @pytest.mark.parametrize("kind", [link.Disarm, link.EStop])
@@ -40,7 +41,7 @@ def test_taking_the_lease_never_cuts_the_way_to_the_rest_pose(armed: Rig, kind: 
     while on(armed).any():
         lowest = armed.truth
         armed.ticks(1)
-    assert np.abs(lowest - armed.loop.rest).max() < 0.05
+    assert np.abs(lowest - armed.loop.robot.rest).max() < 0.05
 
 
 def test_a_robot_found_energised_is_lowered_though_one_servo_never_answered(make_rig: MakeRig) -> None:
@@ -52,9 +53,9 @@ def test_a_robot_found_energised_is_lowered_though_one_servo_never_answered(make
     rig.ticks(60)
     assert np.delete(on(rig), 8).all()  # on its way, not dropped
     rig.seconds(6.0)
-    assert abs(rig.truth[0] - rig.loop.rest[0]) < 0.05
+    assert abs(rig.truth[0] - rig.loop.robot.rest[0]) < 0.05
     assert not np.delete(on(rig), 8).any()
-    assert "INTERNAL" not in rig.loop.latches
+    assert "INTERNAL" not in rig.loop.condition.latches
 
 
 def test_torque_is_not_reported_off_while_an_armed_bus_is_absent(make_rig: MakeRig) -> None:
@@ -82,20 +83,20 @@ def test_an_estop_while_the_bus_is_away_is_carried_out_when_it_comes_back(armed:
     armed.virtual["main"].faults.replug()
     armed.seconds(3.0)
     assert not on(armed).any()
-    assert armed.loop.torque_off is True
+    assert torque_off(armed.loop) is True
 
 
 def test_sigterm_waits_for_a_bus_that_went_away_with_our_torque(armed: Rig) -> None:
     armed.virtual["main"].faults.unplug()
     armed.ticks(10)
-    armed.loop.stop_wanted = True
+    armed.loop.condition.stop_wanted = True
     armed.ticks(5)
     armed.virtual["main"].faults.replug()
     for _ in range(1500):
-        if armed.loop.finished:
+        if armed.loop.condition.finished:
             break
         armed.ticks(1)
-    assert armed.loop.finished
+    assert armed.loop.condition.finished
     assert not on(armed).any()
 
 
@@ -109,10 +110,10 @@ def test_a_bug_while_arming_what_was_found_energised_ends_unarmed_and_answered(
     rig.lease()
     ticket = rig.send(link.Arm)
     rig.ticks(moment)
-    update = rig.loop.twin.update
-    monkeypatch.setattr(rig.loop.twin, "update", lambda *_: 1 / 0)
+    update = rig.loop.parts.twin.update
+    monkeypatch.setattr(rig.loop.parts.twin, "update", lambda *_: 1 / 0)
     rig.ticks(1)
-    monkeypatch.setattr(rig.loop.twin, "update", update)
+    monkeypatch.setattr(rig.loop.parts.twin, "update", update)
     rig.seconds(1.0)
     assert len([reply for reply in rig.replies(ticket) if not reply.continues]) == 1
     if rig.replies(ticket)[-1].error is not None:
@@ -122,10 +123,10 @@ def test_a_bug_while_arming_what_was_found_energised_ends_unarmed_and_answered(
 
 def test_stops_that_keep_coming_do_not_put_off_the_end_of_the_daemon(live: Rig) -> None:
     live.connect()
-    live.loop.stop_wanted = True
+    live.loop.condition.stop_wanted = True
     for _ in range(200):
-        if live.loop.finished:
+        if live.loop.condition.finished:
             break
         live.send(link.EStop, level="cut")
         live.ticks(1)
-    assert live.loop.finished
+    assert live.loop.condition.finished

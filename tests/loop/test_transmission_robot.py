@@ -55,13 +55,13 @@ def bent(rig: Rig) -> Floats:
 def move(rig: Rig, goal: Floats, seconds: float = 2.5) -> float:
     """All joints there; the largest difference on the way between what was read and what is true, rad."""
     rig.lease()
-    both = np.stack([rig.loop.measured.position, goal])
+    both = np.stack([rig.loop.robot.measured.position, goal])
     path = Trajectory(np.array([0.0, seconds]), both, np.ones(len(goal), np.bool_))
     ticket = rig.submit(path)
     worst = 0.0
     for tick in range(round((seconds + 1.0) * 100)):
         rig.ticks(1)
-        worst = max(worst, float(np.abs(rig.truth - rig.loop.measured.position).max()))
+        worst = max(worst, float(np.abs(rig.truth - rig.loop.robot.measured.position).max()))
         if tick % 50 == 0:
             rig.lease()
     assert rig.replies(ticket)[-1].parameters["verdict"]["refusals"] == []
@@ -73,9 +73,9 @@ def test_a_robot_with_transmissions_arms_moves_reads_true_positions_and_disarms(
     worst = move(rig, bent(rig))
     assert rig.truth == pytest.approx(bent(rig), abs=2e-3)
     assert worst < 0.02  # of a reading that is some ms old
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=1e-3)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=1e-3)
     assert rig.call(link.Disarm, ticks=2000).error is None
-    assert rig.loop.state == "connected"
+    assert rig.loop.condition.state == "connected"
     assert not rig.register("torque_enable").any()
     assert rig.truth == pytest.approx(np.zeros(5), abs=2e-3)
 
@@ -86,7 +86,7 @@ def test_an_ankle_of_can_actuators_goes_where_it_is_sent_too(make_rig: MakeRig, 
     rig.arm()
     move(rig, bent(rig))
     assert rig.truth == pytest.approx(bent(rig), abs=5e-3)
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=2e-3)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=2e-3)
     assert rig.call(link.Disarm, ticks=2000).error is None
 
 
@@ -100,7 +100,7 @@ def test_a_body_behind_its_transmissions_goes_where_it_is_sent(
     worst = move(rig, bent(rig))
     assert worst < 2e-3
     resolution = rig.loop.hardware.resolution
-    assert (np.abs(rig.truth - rig.loop.measured.position) <= resolution).all()
+    assert (np.abs(rig.truth - rig.loop.robot.measured.position) <= resolution).all()
     sag = np.abs(rig.truth - bent(rig))
     assert sag[rig.names.index("knee")] < 0.1  # a position loop without I hangs a little
     assert np.delete(sag, rig.names.index("knee")).max() < 0.01
@@ -113,7 +113,7 @@ def test_an_actuator_without_replies_makes_all_its_joints_stale(
     rig.connect()
     rig.virtual[bus].faults.silence(silent)
     rig.seconds(0.3)
-    state = rig.loop.measured
+    state = rig.loop.robot.measured
     quiet = {name for name, heard in zip(rig.names, state.heard.tolist(), strict=True) if not heard}
     assert quiet == set(joints)
     for name in joints:
@@ -137,7 +137,7 @@ def test_another_individual_robot_of_the_type_reads_true_positions(
     rig = make_rig(str(path), truth=random_truth(robot, seed))
     rig.arm()
     move(rig, bent(rig))
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.02)  # play of its gears
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.02)  # play of its gears
     assert rig.truth == pytest.approx(bent(rig), abs=0.02)
 
 
@@ -167,7 +167,7 @@ def test_limp_joints_beyond_their_table_have_positions_and_prevent_arming(rig: R
     for actuator in (5, 6):  # both rods pushed 1.3 rad, where the table ends at 1.15
         rig.virtual["leg"].faults.hand(id=actuator, rad=1.3, speed=3.0)
     rig.seconds(1.0)
-    state = rig.loop.measured
+    state = rig.loop.robot.measured
     pitch = rig.names.index("ankle_pitch")
     assert state.heard.all()
     assert state.position[pitch] > linked.ankle(1.15, 1.15)[0]
@@ -175,7 +175,7 @@ def test_limp_joints_beyond_their_table_have_positions_and_prevent_arming(rig: R
     reply = rig.call(link.Arm)
     told = {finding["joint"] for finding in reply.parameters["findings"]}
     assert pitch in told
-    assert rig.loop.state == "connected"
+    assert rig.loop.condition.state == "connected"
 
 
 def test_a_hot_motor_keeps_each_joint_that_it_turns_from_moving(rig: Rig) -> None:
@@ -185,7 +185,7 @@ def test_a_hot_motor_keeps_each_joint_that_it_turns_from_moving(rig: Rig) -> Non
     for joint, free in (("waist_roll", False), ("waist_yaw", False), ("knee", True)):
         rig.lease()
         ticket = rig.submit(
-            rig.path(joint, [rig.loop.measured.position[rig.names.index(joint)], 0.1], [0.0, 2.0])
+            rig.path(joint, [rig.loop.robot.measured.position[rig.names.index(joint)], 0.1], [0.0, 2.0])
         )
         rig.ticks(2)
         told = [(one["code"], one["joint"]) for one in rig.replies(ticket)[-1].parameters.get("findings", [])]
@@ -198,13 +198,15 @@ def test_a_blocked_motor_stops_each_of_its_joints_in_place(rig: Rig) -> None:
     rig.lease()
     rig.submit(
         Trajectory(
-            np.array([0.0, 1.0]), np.stack([rig.loop.measured.position, bent(rig)]), np.ones(5, np.bool_)
+            np.array([0.0, 1.0]),
+            np.stack([rig.loop.robot.measured.position, bent(rig)]),
+            np.ones(5, np.bool_),
         )
     )
     rig.seconds(1.6)
-    assert rig.loop.state == "fault"
-    goal = rig.loop.written
-    place = rig.loop.measured.position
+    assert rig.loop.condition.state == "fault"
+    goal = rig.loop.robot.written
+    place = rig.loop.robot.measured.position
     for joint in WAIST:
         at = rig.names.index(joint)
         assert goal[at] == pytest.approx(place[at], abs=0.02), joint

@@ -19,9 +19,11 @@ def test_the_simulation_begins_inside_the_limits_and_stays_sound(make_rig: MakeR
     rig.connect()
     rig.seconds(1.0)
     loop = rig.loop
-    limits = rig.loop.limits
-    beyond = np.abs(loop.measured.position - np.clip(loop.measured.position, limits.lower, limits.upper))
+    limits = rig.loop.robot.limits
+    beyond = np.abs(
+        loop.robot.measured.position - np.clip(loop.robot.measured.position, limits.lower, limits.upper)
+    )
     assert beyond.max() > 15.0
-    assert loop.twin.resets == 0
-    assert (loop.simulated.position > limits.hard_lower - 0.05).all()
-    assert (loop.simulated.position < limits.hard_upper + 0.05).all()
+    assert loop.parts.twin.resets == 0
+    assert (loop.robot.simulated.position > limits.hard_lower - 0.05).all()
+    assert (loop.robot.simulated.position < limits.hard_upper + 0.05).all()

@@ -12,7 +12,8 @@ from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.loop.bus.joint_readings import JointReadings
-from twind.loop.procedures.torque_release import SettleProfile, release
+from twind.loop.procedures.lowering import SettleProfile
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
@@ -77,7 +78,7 @@ def test_a_joint_never_read_gets_no_goal_and_the_others_are_lowered(
 ) -> None:
     """Its turn is anybody's guess: the rest pose could be a turn away."""
     rig = inherited(make_rig, path, turns, mute(EXTENDED))
-    assert rig.loop.inherited
+    assert torque_inherited(rig.loop)
     goal = int(rig.register("goal_position")[EXTENDED])
     far = let_go(rig, what)
     assert far[EXTENDED] < 0.005
@@ -96,8 +97,8 @@ def test_a_turn_is_determined_though_another_servo_is_missing(
 ) -> None:
     rig = inherited(make_rig, path, 1, gone(CAPPED))
     assert not rig.loop.hardware.connected
-    assert rig.loop.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
-    assert np.isnan(rig.loop.measured.position[CAPPED])
+    assert rig.loop.robot.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
+    assert np.isnan(rig.loop.robot.measured.position[CAPPED])
     assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
     assert not rig.loop.identity.verified.joints.any(), "to arm, everybody must be there"
     far = let_go(rig, what)
@@ -113,9 +114,8 @@ def test_a_release_of_the_whole_robot_fails_without_motion_and_torque_stays(
 
     def procedure() -> Any:
         try:
-            yield from release(
-                rig.loop, Finding(ReasonCode.NOT_ARMED, message="-"), SettleProfile(whole=True)
-            )
+            why = Finding(ReasonCode.NOT_ARMED, message="-")
+            yield from rig.loop.commands.release.release(why, SettleProfile(whole=True))
         except BusError as error:
             raised.append(str(error))
 
@@ -136,9 +136,9 @@ def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(
     rig.loop = rig.born(Mode.LIVE)
     for _ in range(20):  # it is identifying: torque was read on, and no turn is known yet
         rig.ticks(1)
-        if rig.loop.inherited:
+        if torque_inherited(rig.loop):
             break
-    assert np.isnan(rig.loop.measured.position).any()
+    assert np.isnan(rig.loop.robot.measured.position).any()
     let_go(rig, link.Disarm)
     assert np.abs(rig.truth).max() < 0.02
     assert not rig.register("torque_enable").any()
@@ -176,7 +176,7 @@ def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     began = rig.clock.now()
     rig.seconds(0.8)
     assert rig.loop.identity.troubles == []
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.01)
 
 
 def test_a_limp_joint_one_turn_off_after_its_return_is_reported_and_then_corrected(
@@ -190,11 +190,11 @@ def test_a_limp_joint_one_turn_off_after_its_return_is_reported_and_then_correct
     rig.seconds(3.0)
     rig.virtual["main"].servos.power.wind(EXTENDED, 1)
     faults.silence(EXTENDED + 1, False)
-    while not rig.loop.measured.heard.all():
+    while not rig.loop.robot.measured.heard.all():
         rig.ticks(1)
     rig.seconds(0.5)
     [finding] = rig.loop.identity.troubles
     assert "out of its travel" in finding.message and "in which it was identified" in finding.message
     rig.seconds(1.0)
     assert rig.loop.identity.troubles == []
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    assert rig.loop.robot.measured.position == pytest.approx(rig.truth, abs=0.01)

@@ -1,4 +1,6 @@
+from dataclasses import replace
 from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.gate_rig import at_rest, limits
-from twind.motion.stop_profiles import LimitedFollower, StopRamp, still, stopping_point
+from twind.exceptions import InvalidInput
+from twind.motion.settle import settle
+from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still, stopping_point
 from twind.robot.trajectory import Reference
 
 PERIOD = 0.01
@@ -164,3 +168,22 @@ def test_from_outside_its_limits_the_follower_only_comes_in() -> None:
     assert steps(follower, 5)[-1].position[0] <= 2.03
     follower.set_target(np.array([1.0]), np.zeros(1))
     assert steps(follower, 100)[-1].position[0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("acceleration", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("ramp", [StopRamp, LimitedFollower, CompliantFollower])
+def test_a_ramp_that_would_never_end_is_refused_where_it_is_made(ramp: Any, acceleration: float) -> None:
+    fine = limits(3)
+    slack = fine.acceleration.copy()
+    slack[1] = acceleration
+    start = still(np.zeros(3))
+    with pytest.raises(InvalidInput, match="joint 1 cannot brake"):
+        ramp(start, replace(fine, acceleration=slack), 0.01)
+    assert ramp(start, fine, 0.01).resting
+
+
+@pytest.mark.parametrize("acceleration", [0.0, -1.0, np.nan])
+def test_a_way_to_the_rest_pose_that_could_not_brake_is_refused(acceleration: float) -> None:
+    slack = np.array([acceleration, 20.0])
+    with pytest.raises(InvalidInput, match="joint 0 cannot brake"):
+        settle(still(np.zeros(2)), np.ones(2) * 0.5, limits(2, acceleration=slack))

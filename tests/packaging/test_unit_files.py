@@ -33,7 +33,7 @@ from twind.ctl import ctl_main as ctl
 from twind.learn.streaming import stream_command
 from twind.listening_sockets import GROUPS, NAMES
 from twind.loop.procedures import failsafe
-from twind.loop.procedures.torque_release import LETTING_GO
+from twind.loop.procedures.lowering import LETTING_GO
 from twind.loop.process import realtime
 from twind.observe import metrics
 from twind.protocol.socket_paths import SYSTEM

@@ -222,12 +222,12 @@ class Rig:
             self.next_tick = max(self.next_tick, self.clock.now())
             self.clock.sleep_until(self.next_tick)
             self.loop.run(until=self.clock.now() + 1e-9)
-            self.next_tick += self.loop.period
+            self.next_tick += self.loop.robot.period
             self.collect_news()
 
     def seconds(self, seconds: float) -> None:
         """Let time pass."""
-        self.ticks(round(seconds / self.loop.period))
+        self.ticks(round(seconds / self.loop.robot.period))
 
     def collect_news(self) -> None:
         while True:
@@ -256,7 +256,7 @@ class Rig:
     def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:
         """Submit a trajectory; its ticket."""
         self.last_ticket += 1
-        parameters.setdefault("generation", self.loop.reloads.generation)
+        parameters.setdefault("generation", self.loop.commands.reloads.generation)
         command = link.Submit(
             ticket=self.last_ticket,
             client=client,
@@ -277,7 +277,7 @@ class Rig:
         if parameters.get("reread", True) and announced:
             self.front.outer.send(link.encode(link.ReloadStarted()))
         self.last_ticket += 1
-        given = {"generation": self.loop.reloads.generation + 1} | parameters
+        given = {"generation": self.loop.commands.reloads.generation + 1} | parameters
         command = link.ApplyChanges(ticket=self.last_ticket, client=0, changes=dict(changes), **given)
         fd = sealed_memfd.seal("briefing", b"for the next front")
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
@@ -300,10 +300,13 @@ class Rig:
         """Until everybody is identified, and every slow register was read once."""
         for _ in range(200):
             self.ticks(1)
-            if self.loop.state == "connected" and np.isfinite(self.loop.hardware.slow.health_time).all():
+            if (
+                self.loop.condition.state == "connected"
+                and np.isfinite(self.loop.hardware.slow.health_time).all()
+            ):
                 return
         raise AssertionError(
-            f"not connected: {self.loop.state}, {[event.message for event in self.events()]}"
+            f"not connected: {self.loop.condition.state}, {[event.message for event in self.events()]}"
         )
 
     def arm(self) -> None:
@@ -320,7 +323,7 @@ class Rig:
     def path(self, joint: str, position: Sequence[float], time: Sequence[float]) -> Trajectory:
         """Positions of one joint; the others keep what they do."""
         place = self.names.index(joint)
-        rows = np.tile(self.loop.measured.position, (len(time), 1))
+        rows = np.tile(self.loop.robot.measured.position, (len(time), 1))
         rows[:, place] = position
         commanded = np.zeros(len(self.names), np.bool_)
         commanded[place] = True

@@ -246,12 +246,12 @@ class Wire:
         self._goals: dict[tuple[str, int], int] = {}
         self._limits = {
             bus.name: {
-                id: (int(low), int(high), float(rig.loop.limits.velocity[place] / abs(scale)))
+                id: (int(low), int(high), float(rig.loop.robot.limits.velocity[place] / abs(scale)))
                 for id, low, high, place, scale in zip(
                     bus.ids, bus.lower, bus.upper, bus.joints, bus.scale, strict=True
                 )
             }
-            for bus in rig.loop.joints.buses
+            for bus in rig.loop.robot.joints.buses
         }
         for name, bus in rig.virtual.items():
             self._tap(name, bus)
@@ -285,7 +285,7 @@ class Wire:
         here = bus.servos.muscles.position * bus.servos.direction + bus.servos.shift
         for id, goal in goals:
             low, high, fastest = self._limits[name][id]
-            step = fastest * self.rig.loop.period + 1.0
+            step = fastest * self.rig.loop.robot.period + 1.0
             before = self._goals.get((name, id), goal)
             place = float(here[ids.index(id)])
             if not low <= goal <= high:
@@ -303,8 +303,12 @@ class Wire:
 
 def nod_all(rig: Rig, seconds: float = 60.0, far: float = 0.2) -> Trajectory:
     """Every joint from where it is towards the middle of its travel and back, again and again."""
-    here = rig.loop.executor.reference.position if rig.loop.executor.reference else rig.loop.measured.position
-    middle = (rig.loop.limits.lower + rig.loop.limits.upper) / 2.0
+    here = (
+        rig.loop.executor.reference.position
+        if rig.loop.executor.reference
+        else rig.loop.robot.measured.position
+    )
+    middle = (rig.loop.robot.limits.lower + rig.loop.robot.limits.upper) / 2.0
     there = here + np.clip(middle - here, -far, far)
     knots = int(seconds)
     position = np.where(np.arange(knots)[:, None] % 2, here, there)

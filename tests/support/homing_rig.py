@@ -66,7 +66,7 @@ class Homed(Rig):
 
     def last(self, ticket: int, seconds: float = 90.0) -> link.Reply:
         """Its last answer."""
-        for _ in range(round(seconds / self.loop.period)):
+        for _ in range(round(seconds / self.loop.robot.period)):
             self.ticks(1)
             done = [reply for reply in self.replies(ticket) if not reply.continues]
             if done:
@@ -80,7 +80,7 @@ class Homed(Rig):
         for _ in range(500):
             self.ticks(1)
             assert not [reply for reply in self.replies(ticket) if not reply.continues], self.replies(ticket)
-            if self.get("torque_enable") and self.loop.homing.owed.powered is not None:
+            if self.get("torque_enable") and self.loop.commands.homing.unrestored.powered is not None:
                 self.ticks(20)
                 return
         raise AssertionError("never powered")
@@ -112,8 +112,8 @@ class Homed(Rig):
 
     def undone(self, seconds: float = 4.0) -> None:
         """Torque is off and everything is as it was, of an independent look."""
-        for _ in range(round(seconds / self.loop.period)):
-            if self.loop.homing.owed is None:
+        for _ in range(round(seconds / self.loop.robot.period)):
+            if self.loop.commands.homing.unrestored is None:
                 break
             self.ticks(1)
         assert not any(self.torques())

@@ -31,7 +31,7 @@ class Standing(Rig):
 
     @property
     def imu(self) -> Imu:
-        found = self.loop.measured.imu
+        found = self.loop.robot.measured.imu
         assert found is not None
         return found
 

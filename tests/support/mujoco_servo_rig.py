@@ -85,9 +85,9 @@ class BodyRig(Rig):
 
     def record(self, trace: StateTrace, seconds: float) -> None:
         """States as the front sends them, every second tick."""
-        for _ in range(round(seconds / self.loop.period / 2)):
+        for _ in range(round(seconds / self.loop.robot.period / 2)):
             self.ticks(2)
-            now = self.loop.measured
+            now = self.loop.robot.measured
             goal = self.loop.executor.reference.position
             rows = zip(
                 self.names,
@@ -95,7 +95,7 @@ class BodyRig(Rig):
                 now.effort,
                 now.heard,
                 goal,
-                self.loop.simulated.position,
+                self.loop.robot.simulated.position,
                 strict=True,
             )
             trace.take([

@@ -17,4 +17,10 @@ def held(rig: Rig) -> tuple[Any, ...]:
     """Everything that a change replaces, as objects: the same ones mean that nothing was changed."""
     loop = rig.loop
     ports = [each for port in loop.hardware.ports for each in (port.writer, port.enabler)]
-    return (loop.parts, loop.limits, loop.joints, loop.executor.limits, loop.outlook, *ports)
+    return (
+        loop.robot.description,
+        loop.commands.gate_input.thresholds,
+        loop.executor.limits,
+        loop.robot.outlook,
+        *ports,
+    )

@@ -165,7 +165,7 @@ class Replay:
 
     def run(self) -> RunOutcome:
         """Prepare, play, and what came of it."""
-        self._until(lambda: self.loop.state in ("connected", "disconnected") and self._known())
+        self._until(lambda: self.loop.condition.state in ("connected", "disconnected") and self._known())
         client = self.score.holder or 1 << 40
         if self.score.armed or self.score.holder:
             self._call(link.AcquireLease, client=client)
@@ -181,7 +181,7 @@ class Replay:
                 self._send(link.RenewLease(ticket=0, client=client))
             self._tick()
         waiting = list(self.score.asked)
-        half = self.loop.period / 2.0
+        half = self.loop.robot.period / 2.0
         while self.passage.moment(self._deadline) < self.score.end + AFTER:
             moment = self.passage.moment(self._deadline)
             while waiting and waiting[0].time <= moment + half and not self._stays(waiting[0], moment):
@@ -214,7 +214,7 @@ class Replay:
             if done():
                 return
         raise AssertionError(
-            f"{self.loop.state}: {[e.message for e in self.news if isinstance(e, link.Event)]}"
+            f"{self.loop.condition.state}: {[e.message for e in self.news if isinstance(e, link.Event)]}"
         )
 
     def _call(self, kind: Any, **fields: Any) -> None:
@@ -255,7 +255,7 @@ class Replay:
         self._deadline = max(self._deadline, self.clock.now())
         self.clock.sleep_until(self._deadline)
         self.loop.run(until=self.clock.now() + 1e-9)
-        self._deadline += self.loop.period
+        self._deadline += self.loop.robot.period
         while True:
             try:
                 self.news.append(link.decode_news(self.front.outer.recv(link.DATAGRAM)))

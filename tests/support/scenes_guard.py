@@ -163,7 +163,7 @@ def the_battery_runs_down(made: Rig) -> None:
 
 @leads_to(ReasonCode.LOOKAHEAD_COLLISION)
 def the_legs_cross_without_an_earlier_check(made: Rig) -> None:
-    rows = np.tile(made.loop.measured.position, (1, 1))
+    rows = np.tile(made.loop.robot.measured.position, (1, 1))
     places = [made.names.index(name) for name in ("l_hip_roll", "r_hip_roll")]
     rows[0, places] = (-0.4, 0.4)
     commanded = np.zeros(24, np.bool_)

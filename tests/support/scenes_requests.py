@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.described_robot import redescribe
 from tests.support.scene_rig import ask, faults, leads_to, move
 from twind import link
 from twind.robot.finding import ReasonCode
@@ -60,8 +61,8 @@ def it_shall_move_without_torque(made: Rig) -> None:
 @leads_to(ReasonCode.CALIB_MISSING, arm=False)
 def a_joint_without_a_zero_shall_be_armed(made: Rig) -> None:
     made.connect()
-    known = (False, *made.loop.joints.calibrated[1:])
-    made.loop.joints = replace(made.loop.joints, calibrated=known)
+    known = (False, *made.loop.robot.joints.calibrated[1:])
+    redescribe(made.loop, joints=replace(made.loop.robot.joints, calibrated=known))
     made.lease()
     made.call(link.Arm)
 

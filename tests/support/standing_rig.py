@@ -79,8 +79,8 @@ class StandingRig(Rig):
     def drive(self, seconds: float, each: Any = None) -> str | None:
         """Why it ended before that; None: it did not. `each`: called before each period with its number."""
         assert self.pilot is not None
-        count = round(self.pilot.shaper.shaping.period / self.loop.period)
-        for step in range(round(seconds / (count * self.loop.period))):
+        count = round(self.pilot.shaper.shaping.period / self.loop.robot.period)
+        for step in range(round(seconds / (count * self.loop.robot.period))):
             if each is not None:
                 each(step)
             self.news = self.news[-50:]  # half a minute has some thousands

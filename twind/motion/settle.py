@@ -4,6 +4,7 @@ from math import sqrt
 
 import numpy as np
 
+from twind.motion.stop_profiles import require_braking
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
@@ -39,7 +40,10 @@ def settle(
 
     It uses the share `speed` of the limits. It is faster when `seconds` require it, and longer than `seconds`
     only where the limits need it. A reference that moves brakes first.
+
+    Raises InvalidInput where a joint cannot brake.
     """
+    require_braking(limits.acceleration)
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
     if (np.abs(velocity) <= MOVING).all():
         lasts = _lasts(reference.position, rest_position, limits, seconds, speed)

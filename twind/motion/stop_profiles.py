@@ -7,12 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, Ints, frozen
+from twind.exceptions import InvalidInput
+from twind.robot.arrays import Bools, Floats, Ints, every, frozen
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
 
 ROUNDING = 1e-9  # of a step
 RESTING = 1e-12  # rad and rad/s below which a joint counts as arrived: rounding, no motion
+
+
+def require_braking(acceleration: Floats) -> None:
+    """Refuse acceleration limits (n,) with which a joint never comes to rest. Raises InvalidInput."""
+    brakes = acceleration > 0.0
+    if not every(brakes):
+        joint = int(np.argmin(brakes))
+        limit = f"{acceleration[joint]:g} rad/s²"
+        raise InvalidInput(f"joint {joint} cannot brake: its acceleration limit is {limit}, not above 0")
 
 
 def still(position: Floats) -> Reference:
@@ -37,6 +47,8 @@ class StopRamp:
     """Stop of all joints: each brakes with its acceleration limit and then holds; from rest a plain hold."""
 
     def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
+        """Raises InvalidInput where a joint cannot brake."""
+        require_braking(limits.acceleration)
         self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
         self._acceleration = np.copysign(limits.acceleration, self._velocity)
         self._lasts = np.abs(self._velocity) / limits.acceleration
@@ -89,6 +101,8 @@ class LimitedFollower:
     """
 
     def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
+        """Raises InvalidInput where a joint cannot brake."""
+        require_braking(limits.acceleration)
         self._limits = limits
         self.acceleration = limits.acceleration  # rad/s², (n,)
         self.period = period  # s

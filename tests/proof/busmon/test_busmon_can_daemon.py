@@ -76,6 +76,6 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
     assert not found.monitors["l_leg"].violations
     bus.take_host_frames = touched
     rig.ticks(3)
-    assert rig.loop.state in (RobotState.ARMED, RobotState.FAULT)
+    assert rig.loop.condition.state in (RobotState.ARMED, RobotState.FAULT)
     assert "W3" in rules(found)
     rig.close()

@@ -12,6 +12,7 @@ from tests.support.homing_rig import homed
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.loop.procedures import damping
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.virtual.robot_ground_truth import JointGroundTruth, RobotGroundTruth
@@ -42,7 +43,7 @@ class Day:
 
     def nod(self) -> None:
         """Every joint half-way to the middle of its travel and back, at a good part of its speed."""
-        limits = self.rig.loop.limits
+        limits = self.rig.loop.robot.limits
         here = self.rig.loop.executor.reference.position
         away = here + np.clip(0.5 * (limits.lower + limits.upper) - here, -0.5, 0.5)
         rows = np.array([away, here, away, here])
@@ -53,10 +54,10 @@ class Day:
     def until_torque_off(self) -> None:
         """Run until torque is off, at most 7 s, and half a second more."""
         for _ in range(70):
-            if self.rig.loop.torque_off:
+            if torque_off(self.rig.loop):
                 break
             self.run(0.1)
-        assert self.rig.loop.torque_off
+        assert torque_off(self.rig.loop)
         self.run(0.5)
 
     def stop(self, level: str) -> None:

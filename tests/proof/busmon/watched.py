@@ -71,9 +71,9 @@ class Watched:
     def listen(self, now: float) -> None:
         """Report each change of the daemon's state to every monitor."""
         loop = self.rig.loop
-        self._tell("mode", now, mode=str(loop.mode.value))
-        self._tell("state", now, state=str(loop.state.value))
-        level = loop.torque.stop_level if loop.state.value == "estop" else None
+        self._tell("mode", now, mode=str(loop.condition.mode.value))
+        self._tell("state", now, state=str(loop.condition.state.value))
+        level = loop.torque.stop_level if loop.condition.state.value == "estop" else None
         if self._said.get("estop") != level:
             self._said["estop"] = level
             if level is not None:

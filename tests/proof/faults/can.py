@@ -73,7 +73,7 @@ class CanWorld(World):
         rig = self.take(MixedRig(ROBOT, **how))
         for _ in range(300):
             self.ticks(1)
-            if rig.loop.state is RobotState.CONNECTED:
+            if rig.loop.condition.state is RobotState.CONNECTED:
                 return rig
         raise AssertionError("never connected")
 
@@ -144,7 +144,9 @@ class CanWorld(World):
         rig = self.rig
         mine = self.of_bus(self.bus)
         self.latches(bound, codes)
-        self.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
+        self.claim(
+            rig.loop.condition.state is RobotState.FAULT, f"state {rig.loop.condition.state.value}, not fault"
+        )
         self.seconds(max(0.0, self.begun + 0.3 - self.now))
         (port,) = [port for port in rig.loop.hardware.ports if port.name == self.bus]
         self.claim(not port.holding, "goals still go to the bus that nobody hears us on")
@@ -168,7 +170,10 @@ class CanWorld(World):
 
     def latches(self, bound: float, codes: tuple[str, ...]) -> None:
         """Like `detected`, but that it is a fault by then; that many errors are told before is no matter."""
-        self.until(lambda: bool(set(codes) & set(self.rig.loop.latches)), self.begun + bound + 0.3 - self.now)
+        self.until(
+            lambda: bool(set(codes) & set(self.rig.loop.condition.latches)),
+            self.begun + bound + 0.3 - self.now,
+        )
         self.latched(*codes)
         delay = self.now - self.begun
         self.outcome.delay = delay
@@ -190,7 +195,9 @@ class CanWorld(World):
         moved = np.abs(self.trace.place(since)[:, mine] - places).max()
         self.claim(moved <= COUNTS, f"an actuator moved {moved:.1f} counts when its bus came back")
         self.claim(not self.trace.torque(since)[:, mine].any(), "torque came on when the bus came back")
-        self.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
+        self.claim(
+            rig.loop.condition.state is RobotState.FAULT, f"state {rig.loop.condition.state.value}, not fault"
+        )
         self.recover()
 
     def recover(self) -> None:
@@ -205,8 +212,8 @@ class CanWorld(World):
                         self.seconds(0.3)
                         self.obey({"fault": "power", "bus": bus.name, "on": True, "id": node["id"]})
             self.seconds(1.1)
-            connected = self.until(lambda: rig.loop.state is RobotState.CONNECTED, 5.0)
-            assert connected, f"state {rig.loop.state.value} after a reset"
+            connected = self.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 5.0)
+            assert connected, f"state {rig.loop.condition.state.value} after a reset"
             self.arm()
             self.joint = int(self.random.integers(len(rig.names)))
             self.move()

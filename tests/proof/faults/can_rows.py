@@ -59,7 +59,7 @@ def missing(world: CanWorld) -> None:
     rig = world.moving()
     world.inject(world.on_bus("silence", id=world.id))
     world.detected(STALE, codes=("STATE_STALE", "BUS_ERRORS"))
-    world.until(lambda: "STATE_STALE" in rig.loop.latches, 1.0)
+    world.until(lambda: "STATE_STALE" in rig.loop.condition.latches, 1.0)
     world.claim(world.now - world.begun <= 0.5 + NEXT + 0.01, "no fault when it was silent for 0.5 s")
     lost = [world.row(world.joint)]
     if world.free:
@@ -116,7 +116,7 @@ def other_ranges(world: CanWorld) -> None:
     world.obey(world.on_bus("unplug"))
     world.ticks(3)
     world.obey(world.on_bus("replug"))
-    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 4.0)
     world.claim(not world.trace.torque(0.0).any(), "armed by itself")
     world.recover()
 
@@ -126,7 +126,10 @@ def other_master(world: CanWorld) -> None:
     world.moving()
     world.inject(world.on_bus("master", id=world.id))
     world.detected(0.2, codes=("FOREIGN_TRAFFIC",))
-    world.claim(world.rig.loop.state is RobotState.INHIBITED, f"state {world.rig.loop.state.value}")
+    world.claim(
+        world.rig.loop.condition.state is RobotState.INHIBITED,
+        f"state {world.rig.loop.condition.state.value}",
+    )
     world.obey(world.on_bus("master", id=world.id, on=False))
     world.seconds(1.2)
     world.stays_so()
@@ -138,8 +141,8 @@ def two_of_one_id(world: CanWorld) -> None:
     world.moving()
     world.inject(world.on_bus("twin", id=world.id))
     world.detected(0.2, codes=("FOREIGN_TRAFFIC", "BUS_ERRORS", "STATE_STALE", "SENSE_JUMP"))
-    world.until(lambda: bool(world.rig.loop.latches), 1.0)
-    world.claim(bool(world.rig.loop.latches), "two of one id, and nothing is latched")
+    world.until(lambda: bool(world.rig.loop.condition.latches), 1.0)
+    world.claim(bool(world.rig.loop.condition.latches), "two of one id, and nothing is latched")
     world.obey(world.on_bus("twin", id=world.id, on=False))
     world.seconds(1.2)
     world.stays_so()
@@ -152,7 +155,7 @@ def passive(world: CanWorld) -> None:
     world.inject(world.on_bus("passive"))
     world.detected(NEXT)
     world.goes_on()
-    world.claim(not rig.loop.latches, "a fault was latched")
+    world.claim(not rig.loop.condition.latches, "a fault was latched")
     world.obey(world.on_bus("passive", on=False))
     world.goes_on()
 
@@ -165,7 +168,7 @@ def lost_answers(world: CanWorld) -> None:
     world.until(lambda: world.rejected > before, 0.2)
     world.claim(world.rejected > before, "a lost answer was not counted")
     world.goes_on()
-    world.claim(not rig.loop.latches, "a fault was latched")
+    world.claim(not rig.loop.condition.latches, "a fault was latched")
 
 
 def stopped(world: CanWorld) -> None:

@@ -25,7 +25,7 @@ def flipped_answer(world: World) -> None:
     world.inject({"fault": "corrupt", "count": count, "bits": bits, "id": world.id}, inside=False)
     world.counted(before)
     world.goes_on()
-    world.claim(not world.rig.loop.latches, "a fault was latched")
+    world.claim(not world.rig.loop.condition.latches, "a fault was latched")
 
 
 def forged_answer(world: World) -> None:
@@ -35,7 +35,7 @@ def forged_answer(world: World) -> None:
     world.inject({"fault": "forge", "count": int(world.random.integers(1, 3)), "id": world.id}, inside=False)
     world.counted(before)
     world.goes_on()
-    world.claim(not world.rig.loop.latches, "a fault was latched")
+    world.claim(not world.rig.loop.condition.latches, "a fault was latched")
 
 
 def flipped_command(world: World) -> None:
@@ -55,7 +55,7 @@ def flipped_command(world: World) -> None:
         world.stands(world.now + BRAKE)
     world.obey({"fault": "clear"})
     world.stays_so()
-    world.claim(rig.loop.measured.heard.any(), "nobody is heard again")
+    world.claim(rig.loop.robot.measured.heard.any(), "nobody is heard again")
     world.recover()
 
 
@@ -65,11 +65,11 @@ def babble(world: World) -> None:
     world.inject({"fault": "babble"})
     world.detected()
     world.stands(world.begun + 0.12 + BRAKE)
-    world.until(lambda: bool(world.rig.loop.latches), 0.5)
+    world.until(lambda: bool(world.rig.loop.condition.latches), 0.5)
     world.torque_stays()
     world.obey({"fault": "babble", "on": False})
     world.stays_so()
-    world.claim(bool(world.rig.loop.latches), "half a second of babble latched nothing")
+    world.claim(bool(world.rig.loop.condition.latches), "half a second of babble latched nothing")
     world.recover()
 
 
@@ -79,8 +79,8 @@ def burst(world: World) -> None:
     world.inject({"fault": "noise", "seconds": float(world.random.uniform(0.005, 0.04))})
     world.detected()
     world.seconds(0.3)
-    world.claim(bool(rig.loop.measured.heard.all()), "not everybody is heard again")
-    world.claim(not rig.loop.latches, "a fault was latched")
+    world.claim(bool(rig.loop.robot.measured.heard.all()), "not everybody is heard again")
+    world.claim(not rig.loop.condition.latches, "a fault was latched")
     world.torque_stays()
     world.goes_on() if rig.loop.executor.motion == "active" else world.holds(world.now)
     world.seconds(1.1)
@@ -96,7 +96,7 @@ def one_silent(world: World) -> None:
     world.inject({"fault": "silence", "id": world.id})
     world.detected()
     if long:
-        world.until(lambda: bool(rig.loop.latches), 1.0)
+        world.until(lambda: bool(rig.loop.condition.latches), 1.0)
         world.claim(world.now - world.begun <= 0.5 + NEXT + 0.01, "no fault when it was silent for 0.5 s")
         if world.free:  # the others are lowered; who is silent cannot be at rest: damped, let go
             world.settles(LONGEST, but=[world.row(world.joint)])
@@ -111,7 +111,7 @@ def one_silent(world: World) -> None:
         world.torque_stays()
     world.obey({"fault": "silence", "id": world.id, "on": False})
     world.stays_so()
-    world.claim(bool(rig.loop.latches), "its watchdog tripped, and nothing is latched")
+    world.claim(bool(rig.loop.condition.latches), "its watchdog tripped, and nothing is latched")
     world.recover()
 
 
@@ -121,7 +121,7 @@ def all_silent(world: World) -> None:
     dark = bool(world.random.random() < 0.5)
     world.inject({"fault": "power", "on": False} if dark else {"fault": "silence"})
     world.detected()
-    world.until(lambda: bool(world.rig.loop.latches), 1.0)
+    world.until(lambda: bool(world.rig.loop.condition.latches), 1.0)
     fault = min((event.time for event in world.events if event.code == "fault"), default=np.inf)
     world.claim(fault - world.begun <= 0.2 + 0.01 + 0.02, f"fault after {fault - world.begun:.3f} s")
     world.seconds(float(world.random.uniform(0.1, 1.5)))
@@ -169,10 +169,13 @@ def duplicate(world: World) -> None:
         world.begun = world.now
         world.detected(1.0)
         world.seconds(1.0)
-        world.claim(rig.loop.state is not RobotState.CONNECTED or _refused(world), "armed with two of one id")
+        world.claim(
+            rig.loop.condition.state is not RobotState.CONNECTED or _refused(world),
+            "armed with two of one id",
+        )
         world.claim(not rig.register("torque_enable").any(), "torque is on")
     else:
-        world.until(lambda: rig.loop.state is RobotState.CONNECTED, 2.0)
+        world.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 2.0)
         world.arm()
         world.joint = next(k for k, joint in enumerate(rig.robot.joints) if joint.id == Twins.twin)
         world.move()
@@ -182,9 +185,10 @@ def duplicate(world: World) -> None:
         # Where the other one's answers are heard, what is told may be that it is limp and has no watchdog.
         world.detected(codes=(*world.fault.codes, "SERVO_REBOOTED", "TORQUE_MISMATCH"))
         world.seconds(0.8)
-        world.claim(bool(rig.loop.latches), "nothing is latched")
+        world.claim(bool(rig.loop.condition.latches), "nothing is latched")
         world.claim(
-            rig.loop.state is not RobotState.ARMED, f"state {rig.loop.state.value} with two of one id"
+            rig.loop.condition.state is not RobotState.ARMED,
+            f"state {rig.loop.condition.state.value} with two of one id",
         )
     plug(False)
     world.stays_so()

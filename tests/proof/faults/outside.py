@@ -23,13 +23,13 @@ def terminated(world: World) -> None:
     """SIGTERM, and another at a random moment of the way: lowered, then off, then the daemon ends."""
     rig = world.moving()
     world.begun = world.now
-    rig.loop.stop_wanted = True
+    rig.loop.condition.stop_wanted = True
     world.ticks(int(world.random.integers(1, 300)))
-    rig.loop.stop_wanted = True
-    ended = world.until(lambda: rig.loop.finished, 12.0)
+    rig.loop.condition.stop_wanted = True
+    ended = world.until(lambda: rig.loop.condition.finished, 12.0)
     world.claim(ended, "the daemon does not end")
     on = np.flatnonzero((world.trace.torque(world.begun) == 1).all(axis=1))
-    lasted = world.trace.time[-1] if not on.size else on[-1] * world.rig.loop.period
+    lasted = world.trace.time[-1] if not on.size else on[-1] * world.rig.loop.robot.period
     world.claim(lasted <= 4.0 + 1.0, f"torque went off after {lasted:.1f} s")
     world.settles()
 
@@ -52,7 +52,7 @@ def front_hangs(world: World) -> None:
     world.claim(rig.loop.figures.missed == missed, "ticks were missed")
     world.detected(1.0 + 0.02)
     world.holds(world.begun + 1.0 + 0.02 + BRAKE)
-    world.claim(not rig.loop.latches, f"latched {sorted(rig.loop.latches)}")
+    world.claim(not rig.loop.condition.latches, f"latched {sorted(rig.loop.condition.latches)}")
     world.joint = int(world.random.integers(24))
     world.move()
     world.goes_on()
@@ -139,7 +139,7 @@ def client_dies(world: World) -> None:
         world.detected(0.25 + 0.02, since=world.begun, codes=("LEASE_LOST", "STREAM_STALE"))
         held = world.begun + 0.27
     world.holds(held + BRAKE)
-    world.claim(not rig.loop.latches, f"latched {sorted(rig.loop.latches)}")
+    world.claim(not rig.loop.condition.latches, f"latched {sorted(rig.loop.condition.latches)}")
     reply = world.call(link.AcquireLease, client=9)
     world.claim(reply.error is None, "the lease is not free")
     rig.front.outer.send(link.encode(link.ConnectionClosed(client=9)))
@@ -175,7 +175,7 @@ def second_client(world: World) -> None:
 def no_memory(world: World) -> None:
     """Memory cannot be had in one or two ticks: told, the last goal is held with torque."""
     rig = world.moving()
-    update = rig.loop.twin.update
+    update = rig.loop.parts.twin.update
     left = int(world.random.integers(1, 3))
 
     def failing(*given: Any) -> Any:
@@ -185,7 +185,7 @@ def no_memory(world: World) -> None:
             raise MemoryError
         return update(*given)
 
-    rig.loop.twin.update = failing  # type: ignore[method-assign]
+    rig.loop.parts.twin.update = failing  # type: ignore[method-assign]
     world.begun = world.now
     world.detected()
     world.holds(world.begun + 0.03 + 0.2)
@@ -198,8 +198,8 @@ def nan_in_the_model(world: World) -> None:
     """The simulation, or the mirror, holds no number any more: nothing of it reaches a servo."""
     rig = world.moving()
     which = str(world.random.choice(["simulation", "mirror"]))
-    parts = {name: part for name, part in vars(rig.loop.twin).items() if hasattr(part, "data")}
-    assert parts, sorted(vars(rig.loop.twin))
+    parts = {name: part for name, part in vars(rig.loop.parts.twin).items() if hasattr(part, "data")}
+    assert parts, sorted(vars(rig.loop.parts.twin))
     part = next((part for name, part in parts.items() if which in name), next(iter(parts.values())))
     value = float(world.random.choice([np.nan, np.inf, 1e300]))
     part.data.qpos[int(world.random.integers(7, len(part.data.qpos)))] = value
@@ -208,9 +208,9 @@ def nan_in_the_model(world: World) -> None:
     goal = world.trace.goal(world.begun)
     world.claim(bool((np.abs(np.diff(goal, axis=0)) <= 28).all()), "a goal jumped")
     world.torque_stays()
-    world.claim(bool(np.isfinite(rig.loop.measured.position).all()), "a reading is no number")
-    world.claim(bool(np.isfinite(rig.loop.twin.mirror.position).all()), "the mirror shows no number")
-    world.claim(bool(np.isfinite(rig.loop.simulated.position).all()), "the simulation shows no number")
+    world.claim(bool(np.isfinite(rig.loop.robot.measured.position).all()), "a reading is no number")
+    world.claim(bool(np.isfinite(rig.loop.parts.twin.mirror.position).all()), "the mirror shows no number")
+    world.claim(bool(np.isfinite(rig.loop.robot.simulated.position).all()), "the simulation shows no number")
 
 
 def storm_of_events(world: World) -> None:

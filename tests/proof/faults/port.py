@@ -61,7 +61,9 @@ def _back(world: World, name: str, **how: Any) -> None:
     world.claim(moved <= 2.0, f"a joint moved {moved:.1f} ticks when the bus came back")
     (port,) = [port for port in rig.loop.hardware.ports if port.name == name]
     world.claim(not port.holding, "armed by itself")
-    world.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
+    world.claim(
+        rig.loop.condition.state is RobotState.FAULT, f"state {rig.loop.condition.state.value}, not fault"
+    )
     world.stays_so()
     world.recover()
 
@@ -123,7 +125,7 @@ def wrong_adapter(world: World) -> None:
     rig = world.take(Rig())
     late = world.random.random() < 0.5
     if late:
-        world.until(lambda: rig.loop.state is RobotState.CONNECTED, 2.0)
+        world.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 2.0)
         world.obey({"fault": "unplug"})
         world.ticks(3)
     bus = rig.virtual["main"]
@@ -151,7 +153,7 @@ def wrong_adapter(world: World) -> None:
     servos.memory.store(row, table[key], keep)
     servos.invalidate_cache()
     world.obey({"fault": "replug"})
-    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 4.0)
     world.claim(not world.trace.torque(0.0).any(), "armed by itself")
     world.recover()
 

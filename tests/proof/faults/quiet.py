@@ -42,7 +42,7 @@ def quiet(hours: float, seed: int = 0) -> dict[str, Any]:
         wrong += _reports(rig) + tap.wrong[:5]
         rig.news.clear()
     missed = rig.loop.figures.missed
-    state = rig.loop.state.value
+    state = rig.loop.condition.state.value
     rig.close()
     if missed:
         wrong.append(f"{missed} ticks missed")
@@ -63,7 +63,7 @@ def _path(rig: Rig, file: Path) -> Trajectory:
     described = read_trajectory(file)
     columns = [rig.names.index(name) for name in described["joint_names"]]
     points = described["points"]
-    position = np.tile(rig.loop.rest, (len(points), 1))
+    position = np.tile(rig.loop.robot.rest, (len(points), 1))
     velocity = np.zeros_like(position)
     position[:, columns] = [point["positions"] for point in points]
     if "velocities" in points[0]:
@@ -105,8 +105,8 @@ def _rest(rig: Rig, seconds: float, wrong: list[str]) -> int:
         if kind is link.Disarm:
             for _ in range(round(seconds / 0.1)):
                 rig.ticks(10)
-    if rig.loop.state is not RobotState.ARMED:
-        wrong.append(f"state {rig.loop.state.value}")
+    if rig.loop.condition.state is not RobotState.ARMED:
+        wrong.append(f"state {rig.loop.condition.state.value}")
     return 0
 
 

@@ -87,7 +87,7 @@ class Robot:
         rig = self.take(Rig(robot, **how), judge=judge)
         for _ in range(200):
             self.ticks(1)
-            if rig.loop.state is RobotState.CONNECTED:
+            if rig.loop.condition.state is RobotState.CONNECTED:
                 return rig
         raise AssertionError("never connected")
 
@@ -134,7 +134,7 @@ class Robot:
         self._seen = len(self.rig.news)
 
     def seconds(self, seconds: float) -> None:
-        self.ticks(round(seconds / self.rig.loop.period))
+        self.ticks(round(seconds / self.rig.loop.robot.period))
 
     @property
     def now(self) -> float:
@@ -142,7 +142,7 @@ class Robot:
 
     def until(self, what: Callable[[], bool], seconds: float) -> bool:
         """Ticks until it is so; False: not within that time."""
-        for _ in range(round(seconds / self.rig.loop.period)):
+        for _ in range(round(seconds / self.rig.loop.robot.period)):
             if what():
                 return True
             self.ticks(1)
@@ -186,7 +186,7 @@ class Robot:
         self.seconds(0.3)
         self.call(link.AcquireLease)
         here = float(rig.loop.executor.reference.position[0])  # type: ignore[union-attr]
-        for number in range(round(seconds / rig.loop.period)):
+        for number in range(round(seconds / rig.loop.robot.period)):
             rig.send(link.Setpoint, joints=[0], positions=[here + 0.005 * number * 0.5])
             self.begun = self.now
             self.ticks(1)
@@ -196,7 +196,7 @@ class Robot:
         rig = self.rig
         assert self.call(link.AcquireLease).error is None
         reference = rig.loop.executor.reference
-        here = reference.position if reference is not None else rig.loop.measured.position
+        here = reference.position if reference is not None else rig.loop.robot.measured.position
         far = np.array([CLEAR[name] for name in rig.names])
         commanded = self.random.random(len(far)) < 0.7
         commanded[self.joint] = True

@@ -81,7 +81,7 @@ def heating(world: World) -> None:
         0.5,
         HOT + 1.0,
     )
-    down = world.until(lambda: rig.loop.state is RobotState.FAULT, 1.0 + ROUND + 0.02)
+    down = world.until(lambda: rig.loop.condition.state is RobotState.FAULT, 1.0 + ROUND + 0.02)
     world.claim(down, f"not on its way down {world.now - hot:.2f} s after {HOT:.0f} °C")
     world.settles()
     world.stays_so()
@@ -112,7 +112,7 @@ def spike(world: World) -> None:
     seconds = float(world.random.uniform(0.02, 0.19))
     world.inject({"fault": "spike", "id": world.id, "celsius": round(celsius), "seconds": seconds})
     world.goes_on(2.0)
-    world.claim(not world.rig.loop.latches, f"latched {sorted(world.rig.loop.latches)}")
+    world.claim(not world.rig.loop.condition.latches, f"latched {sorted(world.rig.loop.condition.latches)}")
 
 
 def sag(world: World) -> None:
@@ -134,7 +134,7 @@ def sag(world: World) -> None:
             break
     assert crossed is not None
     world.detected(since=crossed)
-    down = world.until(lambda: rig.loop.state is RobotState.FAULT, 0.1 + 0.1 + ROUND + 0.02)
+    down = world.until(lambda: rig.loop.condition.state is RobotState.FAULT, 0.1 + 0.1 + ROUND + 0.02)
     world.claim(down, f"not on its way down {world.now - low:.2f} s after 10.45 V")
     world.settles()
     world.stays_so()
@@ -185,8 +185,8 @@ def frozen(world: World) -> None:
     quick = world.until(lambda: _gathers(world, row) > 2.5, 6.0)
     world.claim(quick, "the joint never moved as the rule needs it")
     world.inject({"fault": "freeze", "id": world.id}, inside=False)
-    place = rig.loop.written[world.joint]
-    far = world.until(lambda: bool(abs(rig.loop.written[world.joint] - place) >= 0.1), 0.6)
+    place = rig.loop.robot.written[world.joint]
+    far = world.until(lambda: bool(abs(rig.loop.robot.written[world.joint] - place) >= 0.1), 0.6)
     world.detected(since=max(world.begun, world.now - FROZEN) if far else None)
     world.seconds(BRAKE)
     world.holds(world.now, but=())
@@ -215,7 +215,7 @@ def lost_turn(world: World) -> None:
     keep = int(np.asarray(bus.servos["homing_offset"])[row])
     turn = float(world.random.choice([-4096.0, 4096.0]))
     world.ticks(int(world.random.integers(1, 50)))
-    angle = float(rig.loop.measured.position[world.joint])
+    angle = float(rig.loop.robot.measured.position[world.joint])
     world.obey({"fault": "power", "on": False})
     world.seconds(0.3)
     shaft = bus.servos.muscles.position
@@ -230,7 +230,7 @@ def lost_turn(world: World) -> None:
         shaft[row] = place + turn
         bus.servos.invalidate_cache()
     world.begun = world.now
-    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 4.0)
     world.seconds(1.5)
     world.begun = world.now
     world.call(link.AcquireLease)
@@ -239,7 +239,7 @@ def lost_turn(world: World) -> None:
     codes |= {event.code for event in world.events}
     world.outcome.delay = 0.0
     if not offset and reply.error is None:
-        away = abs(float(rig.loop.measured.position[world.joint]) - angle)
+        away = abs(float(rig.loop.robot.measured.position[world.joint]) - angle)
         world.claim(away < 0.01 and abs(float(shaft[row]) - place - turn) < 5, "not held where it stands")
         world.call(link.Disarm)
     else:

@@ -59,9 +59,9 @@ def mirror() -> Iterator[tuple[Rig, Judge, Wire]]:
 
 def all_fresh_again(rig: Rig, seconds: float = 3.0) -> bool:
     """Check whether all joints are fresh within that time."""
-    for _ in range(round(seconds / rig.loop.period)):
+    for _ in range(round(seconds / rig.loop.robot.period)):
         rig.ticks(1)
-        if rig.loop.measured.heard.all() and rig.loop.hardware.connected:
+        if rig.loop.robot.measured.heard.all() and rig.loop.hardware.connected:
             return True
     return False
 
@@ -76,7 +76,7 @@ def test_a_mirror_shows_no_wrong_reading_as_fresh(
     given = order(name, case, random)
     rig.ticks(int(random.integers(1, 6)))
     obey(rig, [given])
-    rig.ticks(min(40, round(random.uniform(*case.lasts) / rig.loop.period)))
+    rig.ticks(min(40, round(random.uniform(*case.lasts) / rig.loop.robot.period)))
     obey(rig, healing(case, given))
     assert all_fresh_again(rig), given
     judge.verdict(str(given))
@@ -162,7 +162,7 @@ def first_events(rig: Rig, since: float) -> dict[str, float]:
 
 def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
     """Torque off, latches acknowledged, servos that shut themselves down restarted, and armed again."""
-    if rig.loop.latches:
+    if rig.loop.condition.latches:
         while down is link.Disarm and rig.loop.procedures.rank is not None:
             rig.ticks(1)  # it is on its way down already
         assert rig.call(down, ticks=900, **how).error is None
@@ -179,7 +179,7 @@ def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
         assert reply.error is None, reply
     rig.lease()
     nodding(rig)
-    assert rig.loop.state is RobotState.ARMED
+    assert rig.loop.condition.state is RobotState.ARMED
     assert np.asarray(rig.register("torque_enable")).all()
 
 
@@ -205,8 +205,8 @@ def test_an_armed_robot_reports_each_fault_in_time_and_can_be_armed_again(
     codes = first_events(rig, begun)
     if case.alarm:
         assert min(codes.get(code, np.inf) for code in case.alarm) <= case.within, (given, codes)
-    assert case.ends in (EITHER, FAULT if rig.loop.latches else ARMED), (given, codes)
-    assert rig.loop.torque.armed or rig.loop.latches, "torque went off, and nothing says so"
+    assert case.ends in (EITHER, FAULT if rig.loop.condition.latches else ARMED), (given, codes)
+    assert rig.loop.torque.armed or rig.loop.condition.latches, "torque went off, and nothing says so"
     bring_back(rig, down, **({"level": "cut"} if down is link.EStop else {}))
     judge.verdict(str(given))
     wire.verdict(str(given))
@@ -231,7 +231,7 @@ def test_a_turn_lost_at_a_restart_is_taken_from_the_register_and_reported(
     assert all_fresh_again(rig)
     rig.ticks(20)
     before = rig.loop.hardware.readings.position[8]
-    assert np.isnan(rig.loop.measured.position[8]), "position mode, a turn off: nobody knows where it is"
+    assert np.isnan(rig.loop.robot.measured.position[8]), "position mode, a turn off: its place is unknown"
     obey(rig, [{"fault": "brown_out", "id": 9}])
     rig.seconds(0.4)
     assert {"SERVO_REBOOTED", "SENSE_JUMP"} & first_events(rig, begun).keys(), first_events(rig, begun)
@@ -251,7 +251,7 @@ def test_a_frozen_encoder_is_shown_as_its_register_shows_it(mirror: tuple[Rig, J
     stuck = shown.position[4]
     rig.ticks(10)
     assert shown.position[4] == stuck
-    assert rig.loop.measured.heard.all()
+    assert rig.loop.robot.measured.heard.all()
     obey(rig, [{"fault": "freeze", "id": 5, "on": False}])
     rig.ticks(10)
     assert shown.position[4] != stuck

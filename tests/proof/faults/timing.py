@@ -12,6 +12,7 @@ import numpy as np
 from tests.proof.faults.fault import Fault
 from tests.proof.faults.world import AWAY, BRAKE, World
 from tests.support.daemon_rig import Rig
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.loop.process.service_notify import Notifier
 from twind.robot.modes import Motion, RobotState
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -31,7 +32,7 @@ def hog(world: World) -> None:
         if not number:
             world.detected(length + LATE)
         world.ticks(int(world.random.integers(2, 10)))
-    world.claim(not rig.loop.latches, f"latched {sorted(rig.loop.latches)}")
+    world.claim(not rig.loop.condition.latches, f"latched {sorted(rig.loop.condition.latches)}")
     world.torque_stays()
     if longest < 0.05:
         world.goes_on()
@@ -55,7 +56,7 @@ def collection(world: World) -> None:
         world.within(lambda: _pass(rig, float(world.random.uniform(0.001, 0.006))))
         world.ticks(int(world.random.integers(1, 10)))
     world.goes_on()
-    world.claim(not rig.loop.latches, f"latched {sorted(rig.loop.latches)}")
+    world.claim(not rig.loop.condition.latches, f"latched {sorted(rig.loop.condition.latches)}")
 
 
 class Killed(BaseException):
@@ -108,11 +109,15 @@ def killed(world: World) -> None:
     rest = rig.counts
     heir = world.take(Heir(rig))
     world.tap.take_report("born", world.now)
-    world.until(lambda: heir.loop.state is RobotState.CONNECTED, 3.0)
+    world.until(lambda: heir.loop.condition.state is RobotState.CONNECTED, 3.0)
     world.seconds(0.5)
-    world.claim(heir.loop.state is RobotState.CONNECTED, f"the next daemon is {heir.loop.state.value}")
     world.claim(
-        heir.loop.inherited and not heir.loop.torque.armed, "torque that was found on is not inherited"
+        heir.loop.condition.state is RobotState.CONNECTED,
+        f"the next daemon is {heir.loop.condition.state.value}",
+    )
+    world.claim(
+        torque_inherited(heir.loop) and not heir.loop.torque.armed,
+        "torque that was found on is not inherited",
     )
     world.claim(float(np.abs(heir.counts - rest).max()) <= 2.0, "a restart moved a joint")
     world.claim(bool((heir.register("torque_enable") == 1).all()), "torque went off")
@@ -140,7 +145,7 @@ def stopped(world: World) -> None:
         world.recover()
     else:
         world.seconds(1.0)
-        world.torque_stays() if not rig.loop.latches else world.recover()
+        world.torque_stays() if not rig.loop.condition.latches else world.recover()
 
 
 def hang(world: World) -> None:

@@ -66,18 +66,18 @@ class World(Robot):
         may be ahead, for so long (s) without a break, or until a fault holds it; when that began."""
         rig = self.rig
         since = np.full(len(self.rig.truth), np.inf)
-        before = rig.loop.written
-        for _ in range(round(seconds / rig.loop.period)):
+        before = rig.loop.robot.written
+        for _ in range(round(seconds / rig.loop.robot.period)):
             self.ticks(1)
-            if rig.loop.written is not None and before is not None:
-                ahead = LAG * np.abs(rig.loop.written - before) / rig.loop.period
-                far_off = np.abs(rig.loop.written - rig.truth) > far + ahead
-                if rig.loop.latches:  # it is held, and the gap closed
+            if rig.loop.robot.written is not None and before is not None:
+                ahead = LAG * np.abs(rig.loop.robot.written - before) / rig.loop.robot.period
+                far_off = np.abs(rig.loop.robot.written - rig.truth) > far + ahead
+                if rig.loop.condition.latches:  # it is held, and the gap closed
                     return float(min(since.min(), self.now))
                 since = np.where(far_off, np.minimum(since, self.now), np.inf)
                 if self.now - since.min() >= lasting:
                     return float(since.min())
-            before = rig.loop.written
+            before = rig.loop.robot.written
         return None
 
     @property
@@ -169,7 +169,7 @@ class World(Robot):
         """(m,) rad from the rest pose, bus after bus."""
         names = [j.name for bus in self.rig.robot.buses for j in self.rig.made.joints(bus.name)]
         joints = {joint.name: joint for joint in self.rig.robot.joints}
-        rest = dict(zip(self.rig.names, self.rig.loop.rest, strict=True))
+        rest = dict(zip(self.rig.names, self.rig.loop.robot.rest, strict=True))
         found = []
         for name, ticks in zip(names, counts, strict=False):
             joint = joints[name]
@@ -217,7 +217,7 @@ class World(Robot):
 
     def latched(self, *codes: str) -> None:
         """One of these is latched, so that nothing can be armed before a reset."""
-        found = set(self.rig.loop.latches)
+        found = set(self.rig.loop.condition.latches)
         self.claim(bool(found & set(codes or self.fault.codes)), f"not latched; latched is {sorted(found)}")
 
     def recover(self) -> None:
@@ -231,8 +231,8 @@ class World(Robot):
                         self.call(link.Reboot, bus=name, id=bus.servos.registers.id_of(row))
                         self.ticks(5)
                 self.seconds(1.1)
-            connected = self.until(lambda: rig.loop.state is RobotState.CONNECTED, 5.0)
-            assert connected, f"state {rig.loop.state.value} after a reset"
+            connected = self.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 5.0)
+            assert connected, f"state {rig.loop.condition.state.value} after a reset"
             self.arm()
             self.joint = int(self.random.integers(len(rig.names)))
             self.move()
@@ -253,7 +253,7 @@ class World(Robot):
         else:
             self.call(link.Disarm, seconds=14.0)
         self.until(lambda: rig.loop.procedures.rank is None, 12.0)
-        if rig.loop.latches:
+        if rig.loop.condition.latches:
             reply = self.call(link.Reset)
             assert reply.error is None, reply
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twind import link
+from twind.loop.procedures.torque_readback import torque_known
 
 if TYPE_CHECKING:
     from tests.proof.model.world import World
@@ -37,7 +38,7 @@ class Invariants:
         self.sound = True  # nothing was wrong so far
         self._time = -np.inf
         self._state = "disconnected"
-        self._mode = str(self.world.loop.mode.value)
+        self._mode = str(self.world.loop.condition.mode.value)
         self._rest = rest
         self._born = self.world.clock.now()
         self._latched = False
@@ -109,7 +110,7 @@ class Invariants:
             assert asked, "arming, and nobody asked"
 
     def _lease(self) -> None:
-        epoch = self.world.loop.lease.epoch
+        epoch = self.world.loop.parts.lease.epoch
         assert epoch >= self._epoch, f"lease epoch {epoch} after {self._epoch}"
         self._epoch = epoch
 
@@ -118,12 +119,12 @@ class Invariants:
     def _reported(self, now: float) -> None:
         """Torque of joints that answer is what it was, somewhere in the last 100 ms."""
         loop = self.world.loop
-        known = loop.torque_known
-        age = loop.measured.age
-        recent = [torque for time, torque in self._torque if time >= now - FRESH - loop.period]
+        known = torque_known(loop)
+        age = loop.robot.measured.age
+        recent = [torque for time, torque in self._torque if time >= now - FRESH - loop.robot.period]
         ever_on = np.any(recent, axis=0)
         ever_off = ~np.all(recent, axis=0)
-        if loop.mode.value == "sim" or len(recent) < 10:
+        if loop.condition.mode.value == "sim" or len(recent) < 10:
             return
         heard = age <= FRESH
         lies = heard & (((known == 1) & ~ever_on) | ((known == 0) & ~ever_off))

@@ -111,7 +111,9 @@ class Daemon(RuleBasedStateMachine):
         client = self.client(who)
         before = self.world.register("torque_enable").astype(bool).copy()
         self.world.begin(client, link.AcquireLease)
-        alone = self.world.loop.state != "arming"  # another who arms may succeed where this one is refused
+        alone = (
+            self.world.loop.condition.state != "arming"
+        )  # another who arms may succeed where this one is refused
         op = self.world.begin(client, link.Arm)
         self.world.pass_(wait)
         if alone and op.result and op.result != "lost" and wait > 1.0 and not self.world.faults:
@@ -121,7 +123,7 @@ class Daemon(RuleBasedStateMachine):
     def ready(self, who: int, still: bool) -> None:
         """All that it takes to be armed, from wherever the robot is; then a motion, so that there is one."""
         client = self.client(who)
-        if self.world.loop.latches:
+        if self.world.loop.condition.latches:
             self.world.begin(client, link.Disarm)
             self.world.pass_(2.0)
             self.world.begin(client, link.Reset)
@@ -152,14 +154,14 @@ class Daemon(RuleBasedStateMachine):
         """A motion with all that goes before it, and to its end if nothing comes between."""
         client = self.client(who)
         self.world.begin(client, link.AcquireLease)
-        if self.world.loop.state == "connected" and self.world.loop.mode is Mode.LIVE:
+        if self.world.loop.condition.state == "connected" and self.world.loop.condition.mode is Mode.LIVE:
             self.world.begin(client, link.Arm)
             self.world.pass_(0.6)
             self.world.begin(client, link.AcquireLease)
         self.world.pass_(0.01)
         op = self.world.begin_motion(client, place, 0.8, more=True)
         self.world.pass_(1.2)
-        if op.fate == "succeeded" and self.world.loop.mode is Mode.LIVE and not self.world.faults:
+        if op.fate == "succeeded" and self.world.loop.condition.mode is Mode.LIVE and not self.world.faults:
             joint = self.world.names.index(JOINT)
             assert abs(self.world.truth[joint] - place) < 0.02, "succeeded, and the joint is not there"
 
@@ -200,15 +202,22 @@ class Daemon(RuleBasedStateMachine):
 
     def _reads(self) -> bool:
         loop = self.world.loop
-        heard = bool((loop.measured.age < 0.05).all())  # who is silent already is told of no second time
-        return loop.mode is not Mode.SIM and loop.hardware.connected and heard and not self.world.faults
+        heard = bool(
+            (loop.robot.measured.age < 0.05).all()
+        )  # who is silent already is told of no second time
+        return (
+            loop.condition.mode is not Mode.SIM
+            and loop.hardware.connected
+            and heard
+            and not self.world.faults
+        )
 
     @precondition(lambda self: self._reads())
     @rule(id=st.integers(1, 24), seconds=st.sampled_from([0.05, 0.3, 1.5]))
     def silence(self, id: int, seconds: float) -> None:
         """A wire that comes off: told after 100 ms and two ticks (row 10), where commands go to the robot."""
         quiet = QUIET if self.world.loop.torque.armed else QUIET_WARNING
-        live = self.world.loop.mode is Mode.LIVE
+        live = self.world.loop.condition.mode is Mode.LIVE
         told = live and seconds > 0.2 and not self.world.invariants.is_reported("STATE_STALE", quiet)
         codes = {"STATE_STALE"} if told else set()
         self.world.order("silence", codes, 0.15, id=id)

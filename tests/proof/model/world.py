@@ -139,7 +139,7 @@ class World(Rig):
 
     def pass_(self, seconds: float) -> None:
         """Let time pass; every rule holds in every tick."""
-        for _ in range(max(1, round(seconds / self.loop.period))):
+        for _ in range(max(1, round(seconds / self.loop.robot.period))):
             before = len(self.news)
             self.ticks(1)
             self._hear(self.news[before:])

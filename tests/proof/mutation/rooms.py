@@ -113,6 +113,69 @@ ROOMS = (
         ),
     ),
     Room(
+        "torque",
+        (
+            "twind/loop/procedures/torque_state.py",
+            "twind/loop/procedures/procedure_runner.py",
+        ),
+        (
+            "tests/loop/test_torque_state.py",
+            "tests/loop/test_procedure_runner.py",
+        ),
+    ),
+    Room(
+        "arming",
+        ("twind/loop/procedures/arming.py",),
+        ("tests/loop/test_arming_steps.py",),
+    ),
+    Room(
+        "release",
+        (
+            "twind/loop/procedures/torque_release.py",
+            "twind/loop/procedures/torque_takeover.py",
+            "twind/loop/procedures/lowering.py",
+            "twind/loop/procedures/damping.py",
+            "twind/loop/procedures/torque_switching.py",
+            "twind/loop/procedures/torque_readback.py",
+        ),
+        (
+            "tests/loop/test_torque_release_steps.py",
+            "tests/loop/test_torque_takeover.py",
+            "tests/loop/test_lowering.py",
+            "tests/loop/test_torque_switching.py",
+        ),
+    ),
+    Room(
+        "reactions",
+        (
+            "twind/loop/tick/reactions.py",
+            "twind/loop/procedures/internal_faults.py",
+            "twind/loop/procedures/estop_replies.py",
+            "twind/loop/procedures/robot_condition.py",
+        ),
+        (
+            "tests/loop/test_reaction_steps.py",
+            "tests/loop/test_estop_replies.py",
+            "tests/loop/test_robot_condition.py",
+        ),
+    ),
+    Room(
+        "executor",
+        (
+            "twind/motion/trajectory_executor.py",
+            "twind/motion/stop_profiles.py",
+        ),
+        (
+            "tests/motion/test_trajectory_executor.py",
+            "tests/motion/test_stop_profiles.py",
+        ),
+    ),
+    Room(
+        "writer",
+        ("drivers/twind_drivers/dynamixel/dynamixel_writer.py",),
+        ("tests/drivers/test_dynamixel_writer.py",),
+    ),
+    Room(
         "homing",
         ("twind/motion/endstop_search.py",),
         (

@@ -17,6 +17,7 @@ from tests.proof.soak.growth import Growth
 from tests.support.daemon_rig import Rig
 from tests.support.fault_cases import CASES, Order, healing, order
 from twind import link
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.safety.state_machine import LATCHED
@@ -71,23 +72,25 @@ class Life:
         self.wrong += [f"{now:.2f} bus: {each}" for each in self.tap.wrong[:3]]
         for monitor in self.tap.monitors.values():
             monitor.violations.clear()
-        if loop.latches and loop.state not in (
+        if loop.condition.latches and loop.condition.state not in (
             *LATCHED,
             RobotState.INHIBITED,
             RobotState.DISCONNECTED,
             RobotState.IDENTIFYING,
         ):
-            self.wrong.append(f"{now:.2f} latched {sorted(loop.latches)} in state {loop.state.value}")
-        if loop.torque.armed and loop.state in (
+            self.wrong.append(
+                f"{now:.2f} latched {sorted(loop.condition.latches)} in state {loop.condition.state.value}"
+            )
+        if loop.torque.armed and loop.condition.state in (
             RobotState.CONNECTED,
             RobotState.IDENTIFYING,
             RobotState.DISCONNECTED,
         ):
-            self.wrong.append(f"{now:.2f} armed in state {loop.state.value}")
+            self.wrong.append(f"{now:.2f} armed in state {loop.condition.state.value}")
         reference = loop.executor.reference
         if reference is not None and not np.isfinite(reference.position).all():
             self.wrong.append(f"{now:.2f} a reference that is no number")
-        if loop.finished:
+        if loop.condition.finished:
             self.wrong.append(f"{now:.2f} the daemon ended")
         if now - self._looked >= LOOK:
             self._looked = now
@@ -209,19 +212,19 @@ class Life:
         loop = self.rig.loop
         begun = self.rig.clock.now()
         said = ""
-        while loop.state is not RobotState.ARMED or loop.latches:
+        while loop.condition.state is not RobotState.ARMED or loop.condition.latches:
             if self.rig.clock.now() - begun > BACK:
-                latched = sorted(loop.latches)
+                latched = sorted(loop.condition.latches)
                 self.wrong.append(
-                    f"{self.rig.clock.now():.2f} no way back: {loop.state.value} {latched} {said}"
+                    f"{self.rig.clock.now():.2f} no way back: {loop.condition.state.value} {latched} {said}"
                 )
                 return
-            if loop.latches or loop.inherited or loop.procedures.rank is not None:
+            if loop.condition.latches or torque_inherited(loop) or loop.procedures.rank is not None:
                 self.call(link.Disarm if self.random.random() < 0.7 else link.EStop)
                 self.until(lambda: loop.procedures.rank is None, 15.0)
                 self.call(link.Reset)
                 self._reboot()
-            self.until(lambda: loop.state is RobotState.CONNECTED, 3.0)
+            self.until(lambda: loop.condition.state is RobotState.CONNECTED, 3.0)
             self.seconds(1.1)
             self.call(link.AcquireLease)
             reply = self.call(link.Arm)
@@ -261,7 +264,7 @@ class Life:
         )
         weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5])
         while self.rig.clock.now() - begun < 3600.0 * hours and len(self.wrong) < 10:
-            if self.rig.loop.state is not RobotState.ARMED or self.rig.loop.latches:
+            if self.rig.loop.condition.state is not RobotState.ARMED or self.rig.loop.condition.latches:
                 self.ready()
             act = acts[int(self.random.choice(len(acts), p=weights / weights.sum()))]
             act()

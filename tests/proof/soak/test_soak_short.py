@@ -24,7 +24,7 @@ def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None
     life.seconds(2.0)
     life.obey({"fault": "hand", "id": 16, "off": True})
     life.ready()
-    assert (life.wrong, life.acts["by hand"], life.rig.loop.state) == ([], 1, RobotState.ARMED)
+    assert (life.wrong, life.acts["by hand"], life.rig.loop.condition.state) == ([], 1, RobotState.ARMED)
     life.rig.close()
 
 

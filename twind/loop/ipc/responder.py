@@ -1,10 +1,11 @@
 """Replies to calls, and events for subscribers and the log. All leave by the link."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
 from twind import link
+from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallRefusal
 from twind.loop.ipc.front_link import ControlLink
 from twind.robot.event_codes import AnyEventCode, EventCode
 from twind.robot.finding import Finding, ReasonCode
@@ -13,11 +14,21 @@ from twind_drivers.clock import Clock
 
 
 class Responder:
-    """Sender of replies and events."""
+    """Sender of replies and events. `urgent`: the state changed, and its report cannot wait for 10 Hz."""
 
     def __init__(self, out: ControlLink, clock: Clock) -> None:
         self._link = out
         self._clock = clock
+        self.urgent = True
+
+    def answer(self, command: link.Command, outcome: CallOutcome) -> None:
+        """Send the outcome of a call."""
+        if isinstance(outcome, CallRefusal):
+            self.refuse(command, outcome.findings)
+        elif isinstance(outcome, CallFailure):
+            self.error(command, outcome.error, **outcome.parameters)
+        else:
+            self.reply(command, continues=outcome.continues, **outcome.parameters)
 
     def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:
         """Send a reply to a call."""
@@ -69,6 +80,13 @@ class Responder:
             )
         )
         return sequence
+
+    def verdict(self, id: str, verdict: Mapping[str, Any], now: float, lead: float) -> None:
+        """Report the verdict on a motion; `lead`: s of its lead-in."""
+        sequence = self._link.sequence()
+        self._link.event(
+            link.VerdictReport(time=now, sequence=sequence, id=id, verdict=dict(verdict), lead=lead)
+        )
 
     def slow(self, alert: LatencyAlert) -> None:
         """Report that a hop became too slow, or has recovered."""

@@ -7,87 +7,80 @@ stays on when arming fails.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from twind import link
-from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, all_of, ticks
+from twind.loop.ipc.call_outcome import CallRefusal, CallReply
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, all_of, ticks
+from twind.loop.procedures.torque_readback import torque_inherited
 from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off, take
-from twind.robot.finding import Finding, ReasonCode
+from twind.robot.arrays import Floats
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_map import JointMap
 from twind.robot.modes import RobotState
 from twind.safety.multiturn import expected
 from twind.safety.state_machine import RobotEvent
 from twind_drivers.bus import BusError
 
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
-    from twind.robot.arrays import Floats
-
 # s, the oldest reading for a goal at torque-on; an older one would be a step (docs/proof.md: 50 ms)
 FRESH = 0.05
 # ticks a joint may move between reading and torque; more would be a step (docs/proof.md: 2 counts)
 STILL = 2.5
+UNWATCHED = "armed without a device watchdog that can be read back: nothing stops it if the daemon dies"
 FIRST = 1.0  # s to wait for the first temperature and supply voltage, which are read some 5 times a second
 # attempts of goal := present on a robot that still swings; without a bound arming would never answer
 TRIES = 20
 JUMP = 0.05  # rad a joint may move within the first ticks of torque; beyond it zero, sign or goal is wrong
 
 
-def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
+def arm(
+    context: ProcedureContext, judge: Callable[[float], Verdict], edited: Sequence[str], now: float
+) -> Procedure:
     """Set goal := present, read it back, switch torque on, read it back, then hold.
 
-    Replies when the robot is armed, or with the reason why it is not.
+    `judge` returns the gate's verdict at a time (s); `edited`: files whose present content differs.
     """
-    refusals = yield from _check_arming_request(loop, command, now)
-    if refusals := (*refusals, *_find_edited_files(command)):
-        loop.say.refuse(command, refusals)
-        return
-    inherited = loop.inherited
-    loop.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
-    loop.arming_client = command.client
-    loop.change(RobotEvent.ARM, now)
+    refusals = yield from _check_arming_request(judge, now)
+    if refusals := (*refusals, *_find_edited_files(edited)):
+        return CallRefusal(refusals)
+    inherited = torque_inherited(context)
+    context.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
+    context.condition.change(RobotEvent.ARM)
     try:
-        held = yield from _energise(loop, inherited)
+        held = yield from _energise(context, inherited)
     except (BusError, ProcedureFailed) as error:
-        yield from back_out(loop, inherited)
-        failed = Finding(ReasonCode.ARM_FAILED, message=error_text(loop, error))
-        loop.say.refuse(command, (error.finding if isinstance(error, ProcedureFailed) else failed,))
-        return
+        yield from back_out(context, inherited)
+        failed = Finding(ReasonCode.ARM_FAILED, message=error_text(context, error))
+        return CallRefusal((error.finding if isinstance(error, ProcedureFailed) else failed,))
     except GeneratorExit:  # the procedure that takes over finds `energising` set and switches torque off
-        loop.hardware.clear()
-        loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
-        _reply_ended(loop, command)
+        context.hardware.clear()
+        context.condition.change_if(RobotEvent.ARM_FAILED)
         raise
-    take(loop, held)
-    loop.twin.place(held)
-    loop.change(RobotEvent.ARMED, loop.clock.now())
-    message = "armed without a device watchdog that can be read back: nothing stops it if the daemon dies"
-    findings = tuple(
-        Finding(ReasonCode.DEVICE_MISMATCH, joint, message=message) for joint in loop.joints.unwatched
-    )
-    beside: dict[str, Any] = {"warnings": list(findings)} if findings else {}
-    loop.say.reply(command, joints=list(range(len(loop.joints))), **beside)
-    if findings:
-        loop.say.event("warning", ReasonCode.DEVICE_MISMATCH, f"{len(findings)} joints {message}", findings)
+    take(context, held)
+    context.condition.change(RobotEvent.ARMED)
+    return CallReply(_joints_and_warnings(context.robot.joints))
+
+
+def _joints_and_warnings(joints: JointMap) -> dict[str, Any]:
+    """Return the parameters of the reply: joints armed, and those without a watchdog that is read back."""
+    findings = [Finding(ReasonCode.DEVICE_MISMATCH, joint, message=UNWATCHED) for joint in joints.unwatched]
+    every = {"joints": list(range(len(joints)))}
+    return every | {"warnings": findings} if findings else every
 
 
 def _check_arming_request(
-    loop: Loop, command: link.Arm, now: float
+    judge: Callable[[float], Verdict], now: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
     """Return the refusals of the gate; wait up to `FIRST` s for the first temperature and supply voltage."""
-    refusals = loop.may_arm(command.client, now).refusals
+    refusals = judge(now).refusals
     deadline = now + FIRST
-    loop.arming_client = command.client
     while refusals and all(map(_unread, refusals)) and now < deadline:
-        try:
-            now = yield
-        except GeneratorExit:
-            _reply_ended(loop, command)
-            raise
-        refusals = loop.may_arm(command.client, now).refusals
+        now = yield
+        refusals = judge(now).refusals
     return refusals
 
 
@@ -101,40 +94,34 @@ def _unread(finding: Finding) -> bool:
     )
 
 
-def _reply_ended(loop: Loop, command: link.Arm) -> None:
-    why = next(iter(loop.latches.values()), None)
-    what = "something more urgent" if why is None else f"{why.code}: {why.message}"
-    loop.say.error(command, "Busy", what=f"arming was ended by {what}")
-
-
-def _find_edited_files(command: link.Arm) -> list[Finding]:
+def _find_edited_files(edited: Sequence[str]) -> list[Finding]:
     """Return CALIB_MISMATCH for files whose present content differs.
 
     The front reads them: a tick reads no file.
     """
     message = "{} differs from what this daemon uses: `twindctl reload`, restart it, or restore the file"
-    return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
+    return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in edited]
 
 
-def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
+def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, float, Floats]:
     """Run all steps from the watchdogs to torque read back; return the position (n,) that is held, rad."""
-    hardware = loop.hardware
-    _require_all_or_none(loop)
+    hardware = context.hardware
+    _require_all_or_none(context)
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
     # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
     # the servo would resume its old goal.
-    yield from all_of(hardware.prepare(present(loop)))
+    yield from all_of(hardware.prepare(present(context)))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
-    held = yield from _write_present_goals(loop)
-    _require_undisturbed(loop)
-    _require_one_turn(loop)
+    held = yield from _write_present_goals(context)
+    _require_undisturbed(context)
+    _require_one_turn(context)
     if not inherited:  # torque that was on before stays on when arming fails
-        loop.torque.begin_energising()
+        context.torque.begin_energising()
     yield from all_of(hardware.torque(True))
     # Torque needs a few ticks to act; only then a wrong goal shows as movement.
     yield from ticks(3)
-    _require_undisturbed(loop)
-    jump = np.abs(loop.measured.position - held)
+    _require_undisturbed(context)
+    jump = np.abs(context.robot.measured.position - held)
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
@@ -142,14 +129,14 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     return held
 
 
-def _require_one_turn(loop: Loop) -> None:
+def _require_one_turn(context: ProcedureContext) -> None:
     """Raise ProcedureFailed where a servo in position mode would read another turn at torque-on.
 
     In position mode a servo reads one turn from torque-on (e-manual, "Operating Mode", note). The count that
     is written as its goal must be the one that it reads then.
     """
-    turns = loop.joints.turns
-    readings = loop.hardware.readings
+    turns = context.robot.joints.turns
+    readings = context.hardware.readings
     if turns is None:
         return
     count = readings.raw.ticks + readings.shift
@@ -164,14 +151,14 @@ def _require_one_turn(loop: Loop) -> None:
         raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, then[joint], count[joint], message, joint)
 
 
-def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
+def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Floats]:
     """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad."""
-    hardware = loop.hardware
+    hardware = context.hardware
     for _ in range(TRIES):
         # The robot moved while the goal was written: such a goal would be a step, so it is taken anew.
-        held = hardware.quantised(present(loop))
+        held = hardware.quantised(present(context))
         yield from all_of(hardware.write_goals(held))
-        moved = np.abs(loop.measured.position - held) / hardware.resolution
+        moved = np.abs(context.robot.measured.position - held) / hardware.resolution
         if (moved <= STILL).all():
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
@@ -179,28 +166,28 @@ def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
     raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, moved[joint], STILL, message, joint)
 
 
-def _require_undisturbed(loop: Loop) -> None:
-    if loop.state is not RobotState.ARMING or loop.latches:
-        message = f"the robot went to {loop.state.value} meanwhile"
+def _require_undisturbed(context: ProcedureContext) -> None:
+    if context.condition.state is not RobotState.ARMING or context.condition.latches:
+        message = f"the robot went to {context.condition.state.value} meanwhile"
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, 0.0, 0.0, message)
 
 
-def _require_all_or_none(loop: Loop) -> None:
-    on = loop.hardware.slow.torque == 1
+def _require_all_or_none(context: ProcedureContext) -> None:
+    on = context.hardware.slow.torque == 1
     if on.any() and not on.all():
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, on.sum(), 0.0, message, joint)
 
 
-def present(loop: Loop) -> Floats:
+def present(context: ProcedureContext) -> Floats:
     """Return the measured position (n,), rad: fresh, complete and inside the hard limits.
 
     Raises ProcedureFailed.
     """
-    state = loop.measured
-    limits = loop.limits
-    age = loop.clock.now() - state.time + state.age
+    state = context.robot.measured
+    limits = context.robot.limits
+    age = context.clock.now() - state.time + state.age
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
@@ -216,18 +203,19 @@ def present(loop: Loop) -> Floats:
     return state.position
 
 
-def back_out(loop: Loop, inherited: bool) -> Procedure:
+def back_out(context: ProcedureContext, inherited: bool) -> Steps:
     """Switch torque off again and read it back; torque that was on before arming stays on."""
-    loop.executor.idle()
-    loop.hardware.clear()
+    context.executor.idle()
+    context.hardware.clear()
     if not inherited:
         try:
-            yield from switch_torque_off(loop)
+            yield from switch_torque_off(context)
         except BusError as error:
-            say_unconfirmed(loop, error)
-    loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
+            say_unconfirmed(context, error)
+    context.condition.change_if(RobotEvent.ARM_FAILED)
 
 
-def give_up(loop: Loop) -> Procedure:
+def give_up(context: ProcedureContext) -> Procedure:
     """End an arming whose client closed its connection before torque was on."""
-    yield from back_out(loop, inherited=not loop.torque.energising)
+    yield from back_out(context, inherited=not context.torque.energising)
+    return None

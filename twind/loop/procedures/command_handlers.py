@@ -1,296 +1,376 @@
-"""Handler of each command of the front: a reply at once, or a procedure begun."""
+"""Handler of each command of the front: a reply at once, or a procedure begun. Loop's process."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 from twind import link
+from twind.loop.ipc.call_outcome import CallOutcome, CallReply
 from twind.loop.ipc.front_link import ReceivedCommand
-from twind.loop.procedures import arming, device_procedures, torque_release
-from twind.loop.procedures.procedure_runner import Priority, Procedure
+from twind.loop.procedures import arming
+from twind.loop.procedures.calibrating_state import CalibratingState
+from twind.loop.procedures.device_procedures import DeviceCommands
+from twind.loop.procedures.estop_replies import EStopReplies
+from twind.loop.procedures.gate_input import GateInput
+from twind.loop.procedures.homing_procedure import HomingProcedure
+from twind.loop.procedures.identification import IdentificationState
+from twind.loop.procedures.internal_faults import fail
+from twind.loop.procedures.mode_entry import ModeEntry
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Ending, Priority, Procedure
+from twind.loop.procedures.reload_coordinator import ReloadCoordinator
 from twind.loop.procedures.submission_tracker import SubmissionTracker
+from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
+from twind.loop.procedures.torque_release import STOPS, TorqueRelease
+from twind.loop.tick.loop_figures import LoopFigures
+from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.state_machine import RobotEvent, mode_change
 
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
-
-__all__ = ["SubmissionTracker", "begin"]
-
 LOWERING = "wait until torque is off, as `twindctl status --joints` shows"
-
-
-def serve(loop: Loop, now: float) -> None:
-    """Serve all commands and pending requests of this tick.
-
-    An e-stop precedes all others: a command of the same tick must not start a motion that it should stop.
-    """
-    incoming = loop.link.commands(now)
-    incoming.sort(key=lambda each: not isinstance(each.command, link.EStop))
-    for each in incoming:
-        try:
-            begin(loop, each, now)
-        except Exception as error:  # noqa: BLE001 - an error in one call must not affect the others
-            loop.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
-            if isinstance(each.command, link.Command):
-                loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
-    if loop.link.lost:
-        front_lost(loop)
-    loop.calibrating.end_if_due(now)
-    loop.reloads.serve(now)
-    if loop.stop_wanted and loop.procedures.own(
-        Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
-    ):
-        loop.say.event(
-            "info",
-            EventCode.STOPPING,
-            "the daemon ends" + (": lowering the robot" if loop.torque.armed else ""),
-        )
-
-
-def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
-    """Reply to a command, or start the procedure that will reply."""
-    command = incoming.command
-    if isinstance(command, link.Submit):
-        loop.submissions.begin(command, incoming.data, now)
-    elif isinstance(command, link.ApplyChanges):
-        loop.reloads.adopt(command, incoming.fd, now)
-    else:
-        _HANDLERS[type(command)](loop, command, now)
-
-
-def _gone(loop: Loop, command: link.ConnectionClosed, now: float) -> None:
-    """Process a closed connection: its lease lapses, and an arming that it began ends with torque off."""
-    loop.lease.release_client(command.client)
-    loop.submissions.drop_client(command.client)
-    loop.stops.drop_client(command.client)
-    if loop.procedures.rank is Priority.ARM and loop.arming_client == command.client:
-        loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
-
-
-def front_lost(loop: Loop) -> None:
-    """Process the loss of the front and of every connection: leases lapse, motion holds, torque stays."""
-    loop.link.lost = False
-    loop.lease.front_lost()
-    loop.submissions.forget()
-    _hold(loop, Finding(ReasonCode.LEASE_LOST, message="the front was lost"))
-    loop.say.event("error", ReasonCode.LEASE_LOST, "the front was lost; a new one is started")
-    loop.reloads.front_lost()
-
-
-def _hold(loop: Loop, reason: Finding) -> None:
-    """End a motion, also one that waits for its start, and an arming. A motion to the rest pose goes on."""
-    busy = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or loop.executor.waiting
-    if loop.procedures.rank is Priority.ARM:
-        loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
-    elif loop.procedures.rank is None and busy:
-        loop.executor.stop("aborted", (reason,))
-
-
-def _reachable(loop: Loop, news: link.Reachable, now: float) -> None:
-    """Hold motion while no new client can connect; nothing moves by itself afterwards."""
-    before = loop.unreachable
-    loop.unreachable = Finding(ReasonCode.SOCKETS_GONE, message=news.missing) if news.missing else None
-    for path in news.rebound:
-        loop.say.event(
-            "warning", ReasonCode.SOCKETS_GONE, f"{path} was removed or replaced; it is bound again"
-        )
-    if loop.unreachable is not None and before is None:
-        loop.say.event("error", ReasonCode.SOCKETS_GONE, news.missing, (loop.unreachable,))
-        _hold(loop, loop.unreachable)
-    elif loop.unreachable is None and before is not None:
-        loop.say.event("info", ReasonCode.SOCKETS_GONE, "clients can connect again; motion may be requested")
-    loop.publisher.urgent = loop.publisher.urgent or loop.unreachable != before
-
-
-# ------------------------------------------------------------------------------------------- mode, lease
-
-
-def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
-    if command.mode not in [mode.value for mode in Mode]:
-        names = [mode.value for mode in Mode]
-        loop.say.error(command, "NotFound", what="mode", name=command.mode, known=names)
-        return
-    wanted = Mode(command.mode)
-    if wanted is not loop.mode and (what := loop.homing.busy()):
-        loop.say.error(command, "Busy", what=what)
-        return
-    refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
-    # where torque that was found on can be switched off
-    to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE
-    if refusal is None and loop.energised and wanted is not loop.mode and not to_live:
-        refusal = Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
-    if refusal is None and wanted is Mode.LIVE:
-        refusal = loop.parts.live_denied
-    if refusal is not None:
-        loop.say.refuse(command, (refusal,))
-        return
-    if wanted is not loop.mode:
-        loop.enter(wanted)
-        loop.publisher.urgent = True
-    loop.say.reply(command, mode=loop.mode.value)
-
-
-def _lease(loop: Loop, now: float) -> dict[str, Any]:
-    """Return the lease as the interface encodes it."""
-    info = loop.publisher.lease(now) or link.LeaseInfo(holder="", uid=-1, expires_in=0.0)
-    return {"holder": info.holder, "uid": info.uid, "expires_in": info.expires_in}
-
-
-def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
-    held_by_other = loop.lease.holder_client(now) not in (0, command.client)
-    if not loop.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
-        loop.say.error(command, "LeaseHeld", lease=_lease(loop, now))
-        return
-    moving = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
-    if held_by_other and moving and loop.procedures.rank is None:  # never the motion to the rest pose
-        reason = Finding(ReasonCode.LEASE_LOST, message=f"the lease was taken by {command.holder}")
-        loop.executor.stop("aborted", (reason,))  # taken from another: motion holds first
-    if held_by_other:
-        loop.say.event("warning", ReasonCode.LEASE_LOST, f"lease taken by {command.holder}")
-    loop.publisher.urgent = True
-    loop.say.reply(command, lease=_lease(loop, now))
-
-
-def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
-    if loop.lease.renew(command.client, now):
-        loop.say.reply(command, lease=_lease(loop, now))
-    else:
-        loop.say.refuse(
-            command, (Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease"),)
-        )
-
-
-def _release(loop: Loop, command: link.ReleaseLease, now: float) -> None:
-    streaming = loop.executor.motion is Motion.STREAMING and loop.procedures.rank is None
-    if loop.lease.held_by(command.client, now) and streaming:
-        loop.executor.stop()
-    loop.lease.release(command.client)
-    loop.publisher.urgent = True
-    loop.say.reply(command)
-
-
-# ------------------------------------------------------------------------------------------- torque
-
-
-def _arm(loop: Loop, command: link.Arm, now: float) -> None:
-    everyone = list(range(len(loop.joints)))
-    if command.joints is not None and sorted(command.joints) != everyone:
-        finding = Finding(
-            ReasonCode.BAD_SHAPE, message="arming some joints is not supported: name all, or none"
-        )
-        loop.say.refuse(command, (finding,))
-        return
-    _own(loop, command, Priority.ARM, lambda: arming.arm(loop, command, now))
-
-
-def _disarm(loop: Loop, command: link.Disarm, now: float) -> None:
-    if loop.torque_on and not loop.hardware.writers:
-        message = f"mode {loop.mode} has nothing that writes: torque was found on; disarm in mode live"
-        loop.say.refuse(command, (Finding(ReasonCode.MODE_DENIES, message=message),))
-        return
-    _own(loop, command, Priority.DISARM, lambda: torque_release.disarm(loop, command, now))
-
-
-def _estop(loop: Loop, command: link.EStop, now: float) -> None:
-    if command.level not in torque_release.RANKS:
-        known = list(torque_release.RANKS)
-        loop.say.error(command, "NotFound", what="level", name=command.level, known=known)
-        return
-    loop.latch(Finding(ReasonCode.ESTOP, message=command.reason or f"e-stop ({command.level})"))
-    loop.stops.ask(command)
-    if loop.stop_wanted and loop.torque_off:
-        return  # nothing is left to stop, and the end of the daemon must not be put off for ever
-    torque_release.stop(loop, command.level, now)
-
-
-def _own(loop: Loop, command: link.Command, rank: Priority, start: Callable[[], Procedure]) -> None:
-    if not loop.procedures.own(rank, start):
-        running = loop.procedures.rank
-        what = running.name.lower() if running is not None else "starting"
-        loop.say.error(command, "Busy", what=f"{what}: {LOWERING}" if _lowering(loop) else what)
-
-
-def _lowering(loop: Loop) -> bool:
-    """Check for a procedure that leads to torque off."""
-    return loop.procedures.rank is not None and loop.procedures.rank >= Priority.DISARM
-
-
-def _reset(loop: Loop, command: link.Reset, now: float) -> None:
-    """Acknowledge latches; torque must be off. Never arms: a fault that persists refuses the next Arm."""
-    if loop.torque_on:
-        allowed = f"torque off: {LOWERING if _lowering(loop) else 'disarm'}"
-        loop.say.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=[allowed])
-        return
-    wanted = set(command.codes) if command.codes is not None else {code.value for code in loop.latches}
-    unknown = wanted - {code.value for code in loop.latches}
-    if unknown:
-        codes = [code.value for code in loop.latches]
-        loop.say.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=codes)
-        return
-    for code in [code for code in loop.latches if code.value in wanted]:
-        del loop.latches[code]
-    if ReasonCode.ESTOP not in loop.latches:
-        loop.torque.lift_stop()
-    if not loop.latches:
-        if loop.torque.inhibited:
-            for port in loop.hardware.ports:  # devices were not checked while inhibited: identify them anew
-                port.identify()
-        loop.torque.lift_inhibit()
-        if loop.condition.latched or loop.state is RobotState.INHIBITED:
-            loop.change(RobotEvent.RESET, now)
-            loop.identity.settle_state(now)
-        if loop.mode is not Mode.LIVE and (loop.executor.motion is Motion.IDLE or loop.twin.halted):
-            loop.enter(loop.mode)  # the simulation takes goals again, from where it stopped
-    loop.publisher.urgent = True
-    loop.say.reply(command, state=loop.state.value)
-
-
-# ------------------------------------------------------------------------------------------- marks
-
 MARKS = {"begin": EventCode.EPISODE_BEGIN, "end": EventCode.EPISODE_END, "note": EventCode.NOTE}
 ENDED = {True: "succeeded", False: "failed", None: "ended"}
 
 
-def _mark(loop: Loop, command: link.Mark, now: float) -> None:
-    annotation = command.annotation
-    ended = ENDED[annotation.success] if annotation.kind == "end" else None
-    words = [word for word in (annotation.task, ended, annotation.text) if word]
-    loop.say.mark(command, MARKS[annotation.kind], ": ".join(words))
+class CommandHandlers:
+    """Handlers of all commands, and the parts of the loop that only commands reach."""
 
+    def __init__(
+        self,
+        context: ProcedureContext,
+        parts: LoopParts,
+        identity: IdentificationState,
+        release: TorqueRelease,
+        modes: ModeEntry,
+        figures: LoopFigures,
+    ) -> None:
+        self._context = context
+        self._parts = parts
+        self._identity = identity
+        self._modes = modes
+        self.gate_input = GateInput(context, parts, figures, lambda: identity.troubles)
+        self._calibrating = CalibratingState(context, parts.lease, identity)
+        self._arming_client = 0  # client whose Arm is under way
+        self.release = release
+        self.stops = EStopReplies(context)
+        self.submissions = SubmissionTracker(context, parts, self.gate_input, figures)
+        self.homing = HomingProcedure(context, parts, self.gate_input, identity.verified)
+        self.reloads = ReloadCoordinator(context, parts, self.gate_input, self.homing)
+        devices = DeviceCommands(context, self.homing, self._calibrating)
+        self._handlers: dict[type, Callable[[Any, float], None]] = {
+            link.ConnectionClosed: self._close_connection,
+            link.Reachable: self._note_reachable,
+            link.ReloadStarted: lambda command, now: self.reloads.begin(now),
+            link.ReloadFailed: lambda command, now: self.reloads.failed(command.message),
+            link.SetMode: self._set_mode,
+            link.AcquireLease: self._acquire,
+            link.RenewLease: self._renew,
+            link.ReleaseLease: self._release_lease,
+            link.Arm: self._arm,
+            link.Disarm: self._disarm,
+            link.EStop: self._estop,
+            link.Reset: self._reset,
+            link.Calibrate: self._calibrating.ask,
+            link.FindStop: self.homing.ask,
+            link.Mark: self._mark,
+            link.Cancel: self._cancel,
+            link.Setpoint: lambda command, now: self.submissions.setpoint(command, now),
+            link.ReadRegister: devices.read,
+            link.WriteRegister: devices.write,
+            link.Reboot: devices.reboot,
+            link.Scan: devices.scan,
+        }
 
-# ------------------------------------------------------------------------------------------- motion
+    def serve(self, now: float) -> None:
+        """Serve all commands and pending requests of this tick.
 
+        An e-stop precedes all others: a command of the same tick must not start a motion that it should stop.
+        """
+        context = self._context
+        incoming = self._parts.link.commands(now)
+        incoming.sort(key=lambda each: not isinstance(each.command, link.EStop))
+        for each in incoming:
+            try:
+                self.begin(each, now)
+            except Exception as error:  # noqa: BLE001 - an error in one call must not affect the others
+                fail(context, Finding(ReasonCode.INTERNAL, message=repr(error)))
+                if isinstance(each.command, link.Command):
+                    context.reports.error(each.command, "Busy", what=f"failed inside: {error!r}")
+        if self._parts.link.lost:
+            self._lose_front()
+        self._calibrating.end_if_due(now)
+        self.reloads.serve(now)
+        if context.condition.stop_wanted and context.procedures.own(
+            Priority.SHUTDOWN, lambda: self.release.shutdown(self.homing, now)
+        ):
+            lowering = ": lowering the robot" if context.torque.armed else ""
+            context.reports.event("info", EventCode.STOPPING, f"the daemon ends{lowering}")
 
-def _cancel(loop: Loop, command: link.Cancel, now: float) -> None:
-    if loop.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
-        loop.executor.stop()
-    loop.say.reply(command, state=loop.state.value)
+    def begin(self, incoming: ReceivedCommand, now: float) -> None:
+        """Reply to a command, or start the procedure whose outcome is the reply."""
+        command = incoming.command
+        if isinstance(command, link.Submit):
+            self.submissions.begin(command, incoming.data, now)
+        elif isinstance(command, link.ApplyChanges):
+            self.reloads.adopt(command, incoming.fd, now)
+        else:
+            self._handlers[type(command)](command, now)
 
+    def _close_connection(self, command: link.ConnectionClosed, now: float) -> None:
+        """Process a closed connection: its lease lapses, and an arming that it began ends with torque off."""
+        context = self._context
+        self._parts.lease.release_client(command.client)
+        self.submissions.drop_client(command.client)
+        self.stops.drop_client(command.client)
+        if context.procedures.rank is Priority.ARM and self._arming_client == command.client:
+            context.procedures.own(Priority.DISARM, lambda: arming.give_up(context))
 
-_HANDLERS: dict[type, Callable[[Any, Any, float], None]] = {
-    link.ConnectionClosed: _gone,
-    link.Reachable: _reachable,
-    link.ReloadStarted: lambda loop, command, now: loop.reloads.begin(now),
-    link.ReloadFailed: lambda loop, command, now: loop.reloads.failed(command.message),
-    link.SetMode: _set_mode,
-    link.AcquireLease: _acquire,
-    link.RenewLease: _renew,
-    link.ReleaseLease: _release,
-    link.Arm: _arm,
-    link.Disarm: _disarm,
-    link.EStop: _estop,
-    link.Reset: _reset,
-    link.Calibrate: lambda loop, command, now: loop.calibrating.ask(command, now),
-    link.FindStop: lambda loop, command, now: loop.homing.ask(command, now),
-    link.Mark: _mark,
-    link.Cancel: _cancel,
-    link.Setpoint: lambda loop, command, now: loop.submissions.setpoint(command, now),
-    link.ReadRegister: device_procedures.read,
-    link.WriteRegister: device_procedures.write,
-    link.Reboot: device_procedures.reboot,
-    link.Scan: device_procedures.scan,
-}
+    def _lose_front(self) -> None:
+        """Process the loss of the front and of every connection: leases lapse, motion holds, torque stays."""
+        context = self._context
+        self._parts.link.lost = False
+        self._parts.lease.front_lost()
+        self.submissions.forget()
+        self._hold(Finding(ReasonCode.LEASE_LOST, message="the front was lost"))
+        context.reports.event("error", ReasonCode.LEASE_LOST, "the front was lost; a new one is started")
+        self.reloads.front_lost()
+
+    def _hold(self, reason: Finding) -> None:
+        """End a motion, also one that waits for its start, and an arming. A way to the rest pose goes on."""
+        context = self._context
+        busy = context.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or context.executor.waiting
+        if context.procedures.rank is Priority.ARM:
+            context.procedures.own(Priority.DISARM, lambda: arming.give_up(context))
+        elif context.procedures.rank is None and busy:
+            context.executor.stop("aborted", (reason,))
+
+    def _note_reachable(self, news: link.Reachable, now: float) -> None:
+        """Hold motion while no new client can connect; nothing moves by itself afterwards."""
+        context = self._context
+        before = context.condition.unreachable
+        context.condition.unreachable = (
+            Finding(ReasonCode.SOCKETS_GONE, message=news.missing) if news.missing else None
+        )
+        for path in news.rebound:
+            context.reports.event(
+                "warning", ReasonCode.SOCKETS_GONE, f"{path} was removed or replaced; it is bound again"
+            )
+        if context.condition.unreachable is not None and before is None:
+            context.reports.event(
+                "error", ReasonCode.SOCKETS_GONE, news.missing, (context.condition.unreachable,)
+            )
+            self._hold(context.condition.unreachable)
+        elif context.condition.unreachable is None and before is not None:
+            context.reports.event(
+                "info", ReasonCode.SOCKETS_GONE, "clients can connect again; motion may be requested"
+            )
+        context.reports.urgent = context.reports.urgent or context.condition.unreachable != before
+
+    # ------------------------------------------------------------------------------------------- mode, lease
+
+    def _set_mode(self, command: link.SetMode, now: float) -> None:
+        context = self._context
+        if command.mode not in [mode.value for mode in Mode]:
+            names = [mode.value for mode in Mode]
+            context.reports.error(command, "NotFound", what="mode", name=command.mode, known=names)
+            return
+        wanted = Mode(command.mode)
+        if wanted is not context.condition.mode and (what := self.homing.busy()):
+            context.reports.error(command, "Busy", what=what)
+            return
+        refusal = mode_change(
+            context.condition.mode, wanted, context.condition.state, context.executor.motion
+        )
+        # where torque that was found on can be switched off
+        to_live = context.condition.mode is Mode.MIRROR and wanted is Mode.LIVE
+        if (
+            refusal is None
+            and torque_possible(context)
+            and wanted is not context.condition.mode
+            and not to_live
+        ):
+            refusal = Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
+        if refusal is None and wanted is Mode.LIVE:
+            refusal = self._parts.live_denied
+        if refusal is not None:
+            context.reports.refuse(command, (refusal,))
+            return
+        if wanted is not context.condition.mode:
+            self._modes.enter(wanted)
+            context.reports.urgent = True
+        context.reports.reply(command, mode=context.condition.mode.value)
+
+    def _lease(self, now: float) -> dict[str, Any]:
+        """Return the lease as the interface encodes it."""
+        held = self._parts.lease.info(now)
+        if held is None:
+            return {"holder": "", "uid": -1, "expires_in": 0.0}
+        return {"holder": held.holder, "uid": held.uid, "expires_in": held.expires_in}
+
+    def _acquire(self, command: link.AcquireLease, now: float) -> None:
+        context = self._context
+        held_by_other = self._parts.lease.holder_client(now) not in (0, command.client)
+        if not self._parts.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
+            context.reports.error(command, "LeaseHeld", lease=self._lease(now))
+            return
+        moving = context.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
+        if held_by_other and moving and context.procedures.rank is None:  # never the motion to the rest pose
+            reason = Finding(ReasonCode.LEASE_LOST, message=f"the lease was taken by {command.holder}")
+            context.executor.stop("aborted", (reason,))  # taken from another: motion holds first
+        if held_by_other:
+            context.reports.event("warning", ReasonCode.LEASE_LOST, f"lease taken by {command.holder}")
+        context.reports.urgent = True
+        context.reports.reply(command, lease=self._lease(now))
+
+    def _renew(self, command: link.RenewLease, now: float) -> None:
+        context = self._context
+        if self._parts.lease.renew(command.client, now):
+            context.reports.reply(command, lease=self._lease(now))
+        else:
+            context.reports.refuse(
+                command,
+                (Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease"),),
+            )
+
+    def _release_lease(self, command: link.ReleaseLease, now: float) -> None:
+        context = self._context
+        streaming = context.executor.motion is Motion.STREAMING and context.procedures.rank is None
+        if self._parts.lease.held_by(command.client, now) and streaming:
+            context.executor.stop()
+        self._parts.lease.release(command.client)
+        context.reports.urgent = True
+        context.reports.reply(command)
+
+    # ------------------------------------------------------------------------------------------- torque
+
+    def _arm(self, command: link.Arm, now: float) -> None:
+        context = self._context
+        everyone = list(range(len(context.robot.joints)))
+        if command.joints is not None and sorted(command.joints) != everyone:
+            finding = Finding(
+                ReasonCode.BAD_SHAPE, message="arming some joints is not supported: name all, or none"
+            )
+            context.reports.refuse(command, (finding,))
+            return
+        judge = partial(self.gate_input.may_arm, command.client)
+        if self._own(
+            command,
+            Priority.ARM,
+            lambda: arming.arm(context, judge, command.edited, now),
+            lambda outcome: self._arm_ended(command, outcome),
+        ):
+            self._arming_client = command.client
+
+    def _arm_ended(self, command: link.Arm, outcome: CallOutcome | None) -> None:
+        """Reply to an arming. The simulation follows from where the robot is held."""
+        context = self._context
+        if isinstance(outcome, CallReply) and context.robot.written is not None:
+            self._parts.twin.place(context.robot.written)
+        self._reply(command, outcome)
+        unwatched = outcome.parameters.get("warnings", ()) if isinstance(outcome, CallReply) else ()
+        if unwatched:
+            message = f"{len(unwatched)} joints {arming.UNWATCHED}"
+            context.reports.event("warning", ReasonCode.DEVICE_MISMATCH, message, tuple(unwatched))
+
+    def _disarm(self, command: link.Disarm, now: float) -> None:
+        context = self._context
+        if torque_on(context) and not context.hardware.writers:
+            mode = context.condition.mode
+            message = f"mode {mode} has nothing that writes: torque was found on; disarm in mode live"
+            context.reports.refuse(command, (Finding(ReasonCode.MODE_DENIES, message=message),))
+            return
+        self._own(command, Priority.DISARM, self.release.disarm, partial(self._reply, command))
+
+    def _estop(self, command: link.EStop, now: float) -> None:
+        context = self._context
+        if command.level not in STOPS:
+            known = list(STOPS)
+            context.reports.error(command, "NotFound", what="level", name=command.level, known=known)
+            return
+        context.condition.latch(
+            Finding(ReasonCode.ESTOP, message=command.reason or f"e-stop ({command.level})")
+        )
+        self.stops.ask(command)
+        if context.condition.stop_wanted and torque_off(context):
+            return  # nothing is left to stop, and the end of the daemon must not be put off for ever
+        self.release.stop(command.level)
+
+    def _own(
+        self, command: link.Command, rank: Priority, start: Callable[[], Procedure], ended: Ending
+    ) -> bool:
+        """Begin a procedure that owns the torque; False after the reply that another one runs."""
+        context = self._context
+        if context.procedures.own(rank, start, ended):
+            return True
+        running = context.procedures.rank
+        what = running.name.lower() if running is not None else "starting"
+        context.reports.error(command, "Busy", what=f"{what}: {LOWERING}" if self._lowering() else what)
+        return False
+
+    def _reply(self, command: link.Command, outcome: CallOutcome | None) -> None:
+        """Send the outcome of a procedure."""
+        if outcome is not None:
+            self._context.reports.answer(command, outcome)
+
+    def _lowering(self) -> bool:
+        """Check for a procedure that leads to torque off."""
+        context = self._context
+        return context.procedures.rank is not None and context.procedures.rank >= Priority.DISARM
+
+    def _reset(self, command: link.Reset, now: float) -> None:
+        """Acknowledge latches; torque must be off. Never arms: a fault that persists refuses the next Arm."""
+        context = self._context
+        if torque_on(context):
+            allowed = f"torque off: {LOWERING if self._lowering() else 'disarm'}"
+            context.reports.error(
+                command, "WrongState", state=f"{context.condition.state.value}, torque on", allowed=[allowed]
+            )
+            return
+        codes = [code.value for code in context.condition.latches]
+        wanted = codes if command.codes is None else command.codes
+        unknown = set(wanted) - set(codes)
+        if unknown:
+            context.reports.error(
+                command, "NotFound", what="latched code", name=sorted(unknown)[0], known=codes
+            )
+            return
+        context.condition.acknowledge(wanted)
+        if ReasonCode.ESTOP not in context.condition.latches:
+            context.torque.lift_stop()
+        if not context.condition.latches:
+            if context.torque.inhibited:
+                for (
+                    port
+                ) in context.hardware.ports:  # devices were not checked while inhibited: identify them anew
+                    port.identify()
+            context.torque.lift_inhibit()
+            if context.condition.latched or context.condition.state is RobotState.INHIBITED:
+                context.condition.change(RobotEvent.RESET)
+                self._identity.settle_state(now)
+            if context.condition.mode is not Mode.LIVE and (
+                context.executor.motion is Motion.IDLE or self._parts.twin.halted
+            ):
+                self._modes.enter(
+                    context.condition.mode
+                )  # the simulation takes goals again, from where it stopped
+        context.reports.urgent = True
+        context.reports.reply(command, state=context.condition.state.value)
+
+    def _mark(self, command: link.Mark, now: float) -> None:
+        context = self._context
+        annotation = command.annotation
+        ended = ENDED[annotation.success] if annotation.kind == "end" else None
+        words = [word for word in (annotation.task, ended, annotation.text) if word]
+        context.reports.mark(command, MARKS[annotation.kind], ": ".join(words))
+
+    # ------------------------------------------------------------------------------------------- motion
+
+    def _cancel(self, command: link.Cancel, now: float) -> None:
+        context = self._context
+        if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
+            context.executor.stop()
+        context.reports.reply(command, state=context.condition.state.value)

@@ -6,19 +6,15 @@ and arming anew: any procedure that takes the torque over continues to damp. Not
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
 from twind.loop.bus.bus_port import ScriptRun
-from twind.loop.procedures.procedure_runner import Procedure
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Steps
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from twind.loop.tick.control_loop import Loop
 
 # rad/s of the goals that follow the joints: a joint that falls faster is braked by the remaining stiffness
 SINK = 0.5
@@ -29,50 +25,50 @@ SLOW_FOR = 1.0
 SLOW_MOST = 5.0
 
 
-def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
+def demand(context: ProcedureContext, why: Sequence[Finding], now: float) -> None:
     """Allow only damping and torque off from now on; a motion to the rest pose under way ends."""
-    if loop.torque.demand_damping(now):
+    if context.torque.demand_damping(now):
         because = f": {why[0].code}: {why[0].message}" if why else ""
         message = f"the robot is damped, then torque goes off: support it{because}"
-        loop.say.event("error", EventCode.DAMP, message, tuple(why), stop="damp")
+        context.reports.event("error", EventCode.DAMP, message, tuple(why), stop="damp")
 
 
-def damp(loop: Loop) -> Procedure:
+def damp(context: ProcedureContext) -> Steps:
     """Damp until every joint has been at rest for a second, at the latest some seconds after the demand."""
-    now = loop.clock.now()
-    demand(loop, (), now)
-    assert loop.torque.soft_since is not None  # just demanded
-    until = loop.torque.soft_since + SLOW_MOST
+    now = context.clock.now()
+    demand(context, (), now)
+    assert context.torque.soft_since is not None  # just demanded
+    until = context.torque.soft_since + SLOW_MOST
     quiet_since = now
-    tasks = loop.hardware.damp()
+    tasks = context.hardware.damp()
     # `reported` makes the report of unconfirmed devices a single one; the loop below never waits for them.
     reported = False
     while now < until and now - quiet_since < SLOW_FOR:
-        loop.executor.yield_to(loop.hardware.reachable(loop.measured.position), SINK)
+        context.executor.yield_to(context.hardware.reachable(context.robot.measured.position), SINK)
         if not reported and all(task.done for task in tasks):
             reported = True
-            _report_unconfirmed(loop, tasks)
+            _report_unconfirmed(context, tasks)
         now = yield
-        if not _quiet(loop):
+        if not _quiet(context):
             quiet_since = now
 
 
-def _quiet(loop: Loop) -> bool:
+def _quiet(context: ProcedureContext) -> bool:
     """True when every joint has a fresh reading and is slow."""
-    fresh = loop.measured.age <= SLOW_FOR
-    return bool((fresh & (np.abs(loop.measured.velocity) <= SLOW)).all())
+    fresh = context.robot.measured.age <= SLOW_FOR
+    return bool((fresh & (np.abs(context.robot.measured.velocity) <= SLOW)).all())
 
 
-def _report_unconfirmed(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
+def _report_unconfirmed(context: ProcedureContext, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
     """Report the devices that did not confirm damping, without a wait for them.
 
     An e-stop counts as begun once every device has confirmed.
     """
     stiff = [id for task in tasks for id in task.result or ()]
     if not stiff and all(task.error is None for task in tasks):
-        loop.torque.confirm_stop_begun()
+        context.torque.confirm_stop_begun()
     if stiff:
-        loop.say.event("error", EventCode.DAMP, f"ids {stiff} did not confirm that they are damped")
+        context.reports.event("error", EventCode.DAMP, f"ids {stiff} did not confirm that they are damped")
     for task in tasks:
         if task.error is not None:
-            loop.say.event("error", EventCode.DAMP, f"not damped: {task.error}")
+            context.reports.event("error", EventCode.DAMP, f"not damped: {task.error}")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from twind import link
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
+from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.modes import Mode
 
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
+STOPPING = (Priority.ESTOP, Priority.CUT)
 
 
 @dataclass(eq=False)
@@ -22,10 +22,10 @@ class PendingEStop:
 
 
 class EStopReplies:
-    """Replies to e-stop calls."""
+    """Calls that wait for a reply."""
 
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
+    def __init__(self, context: ProcedureContext) -> None:
+        self._context = context
         self._waiting: list[PendingEStop] = []
 
     def ask(self, command: link.EStop) -> None:
@@ -38,20 +38,21 @@ class EStopReplies:
 
     def answer(self) -> None:
         """Answer the calls that have something to report; called after each exchange."""
-        running = self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
+        running = self._context.procedures.rank in STOPPING
         for waiting in list(self._waiting):
             if not running:
-                confirmed = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
-                self._send_reply(waiting, done=confirmed)
+                live = self._context.condition.mode is Mode.LIVE
+                self._send_reply(waiting, done=not live or torque_off(self._context) is not None)
                 self._waiting.remove(waiting)
-            elif self._loop.torque.stop_begun and not waiting.begin_reported:
+            elif self._context.torque.stop_begun and not waiting.begin_reported:
                 waiting.begin_reported = True
                 self._send_reply(waiting, done=False)
                 if not waiting.command.more:
                     self._waiting.remove(waiting)
 
     def _send_reply(self, waiting: PendingEStop, *, done: bool) -> None:
-        loop = self._loop
-        more = waiting.command.more and self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
-        off = loop.torque_off
-        loop.say.reply(waiting.command, continues=more, state=loop.state.value, torque_off=off, done=done)
+        context = self._context
+        more = waiting.command.more and context.procedures.rank in STOPPING
+        state = context.condition.state.value
+        off = torque_off(context)
+        context.reports.reply(waiting.command, continues=more, state=state, torque_off=off, done=done)

@@ -1,6 +1,6 @@
 """The fail-safe, `twind --failsafe`: lowers a robot whose daemon was given up, then switches torque off.
 
-It runs the daemon's loop, gate and procedures without clients: no control sockets, no front, no lease. No
+It runs the daemon's context, gate and procedures without clients: no control sockets, no front, no lease. No
 operator is present: where an operator's `disarm` might drop the robot, this leaves it alone.
 
 - It waits `WAIT` s for ports, devices and their torque, and no longer: a device that is connected an hour
@@ -20,15 +20,19 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import TYPE_CHECKING
 
 from twind import link
 from twind.flight import EntryKind
 from twind.loop.bus.bus_port import PortState as Stage
 from twind.loop.ipc.front_link import ReceivedCommand, Record
-from twind.loop.procedures.procedure_runner import Priority, Procedure
-from twind.loop.procedures.torque_release import LETTING_GO, SettleProfile, release
+from twind.loop.procedures.identification import IdentificationState
+from twind.loop.procedures.lowering import CARRIED, LETTING_GO, SettleProfile
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
+from twind.loop.procedures.torque_readback import torque_known, torque_off, torque_on
+from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_switching import beyond_hard_limit, joint_names
+from twind.loop.process.service_notify import Notifier
 from twind.robot.arrays import Bools, every, some
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
@@ -36,11 +40,6 @@ from twind.robot.modes import Mode
 from twind.safety.state_machine import RobotEvent
 from twind.standard_streams import write_line
 from twind_drivers.bus import BusError
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from twind.loop.tick.control_loop import Loop
 
 WAIT = 10.0  # s for ports, devices and their torque, before the robot is judged
 # attempts, and s in which they begin: a bus may come back, a reply may have been lost
@@ -54,7 +53,6 @@ WITHIN = 30.0
 LONGEST = (
     AGAIN + WITHIN + LETTING_GO + WAIT
 )  # s: the last way that is begun, what is known of torque after it
-CARRIED = ("fixed", "gantry")  # support values under which the robot falls no further than its own arms
 
 
 class FailsafeRun:
@@ -64,9 +62,18 @@ class FailsafeRun:
     very end.
     """
 
-    def __init__(self, loop: Loop) -> None:
+    def __init__(
+        self,
+        context: ProcedureContext,
+        identity: IdentificationState,
+        release: TorqueRelease,
+        notifier: Notifier,
+    ) -> None:
         self.left = "it was ended before it had found out"
-        self._loop = loop
+        self._context = context
+        self._identity = identity
+        self._release = release
+        self._notifier = notifier
         self._refused = ""
 
     def begin(self) -> None:
@@ -74,106 +81,118 @@ class FailsafeRun:
 
         A path that the limits make longer than `WITHIN` extends the service manager's timeout by itself.
         """
-        self._loop.parts.notifier.extend(LONGEST)  # what was needed to get here does not count
-        self._loop.procedures.beside(self._run())
+        self._notifier.extend(LONGEST)  # what was needed to get here does not count
+        self._context.procedures.beside(self._run())
 
     def _run(self) -> Procedure:
-        loop = self._loop
-        again = loop.clock.now() + AGAIN
+        context = self._context
+        again = context.clock.now() + AGAIN
         for _ in range(TRIES):
-            yield from self._wait_for_devices(loop.clock.now() + WAIT)
-            why = why_left(loop)
-            if why or loop.torque_off or loop.clock.now() > again:
+            yield from self._wait_for_devices(context.clock.now() + WAIT)
+            why = why_left(context, self._identity)
+            if why or torque_off(context) or context.clock.now() > again:
                 break
             self._refused = ""
-            loop.procedures.own(Priority.SHUTDOWN, lambda: self._lower(loop))
-            while loop.procedures.rank is not None:
+            context.procedures.own(Priority.SHUTDOWN, self._lower)
+            while context.procedures.rank is not None:
                 yield
             why = self._refused
-            if loop.torque.inhibited or not (loop.torque_on or some(~loop.hardware.open)):
+            if context.torque.inhibited or not (torque_on(context) or some(~context.hardware.open)):
                 break  # nothing is left that could be lowered
-        self.left = "" if loop.torque_off else why or _afterwards(loop)
+        self.left = "" if torque_off(context) else why or _afterwards(context)
         if self.left:
-            loop.say.event("error", EventCode.FAILSAFE, self.left)
+            context.reports.event("error", EventCode.FAILSAFE, self.left)
         else:
-            loop.say.event("info", EventCode.FAILSAFE, "torque was read back off everywhere")
-        loop.finished = True
+            context.reports.event("info", EventCode.FAILSAFE, "torque was read back off everywhere")
+        context.condition.finished = True
+        return None
 
-    def _wait_for_devices(self, until: float) -> Generator[None, float, None]:
+    def _wait_for_devices(self, until: float) -> Steps:
         """Wait until every device and torque is known, or torque is off, or time is over."""
-        loop = self._loop
+        context = self._context
         now = yield
-        while now < until and not loop.torque_off:
-            fresh = every(loop.hardware.slow.torque >= 0) and every(loop.measured.age <= FRESH)
-            if loop.hardware.connected and fresh and not some(loop.identity.verified.unjudged):
+        while now < until and not torque_off(context):
+            fresh = every(context.hardware.slow.torque >= 0) and every(context.robot.measured.age <= FRESH)
+            if context.hardware.connected and fresh and not some(self._identity.verified.unjudged):
                 return
             now = yield
 
-    def _lower(self, loop: Loop) -> Procedure:
-        whole = loop.support not in CARRIED
+    def _lower(self) -> Procedure:
+        context = self._context
+        whole = context.robot.support not in CARRIED
         manner = SettleProfile(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
-        loop.say.event(
+        context.reports.event(
             "warning",
             EventCode.FAILSAFE,
-            f"the robot is lowered, then torque goes off (support: {loop.support})",
+            f"the robot is lowered, then torque goes off (support: {context.robot.support})",
         )
-        loop.change_if(RobotEvent.SETTLE, loop.clock.now())
+        context.condition.change_if(RobotEvent.SETTLE)
         try:
-            yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon was given up"), manner)
+            why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
+            yield from self._release.release(why, manner)
         except BusError as error:
-            if not loop.torque.unconfirmed:  # torque off was never requested
+            if not context.torque.unconfirmed:  # torque off was never requested
                 self._refused = f"torque is on, not every device could be taken over: {error}"
-        loop.change_if(RobotEvent.SETTLED, loop.clock.now())
+        context.condition.change_if(RobotEvent.SETTLED)
+        return None
 
 
-def why_left(loop: Loop) -> str:
+def why_left(context: ProcedureContext, identity: IdentificationState) -> str:
     """Return the reason why this robot is not lowered, with the remedy.
 
     "": it may be, or its torque is off.
     """
-    if loop.torque_off:
+    if torque_off(context):
         return ""
-    closed = [port for port in loop.hardware.ports if port.reader is None]
-    on = loop.torque_known == 1
+    closed = [port for port in context.hardware.ports if port.reader is None]
+    on = torque_known(context) == 1
     if not some(on):
         why = closed[0].trouble or f"{closed[0].name} is not open" if closed else "no answer: power?"
-        return f"whether torque is on is not known of {joint_names(loop, loop.torque_known < 0)}: {why}"
-    if loop.mode is not Mode.LIVE:
-        return f"torque is on, and mode {loop.mode.value} of the settings writes nothing"
-    devices = {(port.name, each.id): each for port in loop.hardware.ports for each in port.devices}
-    identity = loop.identity
-    doubts = (*loop.parts.judge(devices).refusals, *identity.mismatches, *identity.verified.doubts())
+        return (
+            f"whether torque is on is not known of {joint_names(context, torque_known(context) < 0)}: {why}"
+        )
+    if context.condition.mode is not Mode.LIVE:
+        return f"torque is on, and mode {context.condition.mode.value} of the settings writes nothing"
+    devices = {(port.name, each.id): each for port in context.hardware.ports for each in port.devices}
+    doubts = (
+        *context.robot.bound.judge(devices).refusals,
+        *identity.verified.mismatches,
+        *identity.verified.doubts(),
+    )
     for doubt in doubts:
         if doubt.code is not ReasonCode.DEVICE_MISSING:
             return f"torque is on, and the joint positions are unknown: {doubt.code}: {doubt.message}"
-    beyond = beyond_hard_limit(loop)
+    beyond = beyond_hard_limit(context)
     if some(beyond):
-        return f"torque is on, and to hold {joint_names(loop, beyond)} inside the hard limits would be a step"
-    return "" if loop.support in CARRIED else _not_whole(loop, on)
+        return (
+            f"torque is on, and to hold {joint_names(context, beyond)} inside the hard limits would be a step"
+        )
+    return "" if context.robot.support in CARRIED else _not_whole(context, identity, on)
 
 
-def _not_whole(loop: Loop, on: Bools) -> str:
+def _not_whole(context: ProcedureContext, identity: IdentificationState, on: Bools) -> str:
     """Return the reason why a robot that stands freely cannot be taken over completely; "": it can."""
-    state = loop.measured
-    stands = f"torque is on, support is {loop.support!r}, and"
-    if not loop.hardware.connected or not every(state.age <= FRESH):
-        missing = [each.message for found in loop.identity.missing.values() for each in found]
-        missing += [port.trouble for port in loop.hardware.ports if port.link is Stage.CLOSED]
+    state = context.robot.measured
+    stands = f"torque is on, support is {context.robot.support!r}, and"
+    if not context.hardware.connected or not every(state.age <= FRESH):
+        missing = [each.message for found in identity.missing.values() for each in found]
+        missing += [port.trouble for port in context.hardware.ports if port.link is Stage.CLOSED]
         cause = (
-            missing[0] if missing else f"{joint_names(loop, ~(state.age <= FRESH))} without a fresh reading"
+            missing[0]
+            if missing
+            else f"{joint_names(context, ~(state.age <= FRESH))} without a fresh reading"
         )
         return f"{stands} not every device is there: {cause}"
     if not every(on):
-        return f"{stands} it is not on in {joint_names(loop, ~on)}"
+        return f"{stands} it is not on in {joint_names(context, ~on)}"
     return ""
 
 
-def _afterwards(loop: Loop) -> str:
+def _afterwards(context: ProcedureContext) -> str:
     """Return a text that names the joints without confirmed torque off, and the latched reason."""
-    why = next((f"{each.code}: {each.message}" for each in loop.latches.values()), "no answer")
-    return (
-        f"torque could not be read back off from {joint_names(loop, loop.hardware.slow.torque != 0)}: {why}"
-    )
+    why = next((f"{each.code}: {each.message}" for each in context.condition.latches.values()), "no answer")
+    names = joint_names(context, context.hardware.slow.torque != 0)
+    return f"torque could not be read back off from {names}: {why}"
 
 
 class HeadlessLink:

@@ -9,22 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from twind import link
+from twind.loop.ipc.call_outcome import CallOutcome
+from twind.loop.procedures.gate_input import GateInput
 from twind.loop.procedures.homing_request import resolve_request
 from twind.loop.procedures.homing_restore import (
     HomingRestore,
     answer,
     clamped,
     give_back,
-    release,
     report_pending_restore,
 )
+from twind.loop.procedures.internal_faults import fail
+from twind.loop.procedures.joint_verification import JointVerificationState
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureFailed
 from twind.loop.procedures.torque_switching import switch_torque_off
+from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
 from twind.robot.arrays import some
 from twind.robot.event_codes import EventCode
@@ -33,10 +38,7 @@ from twind.robot.modes import RobotState
 from twind.safety.device_rules import TRIPPED
 from twind.safety.state_machine import LATCHED
 from twind_drivers.bus import BusError, Script, WireRangeError
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
-    from twind_drivers.single_device import SingleDeviceControl
+from twind_drivers.single_device import SingleDeviceControl
 
 T = TypeVar("T")
 PIN = "find stop"  # holds the lease while the search lasts
@@ -48,78 +50,102 @@ OFF_TURN = 16
 
 
 class HomingProcedure:
-    """At most one search. `owed` is set until the mode and settings of its servo are restored."""
+    """At most one search. `unrestored` is set until the mode and settings of its servo are restored."""
 
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
-        self.owed: HomingRestore | None = None
+    def __init__(
+        self,
+        context: ProcedureContext,
+        parts: LoopParts,
+        gate_input: GateInput,
+        verified: JointVerificationState,
+    ) -> None:
+        self._context = context
+        self._lease = parts.lease
+        self._guard = parts.guard
+        self._gate_input = gate_input
+        self._verified = verified
+        self.unrestored: HomingRestore | None = None
         self._last_report = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
         """Begin a search, or reply with the reason why not."""
-        loop = self._loop
-        if loop.state is not RobotState.CALIBRATING and loop.state not in LATCHED:
+        context = self._context
+        if context.condition.state is not RobotState.CALIBRATING and context.condition.state not in LATCHED:
             allowed = [RobotState.CALIBRATING.value]
-            loop.say.error(command, "WrongState", state=loop.state.value, allowed=allowed)
+            context.reports.error(command, "WrongState", state=context.condition.state.value, allowed=allowed)
             return
-        if self.owed is not None or loop.procedures.rank is not None:
-            loop.say.error(command, "Busy", what="an end-stop search or its restoring is under way")
+        if self.unrestored is not None or context.procedures.rank is not None:
+            context.reports.error(command, "Busy", what="an end-stop search or its restoring is under way")
             return
-        if (occupied := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
+        if (occupied := next((port.name for port in context.hardware.ports if port.busy), None)) is not None:
             what = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
-            loop.say.error(command, "Busy", what=what)
+            context.reports.error(command, "Busy", what=what)
             return
-        found = resolve_request(loop, command, now)
+        found = resolve_request(context, self._gate_input, self._verified, command, now)
         if isinstance(found, list):
-            loop.say.refuse(command, found)
+            context.reports.refuse(command, found)
             return
         device = next(each for each in found.port.devices if each.id == found.id)
-        loop.procedures.own(Priority.HOME, lambda: self._search(HomingRestore(command, found, device)))
-
-    def findings(self) -> list[Finding]:
-        """Return the findings on the joint in `owed`: why it is not as it was calibrated."""
-        owed = self.owed
-        if owed is None:
-            return []
-        message = f"not restored after an end-stop search yet: it has {owed.left}"
-        return [Finding(ReasonCode.CALIB_MISMATCH, owed.request.joint, message=message)]
+        pending = HomingRestore(command, found, device)
+        context.procedures.own(
+            Priority.HOME, lambda: self._search(pending), lambda outcome: self._end(pending, outcome)
+        )
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
         """Return the text on what must end before that device may be changed; empty: nothing.
 
         Without arguments it covers all devices.
         """
-        owed = self.owed
-        if owed is None or (bus, id) not in ((None, None), (owed.request.port.name, owed.request.id)):
+        unrestored = self.unrestored
+        if unrestored is None or (bus, id) not in (
+            (None, None),
+            (unrestored.request.port.name, unrestored.request.id),
+        ):
             return ""
-        return f"{self._loop.joints.names[owed.request.joint]} gets its mode and settings back"
+        return f"{self._context.robot.joints.names[unrestored.request.joint]} gets its mode and settings back"
 
     def report_pending_restore(self) -> None:
         """Report what is not restored yet when the daemon ends."""
-        if self.owed is not None:
-            report_pending_restore(self._loop, self.owed)
+        if self.unrestored is not None:
+            report_pending_restore(self._context, self.unrestored)
 
     # ------------------------------------------------------------------------------- the search
 
     def _search(self, pending: HomingRestore) -> Procedure:
-        loop = self._loop
-        loop.lease.pin(pending.command.client, PIN)
-        try:
-            pending.findings = yield from self._outcome(pending)
-            loop.hardware.clear()
-            if loop.torque.energising:
-                pending.findings += yield from self._switch_torque_off(pending)
-        except GeneratorExit:  # the procedure that takes over switches torque off: `energising` is set
-            pending.findings = pending.findings or (_cause(loop),)
-            loop.torque.abandon_switching()
-            loop.hardware.clear()
-            raise
-        finally:
-            self._end(pending)
+        """Search, then switch torque off. The findings of `pending` are its result; `_end` processes it."""
+        context = self._context
+        self._lease.pin(pending.command.client, PIN)
+        pending.findings = yield from self._outcome(pending)
+        context.hardware.clear()
+        if context.torque.energising:
+            pending.findings += yield from self._switch_torque_off(pending)
+        return None
+
+    def _end(self, pending: HomingRestore, outcome: CallOutcome | None) -> None:
+        """Process the end of a search. An outcome is the reason why it was ended by force.
+
+        The procedure that takes over switches torque off, as `energising` is set.
+        """
+        if outcome is not None:
+            pending.findings = pending.findings or (_cause(self._context),)
+            self._context.torque.abandon_switching()
+            self._context.hardware.clear()
+        self._lease.unpin(pending.command.client, PIN)
+        pending.over = True
+        if pending.kept is None:  # no restoring procedure runs
+            self._restored(pending)
+            answer(self._context, pending)
+
+    def _restored(self, pending: HomingRestore) -> None:
+        """End the obligation to restore; all devices on its bus are written to again."""
+        if pending.request.port.writer is not None:
+            pending.request.port.writer.end_single_device()
+        self.unrestored = None
+        self._verified.unrestored = None
 
     def _outcome(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Run the search and return the findings of its failure; empty: the stop was found."""
-        loop = self._loop
+        context = self._context
         joint = pending.request.joint
         try:
             yield from self._run_search(pending)
@@ -128,23 +154,23 @@ class HomingProcedure:
         except ValueError as error:  # its model has no such mode, or not so small a current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
         except WireRangeError as error:
-            return (clamped(loop, pending, error),)
+            return (clamped(context, pending, error),)
         except BusError as error:
             return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)
         except Exception as error:  # noqa: BLE001 - any failure switches torque off
             broken = Finding(ReasonCode.INTERNAL, joint, message=repr(error))
-            loop.fail(broken, loop.clock.now())
+            fail(context, broken)
             return (broken,)
         return ()
 
     def _switch_torque_off(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Switch torque off and read it back; return the findings of a failure."""
-        loop = self._loop
+        context = self._context
         try:
-            yield from switch_torque_off(loop)
+            yield from switch_torque_off(context)
         except BusError as error:
             message = f"torque could not be read back off: {error}"
-            loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
+            context.reports.event("error", ReasonCode.TORQUE_MISMATCH, message)
             return (Finding(ReasonCode.TORQUE_MISMATCH, pending.request.joint, message=message),)
         return ()
 
@@ -159,39 +185,36 @@ class HomingProcedure:
         )
         return replace(finding, joint=pending.request.joint) if finding.code in own else finding
 
-    def _end(self, pending: HomingRestore) -> None:
-        self._loop.lease.unpin(pending.command.client, PIN)
-        pending.over = True
-        if pending.kept is None:  # no restoring procedure runs
-            release(self._loop, pending)
-            answer(self._loop, pending)
-
     def _run_search(self, pending: HomingRestore) -> Generator[None, float, None]:
         """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
-        loop = self._loop
+        context = self._context
         aim = pending.request
         writer = aim.port.writer
         command = pending.command
         assert writer is not None
-        name = loop.joints.names[aim.joint]
-        loop.say.event("info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop")
-        pending.shift = int(loop.hardware.readings.shift[aim.joint])
+        name = context.robot.joints.names[aim.joint]
+        context.reports.event(
+            "info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop"
+        )
+        pending.shift = int(context.hardware.readings.shift[aim.joint])
         yield from self._quiet(pending)
-        loop.hardware.clear()  # no queued request may reach the servo between its checks and torque
+        context.hardware.clear()  # no queued request may reach the servo between its checks and torque
         alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(pending, alone.look())
         # What is kept is recorded before the first write: a search that ends now is still restored.
         pending.left = alone.describe_leftovers(kept)
         pending.watchdog = alone.watchdog
-        self.owed = pending
+        self.unrestored = pending
+        message = f"not restored after an end-stop search yet: it has {pending.left}"
+        self._verified.unrestored = Finding(ReasonCode.CALIB_MISMATCH, aim.joint, message=message)
         pending.kept = kept
-        loop.procedures.beside(give_back(loop, pending))
+        context.procedures.beside(give_back(context, pending, lambda: self._restored(pending)))
         held = yield from self._pinned(pending, alone, kept)
         now = yield from self._energised(pending, alone, held)
         yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
 
     def _quiet(self, pending: HomingRestore) -> Generator[None, float, None]:
-        now = self._loop.clock.now()
+        now = self._context.clock.now()
         self._report(pending, "waiting", 0.0, now)
         now = yield
         quiet = StandstillCheck(now)
@@ -204,7 +227,7 @@ class HomingProcedure:
 
     def _newer(self, pending: HomingRestore) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
-        since = self._loop.clock.now()
+        since = self._context.clock.now()
         passed = 0
         now = 0.0
         while passed < READ or not self._sample(pending).at > since:
@@ -244,12 +267,12 @@ class HomingProcedure:
         self, pending: HomingRestore, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
         """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
-        loop = self._loop
+        context = self._context
         aim = pending.request
         # Set before the write: whatever ends the search from here on must switch torque off.
-        loop.torque.begin_energising()
+        context.torque.begin_energising()
         yield from self._done(pending, alone.energise())
-        pending.powered = loop.clock.now()
+        pending.powered = context.clock.now()
         now = yield from self._newer(pending)
         jump = abs(self._count(pending) - held)
         if not jump <= aim.jump:
@@ -281,23 +304,23 @@ class HomingProcedure:
             raise ProcedureFailed(finding)
 
     def _against(self, pending: HomingRestore, now: float) -> Generator[Finding, None, None]:
-        loop = self._loop
+        context = self._context
         joint = pending.request.joint
-        if loop.state is not RobotState.CALIBRATING or loop.latches:
-            yield _cause(loop)
-        if not loop.lease.held_by(pending.command.client, now):
+        if context.condition.state is not RobotState.CALIBRATING or context.condition.latches:
+            yield _cause(context)
+        if not self._lease.held_by(pending.command.client, now):
             yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
-        yield from loop.parts.guard.bars
-        if loop.unreachable is not None:
-            yield loop.unreachable
-        if not loop.hardware.connected:
+        yield from self._guard.bars
+        if context.condition.unreachable is not None:
+            yield context.condition.unreachable
+        if not context.hardware.connected:
             yield Finding(
                 ReasonCode.HW_DISCONNECTED, message="a bus was lost, or its devices are identified anew"
             )
         if pending.looked_after and not (age := now - self._sample(pending).at) <= LOST:
             message = "s since its last reading: check cable and power"
             yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
-        slow = loop.hardware.slow
+        slow = context.hardware.slow
         on = slow.torque == 1
         on[joint] = False
         if some(on):
@@ -338,18 +361,18 @@ class HomingProcedure:
         at, last = self._last_report
         if pending.command.more and (phase != last or not now - at < REPORT):
             self._last_report = (now, phase)
-            self._loop.say.reply(pending.command, continues=True, phase=phase, progress=progress)
+            self._context.reports.reply(pending.command, continues=True, phase=phase, progress=progress)
 
     # ------------------------------------------------------------------------------- readings
 
     def _raw(self, pending: HomingRestore) -> int:
-        return int(self._loop.hardware.readings.raw.ticks[pending.request.joint])
+        return int(self._context.hardware.readings.raw.ticks[pending.request.joint])
 
     def _count(self, pending: HomingRestore) -> int:
         return self._raw(pending) + pending.shift
 
     def _sample(self, pending: HomingRestore) -> HomingSample:
-        raw = self._loop.hardware.readings.raw
+        raw = self._context.hardware.readings.raw
         joint = pending.request.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))
 
@@ -367,12 +390,13 @@ def _frame(before: int, raw: int, turn: int) -> int:
     return shift
 
 
-def _cause(loop: Loop) -> Finding:
+def _cause(context: ProcedureContext) -> Finding:
     """Return the reason why it was ended from outside."""
-    for finding in loop.latches.values():
+    for finding in context.condition.latches.values():
         return finding
-    if loop.stop_wanted:
+    if context.condition.stop_wanted:
         return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
     return Finding(
-        ReasonCode.NOT_ARMED, message=f"the robot went to {loop.state.value}: disarmed, or a bus lost"
+        ReasonCode.NOT_ARMED,
+        message=f"the robot went to {context.condition.state.value}: disarmed, or a bus lost",
     )

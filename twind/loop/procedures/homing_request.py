@@ -7,21 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, tau
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind import link
 from twind.config.actuator_types import SERIAL
+from twind.config.robot_spec import JointSpec
+from twind.loop.bus.bus_port import BusPort
+from twind.loop.procedures.gate_input import GateInput
+from twind.loop.procedures.joint_verification import JointVerificationState
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.torque_readback import torque_off
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, HomingParameters
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_map import JointBusMap
 from twind.safety import admission
-
-if TYPE_CHECKING:
-    from twind.config.robot_spec import JointSpec
-    from twind.loop.bus.bus_port import BusPort
-    from twind.loop.tick.control_loop import Loop
 
 # Ranges of the request.
 SHARES = (0.03, 0.15)  # of the current limit
@@ -54,10 +54,16 @@ class HomingRequest:
     cap: int  # raw current
 
 
-def resolve_request(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
+def resolve_request(
+    context: ProcedureContext,
+    gate_input: GateInput,
+    verified: JointVerificationState,
+    command: link.FindStop,
+    now: float,
+) -> HomingRequest | list[Finding]:
     """Return the request in counts, or all findings against it."""
-    against = [*_check_request(command), *_allowed(loop, command, now)]
-    return against if against else _counted(loop, command)
+    against = [*_check_request(command), *_allowed(context, gate_input, verified, command, now)]
+    return against if against else _counted(context, command)
 
 
 def _check_request(command: link.FindStop) -> list[Finding]:
@@ -75,24 +81,30 @@ def _check_request(command: link.FindStop) -> list[Finding]:
     return found
 
 
-def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
+def _allowed(
+    context: ProcedureContext,
+    gate_input: GateInput,
+    verified: JointVerificationState,
+    command: link.FindStop,
+    now: float,
+) -> list[Finding]:
     """Return what would refuse arming of this joint, and the further requirements of a stop search."""
     joint = command.joint
-    mine = np.arange(len(loop.joints)) == joint
-    verdict = admission.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
+    mine = np.arange(len(context.robot.joints)) == joint
+    verdict = admission.arming(gate_input.snapshot(command.client, now), gate_input.thresholds, mine)
     found = [each for each in verdict.refusals if each.code is not ReasonCode.ARM_FAILED]
     found = [each for each in found if each.joint in (None, joint)]
-    spec = loop.parts.one.file.joints[joint]
-    robot = loop.parts.one.file
+    spec = context.robot.bound.file.joints[joint]
+    robot = context.robot.bound.file
 
     def against(message: str, code: ReasonCode = ReasonCode.STOP_NOT_FOUND) -> None:
         found.append(Finding(code, joint, message=message))
 
-    if not loop.hardware.connected:
+    if not context.hardware.connected:
         found.append(Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified"))
-    if loop.joints.calibrated[joint] and not loop.identity.verified.joints[joint] and not found:
+    if context.robot.joints.calibrated[joint] and not verified.joints[joint] and not found:
         against("not verified since its bus was identified: `twindctl status`", ReasonCode.CALIB_MISMATCH)
-    if loop.torque_off is not True:
+    if torque_off(context) is not True:
         against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
     if spec.stops.endstop_of_side(command.side) is None:
         against(f"the robot file has no stop_rad.{command.side} of it: the position of that stop is unknown")
@@ -102,20 +114,22 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
         against(f"transmission {spec.transmission} turns it: its stop is not that of one actuator")
     if robot.support not in ("fixed", "gantry") and spec.name in robot.legs:
         against("it carries a robot that stands freely: hang the robot up and set support: gantry")
-    if loop.period > SLOWEST:
-        against(f"the loop runs at {1.0 / loop.period:g} Hz, and a search needs {1.0 / SLOWEST:g} Hz")
+    if context.robot.period > SLOWEST:
+        against(
+            f"the loop runs at {1.0 / context.robot.period:g} Hz, and a search needs {1.0 / SLOWEST:g} Hz"
+        )
     if not isfinite(spec.type.full_effort):
         against("its type has no current_limit_a, or reports no current: there is nothing to cap")
     return found
 
 
-def _counted(loop: Loop, command: link.FindStop) -> HomingRequest | list[Finding]:
+def _counted(context: ProcedureContext, command: link.FindStop) -> HomingRequest | list[Finding]:
     joint = command.joint
-    spec = loop.parts.one.file.joints[command.joint]
-    number, row, bus = _place(loop, joint)
-    port = loop.hardware.ports[number]
+    spec = context.robot.bound.file.joints[command.joint]
+    number, row, bus = _place(context, joint)
+    port = context.hardware.ports[number]
     scale = float(bus.scale[row])
-    count = int(loop.hardware.readings.raw.ticks[joint] + loop.hardware.readings.shift[joint])
+    count = int(context.hardware.readings.raw.ticks[joint] + context.hardware.readings.shift[joint])
     device = next((each for each in port.devices if each.id == bus.ids[row]), None)
     own = None if device is None else device.settings.get("current_limit")
     share = USUAL_SHARE if command.current_share is None else command.current_share
@@ -171,12 +185,12 @@ def _cap(share: float, spec: JointSpec, own: int | None) -> float:
     return max(1.0, floor(share * full))
 
 
-def _place(loop: Loop, joint: int) -> tuple[int, int, JointBusMap]:
+def _place(context: ProcedureContext, joint: int) -> tuple[int, int, JointBusMap]:
     """Return the joint's bus and its place there.
 
     Counts are calibrated: the maps are those of the file, not of the wire.
     """
-    for number, bus in enumerate(loop.joints.buses):
+    for number, bus in enumerate(context.robot.joints.buses):
         rows = np.flatnonzero(bus.joints == joint)
         if rows.size:
             return number, int(rows[0]), bus

@@ -1,25 +1,24 @@
 """Restoring of a servo after an end-stop search: mode and settings are written back, read back, reported.
 
-Until then the joint is owed: no client arms, leaves the mode or writes to it. An interrupted attempt is
+Until then no client arms, leaves the mode or writes to it. An interrupted attempt is
 repeated. A servo that refuses, or another one in its place, ends the restoring, which is reported.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from twind import link
 from twind.loop.procedures.homing_request import HomingRequest
+from twind.loop.procedures.internal_faults import fail
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, ticks
 from twind.motion.endstop_search import HomingPhase
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
 REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
 PAUSE = 25  # ticks between two attempts, so that other requests get bus time
@@ -46,24 +45,28 @@ class HomingRestore:
     findings: tuple[Finding, ...] = ()
 
 
-def give_back(loop: Loop, pending: HomingRestore) -> Procedure:
-    """Restore the servo once the search is over and torque is off, identify its bus anew, then reply."""
+def give_back(context: ProcedureContext, pending: HomingRestore, restored: Callable[[], None]) -> Procedure:
+    """Restore the servo once the search is over and torque is off, identify its bus anew, then reply.
+
+    `restored` is called when it is done, or will never be.
+    """
     port = pending.request.port
     while not pending.over:
         yield
-    until = loop.clock.now() + ANSWER
-    why = yield from _returned(loop, pending, until)
+    until = context.clock.now() + ANSWER
+    why = yield from _returned(context, pending, until)
     pending.findings += why
-    _report_restore(loop, pending, why)
-    release(loop, pending)
+    _report_restore(context, pending, why)
+    restored()
     port.identify()
-    while not pending.answered and not loop.hardware.connected and loop.clock.now() < until:
+    while not pending.answered and not context.hardware.connected and context.clock.now() < until:
         yield  # the client may go on at once after the reply
-    answer(loop, pending)
+    answer(context, pending)
+    return None
 
 
 def _returned(
-    loop: Loop, pending: HomingRestore, until: float
+    context: ProcedureContext, pending: HomingRestore, until: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
     """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
@@ -71,28 +74,28 @@ def _returned(
         # Another device may have the id by now; settings of the old one must not be written to it.
         if (strange := _stranger(pending)) is not None:
             return (unrestored(pending, strange),)
-        if _free(loop, pending):
+        if _free(context, pending):
             error = yield from _restored(pending)
             if isinstance(error, WireRangeError):
-                return (clamped(loop, pending, error), unrestored(pending, str(error)))
+                return (clamped(context, pending, error), unrestored(pending, str(error)))
             if error is None:
                 return ()
             refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
             if refusals >= REFUSALS:
                 return (unrestored(pending, str(error)),)
-        if loop.clock.now() > until and not pending.answered:
+        if context.clock.now() > until and not pending.answered:
             waits = "torque or bus do not allow it yet; it is tried again until they do"
-            answer(loop, pending, unrestored(pending, waits))
+            answer(context, pending, unrestored(pending, waits))
         yield from ticks(PAUSE)
 
 
-def _free(loop: Loop, pending: HomingRestore) -> bool:
+def _free(context: ProcedureContext, pending: HomingRestore) -> bool:
     """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = pending.request.port
     calm = (
-        loop.procedures.rank in (None, Priority.SHUTDOWN)
-        and not loop.torque.armed
-        and not loop.torque.energising
+        context.procedures.rank in (None, Priority.SHUTDOWN)
+        and not context.torque.armed
+        and not context.torque.energising
     )
     identified = port.identification is None and _now(pending) is not None
     return calm and identified and port.writer is not None and port.reader is not None and not port.full
@@ -142,47 +145,42 @@ def _restored(pending: HomingRestore) -> Generator[None, float, Exception | None
     return task.error
 
 
-def report_pending_restore(loop: Loop, pending: HomingRestore) -> None:
+def report_pending_restore(context: ProcedureContext, pending: HomingRestore) -> None:
     """Report that the daemon ends before mode and settings were written back."""
     why = unrestored(pending, "the daemon ends")
-    _report_restore(loop, pending, (why,))
-    answer(loop, pending, why)
-
-
-def release(loop: Loop, pending: HomingRestore) -> None:
-    """End the pending; all devices on its bus are written to again."""
-    if pending.request.port.writer is not None:
-        pending.request.port.writer.end_single_device()
-    loop.homing.owed = None
+    _report_restore(context, pending, (why,))
+    answer(context, pending, why)
 
 
 # ------------------------------------------------------------------------------------------- reports
 
 
-def answer(loop: Loop, pending: HomingRestore, *more: Finding) -> None:
+def answer(context: ProcedureContext, pending: HomingRestore, *more: Finding) -> None:
     """Send the last reply: captures, or findings; with any finding no capture is reported."""
     if pending.answered:
         return
     pending.answered = True
     findings = [*pending.findings, *more]
-    name = loop.joints.names[pending.request.joint]
+    name = context.robot.joints.names[pending.request.joint]
     if findings:
         message = f"{name}: its stop was not found: {findings[0].message}"
-        loop.say.event("warning", findings[0].code, message, findings)
-        loop.say.reply(pending.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
+        context.reports.event("warning", findings[0].code, message, findings)
+        context.reports.reply(
+            pending.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings
+        )
         return
     counts = [round(count) for count in pending.captures]
-    loop.say.event("info", EventCode.HOMING, f"{name}: its stop is at {counts}; torque is off")
-    loop.say.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
+    context.reports.event("info", EventCode.HOMING, f"{name}: its stop is at {counts}; torque is off")
+    context.reports.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _report_restore(loop: Loop, pending: HomingRestore, why: tuple[Finding, ...]) -> None:
+def _report_restore(context: ProcedureContext, pending: HomingRestore, why: tuple[Finding, ...]) -> None:
     """Report the result of the restoring as events, for a client answered before and for all others."""
-    name = loop.joints.names[pending.request.joint]
+    name = context.robot.joints.names[pending.request.joint]
     for finding in why:
-        loop.say.event("error", finding.code, f"{name}: {finding.message}", (finding,))
+        context.reports.event("error", finding.code, f"{name}: {finding.message}", (finding,))
     if pending.answered and not why:
-        loop.say.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
+        context.reports.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
 
 
 def unrestored(pending: HomingRestore, why: str) -> Finding:
@@ -191,10 +189,10 @@ def unrestored(pending: HomingRestore, why: str) -> Finding:
     return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
 
 
-def clamped(loop: Loop, pending: HomingRestore, error: WireRangeError) -> Finding:
+def clamped(context: ProcedureContext, pending: HomingRestore, error: WireRangeError) -> Finding:
     """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
     finding = Finding(
         ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)
     )
-    loop.fail(finding, loop.clock.now())
+    fail(context, finding)
     return finding

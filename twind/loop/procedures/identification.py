@@ -6,28 +6,28 @@ become states and findings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind.loop.bus.bus_port import IDENTIFY_AGAIN, BusPort, PortState
-from twind.loop.procedures import torque_release, torque_switching
 from twind.loop.procedures.joint_verification import JointVerificationState
+from twind.loop.procedures.mode_entry import ModeEntry
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
+from twind.loop.procedures.torque_readback import torque_inherited, torque_off
+from twind.loop.procedures.torque_release import TorqueRelease
+from twind.loop.procedures.torque_switching import retry_torque_off
 from twind.robot.arrays import Bools, every, same, some
 from twind.robot.event_codes import EventCode
-from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_map import JointBusMap
 from twind.robot.modes import Mode, RobotState
 from twind.safety.state_machine import RobotEvent
 from twind_drivers.bus import IdentifiedDevice
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
 SILENT = 2.0  # s without a reply of any device: the bus counts as disconnected
 GONE = 0.1  # s without a reply of any device: their power may have gone (docs/safety.md, a stale state)
@@ -42,16 +42,21 @@ DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT`
 LOOK = 0.05  # s between two looks at an armed robot without a change
 SPOKE = 0.05  # s: a device of a silent bus replied just now, so its power is back
 
-# (bus name, id) -> device, for every device that replied -> CALIB_MISMATCH findings, joints as indices
-Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
-
 
 class IdentificationState:
     """Identified devices and findings, bus by bus."""
 
-    def __init__(self, loop: Loop, judge: Judge) -> None:
-        self._loop = loop
-        self.judge = judge
+    def __init__(
+        self,
+        context: ProcedureContext,
+        verified: JointVerificationState,
+        release: TorqueRelease,
+        modes: ModeEntry,
+    ) -> None:
+        self.verified = verified
+        self._context = context
+        self._release = release
+        self._modes = modes
         self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
         self._again: dict[str, float] = {}
         self._gone: dict[str, float] = {}  # bus -> s without a reply of any device on it
@@ -65,8 +70,6 @@ class IdentificationState:
         self._found_all = False  # all devices are present: the simulation may start at their positions
         # bus -> findings on missing devices and other models
         self.missing: dict[str, tuple[Finding, ...]] = {}
-        self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
-        self.verified = JointVerificationState(loop)
         # s, when an armed robot is looked at again though nothing changed; its torque as seen last
         self._next_look = -inf
         self._seen = b""
@@ -75,35 +78,35 @@ class IdentificationState:
     def troubles(self) -> list[Finding]:
         """All findings that prevent arming, for the status."""
         missing = [finding for findings in self.missing.values() for finding in findings]
-        return [*missing, *self.mismatches, *self.verified.findings()]
+        return [*missing, *self.verified.mismatches, *self.verified.findings()]
 
     def watch(self, now: float) -> None:
         """Process the result of the exchange; called once per tick."""
         if self._is_settled(now):
             return
-        loop = self._loop
-        for lost in loop.hardware.lost:
+        context = self._context
+        for lost in context.hardware.lost:
             self._on_bus_lost(lost.bus, str(lost.error), now)
-        loop.hardware.lost.clear()
-        for port, bus in loop.hardware.pairs:
+        context.hardware.lost.clear()
+        for port, bus in context.hardware.pairs:
             self._step_port(port, bus, now)
         self.verified.watch(now)
-        self._place(loop)
+        self._place(context)
         self.settle_state(now)
-        if loop.inherited and not self._inherited_reported:
+        if torque_inherited(context) and not self._inherited_reported:
             message = "torque was found on; nothing is written until an operator arms or disarms"
-            loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
-        self._inherited_reported = loop.inherited
+            context.reports.event("warning", ReasonCode.TORQUE_INHERITED, message)
+        self._inherited_reported = torque_inherited(context)
 
     def _is_settled(self, now: float) -> bool:
         """Check that nothing has changed on an armed robot; even then it is looked at 20 times a second."""
-        loop = self._loop
-        hardware = loop.hardware
-        if now < self._next_look and loop.torque.armed and loop.procedures.rank is None:
+        context = self._context
+        hardware = context.hardware
+        if now < self._next_look and context.torque.armed and context.procedures.rank is None:
             torque = hardware.slow.torque
             new = hardware.lost or not same(torque, self._seen) or some(hardware.readings.jumps)
             # a silence is noted tick by tick: a bus that was silent for long is identified anew
-            if not new and hardware.connected and not self._gone and every(loop.measured.heard):
+            if not new and hardware.connected and not self._gone and every(context.robot.measured.heard):
                 return True
         self._seen = hardware.slow.torque.tobytes()
         self._next_look = now + LOOK
@@ -111,27 +114,32 @@ class IdentificationState:
 
     def settle_state(self, now: float) -> None:
         """Bring the robot's state in line with its ports."""
-        loop = self._loop
-        ports = loop.hardware.ports
-        if loop.mode is Mode.SIM or loop.state is RobotState.INHIBITED:
+        context = self._context
+        ports = context.hardware.ports
+        if context.condition.mode is Mode.SIM or context.condition.state is RobotState.INHIBITED:
             return
-        identified = loop.hardware.connected
-        if not identified and loop.state is RobotState.CONNECTED:
-            loop.change(RobotEvent.PORT_LOST, now)  # a latched state keeps its own state until a reset
-        if loop.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
-            loop.change(RobotEvent.PORT_OPENED, now)
-        waits = loop.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
-        if identified and not loop.condition.identified and waits:
-            loop.change(RobotEvent.IDENTIFIED, now)
-        if loop.torque_off:
-            loop.torque.find_off()
-        idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
-        if loop.torque.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
-            torque_release.stop(
-                loop, loop.torque.stop_level, now
-            )  # it came back with torque on under a latched stop
-        elif loop.torque.unconfirmed and idle and loop.inherited:
-            loop.procedures.own(Priority.DISARM, lambda: torque_switching.retry_torque_off(loop))
+        identified = context.hardware.connected
+        if not identified and context.condition.state is RobotState.CONNECTED:
+            context.condition.change(
+                RobotEvent.PORT_LOST
+            )  # a latched state keeps its own state until a reset
+        if context.condition.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
+            context.condition.change(RobotEvent.PORT_OPENED)
+        waits = context.condition.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
+        if identified and not context.condition.identified and waits:
+            context.condition.change(RobotEvent.IDENTIFIED)
+        if torque_off(context):
+            context.torque.find_off()
+        idle = context.procedures.rank is None and context.condition.mode is Mode.LIVE
+        if (
+            context.torque.stop_level is not None
+            and idle
+            and torque_inherited(context)
+            and not context.condition.stop_wanted
+        ):
+            self._release.stop(context.torque.stop_level)  # it came back with torque on under a latched stop
+        elif context.torque.unconfirmed and idle and torque_inherited(context):
+            context.procedures.own(Priority.DISARM, lambda: retry_torque_off(context))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Process servos that restarted (SERVO_REBOOTED).
@@ -140,26 +148,26 @@ class IdentificationState:
         """
         joints = {finding.joint for finding in findings}
         self.verified.restarted(findings)
-        for port, bus in self._loop.hardware.pairs:
+        for port, bus in self._context.hardware.pairs:
             if not joints.isdisjoint(bus.joints.tolist()):
                 port.identify()
 
     # ----------------------------------------------------------------------------- coming
 
     def _step_port(self, port: BusPort, bus: JointBusMap, now: float) -> None:
-        loop = self._loop
+        context = self._context
         if port.link is PortState.CLOSED:
             if port.trouble and self._reported.get(port.name) != port.trouble:
                 self._reported[port.name] = port.trouble
-                loop.say.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
+                context.reports.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
             return
         warning = port.warning
         if self._reported.get(port.name, "") != warning:
             self._reported[port.name] = warning
             if warning:
-                loop.say.event("warning", EventCode.PORT_WARNING, f"{port.name}: {warning}")
+                context.reports.event("warning", EventCode.PORT_WARNING, f"{port.name}: {warning}")
         if port.link is PortState.CONNECTED:
-            self._listen(port, loop.hardware.readings.silence(bus, now))
+            self._listen(port, context.hardware.readings.silence(bus, now))
         if port.link is PortState.IDENTIFYING:
             self._identify(port, bus, now)
 
@@ -171,7 +179,7 @@ class IdentificationState:
         before = self._gone.pop(port.name, 0.0)
         if silence > SILENT:
             message = f"{port.name}: no device answers any more: check power; all are identified anew"
-        elif silence > GONE and not self._loop.torque.inhibited:  # inhibited, the daemon itself is silent
+        elif silence > GONE and not self._context.torque.inhibited:  # inhibited, the daemon itself is silent
             self._gone[port.name] = silence
             return
         elif before:
@@ -180,13 +188,13 @@ class IdentificationState:
             )
         else:
             return
-        self._loop.say.event("error", ReasonCode.HW_DISCONNECTED, message)
+        self._context.reports.event("error", ReasonCode.HW_DISCONNECTED, message)
         port.identify()
 
     def _identify(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         task = port.identification
         if task is None:
-            spoke = port.name in self._mute and self._loop.hardware.readings.silence(bus, now) < SPOKE
+            spoke = port.name in self._mute and self._context.hardware.readings.silence(bus, now) < SPOKE
             if spoke or now >= self._again.get(port.name, 0.0):
                 port.identify()
             return
@@ -227,7 +235,7 @@ class IdentificationState:
     def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
         """Yield a finding for each device of this bus that is silent, or does not match the robot file."""
         mine = set(bus.joints.tolist())
-        for finding in self.judge(self._devices).refusals:
+        for finding in self._context.robot.bound.judge(self._devices).refusals:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
             elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
@@ -253,7 +261,7 @@ class IdentificationState:
         They count where the reading of the bus so takes longer than a tick.
         """
         mine = set(bus.joints.tolist())
-        for finding in self.judge(self._devices).warnings:
+        for finding in self._context.robot.bound.judge(self._devices).warnings:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
 
@@ -263,7 +271,7 @@ class IdentificationState:
         Two of one model identify themselves alike, and show different positions (fault matrix row 12).
         """
         present = {device.id for device in port.devices}
-        age = self._loop.measured.age[bus.joints]
+        age = self._context.robot.measured.age[bus.joints]
         for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
             if id in present and unheard:
                 message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: "
@@ -272,73 +280,73 @@ class IdentificationState:
 
     def _found(self) -> None:
         """Process a bus whose devices are all present; with the last such bus, the robot is connected."""
-        loop = self._loop
-        if not loop.hardware.connected:
+        context = self._context
+        if not context.hardware.connected:
             return
-        verdict = self.judge(self._devices)
-        self.mismatches = verdict.refusals
+        verdict = self._context.robot.bound.judge(self._devices)
+        self.verified.mismatches = verdict.refusals
         self._report_findings("warning", (*verdict.refusals, *verdict.warnings))
         self._found_all = True
 
-    def _place(self, loop: Loop) -> None:
+    def _place(self, context: ProcedureContext) -> None:
         """Start the simulation from the measured pose, once that is known."""
-        if self._found_all and np.isfinite(loop.measured.position).all():
+        if self._found_all and np.isfinite(context.robot.measured.position).all():
             self._found_all = False
-            if loop.mode is Mode.MIRROR and loop.untouched:
-                loop.enter(loop.mode)
+            if context.condition.mode is Mode.MIRROR and context.robot.untouched:
+                self._modes.enter(context.condition.mode)
 
     def _report_findings(self, level: str, findings: Sequence[Finding]) -> None:
         """Report one event per code, however many joints it concerns."""
         for code, alike in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
             group = tuple(alike)
-            self._loop.say.event(level, code, group[0].message, group)
+            self._context.reports.event(level, code, group[0].message, group)
 
     # ----------------------------------------------------------------------------- going
 
     def _on_bus_lost(self, bus: str, error: str, now: float) -> None:
-        loop = self._loop
+        context = self._context
         finding = Finding(ReasonCode.PORT_LOST, message=f"{bus}: {error}")
-        loop.say.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
+        context.reports.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
         self._gone.pop(bus, None)
-        held = loop.torque.armed or loop.torque.energising or loop.procedures.rank is Priority.ARM
+        held = context.torque.armed or context.torque.energising or context.procedures.rank is Priority.ARM
         if held:
-            loop.torque.lose_bus()
-            loop.latch(finding)
-            loop.change(RobotEvent.FAULT, now)
-        if held and loop.hardware.writers:
-            loop.executor.stop("aborted", (finding,))
-            self._others(now)
-        elif not any(port.reader for port in loop.hardware.ports):
-            loop.procedures.abandon()  # no bus is left to write to
-            loop.torque.lose_every_bus()
-            if loop.mode is Mode.LIVE:
-                loop.executor.stop("aborted", (finding,))
-                loop.executor.idle()
-            loop.change_if(RobotEvent.PORT_LOST, now)
+            context.torque.lose_bus()
+            context.condition.latch(finding)
+            context.condition.change(RobotEvent.FAULT)
+        if held and context.hardware.writers:
+            context.executor.stop("aborted", (finding,))
+            self._others()
+        elif not any(port.reader for port in context.hardware.ports):
+            context.procedures.abandon()  # no bus is left to write to
+            context.torque.lose_every_bus()
+            if context.condition.mode is Mode.LIVE:
+                context.executor.stop("aborted", (finding,))
+                context.executor.idle()
+            context.condition.change_if(RobotEvent.PORT_LOST)
 
-    def _others(self, now: float) -> None:
+    def _others(self) -> None:
         """Handle the joints on the remaining buses after a bus was lost.
 
         On a supported robot (fixed or gantry) they hold until an operator disarms (fault matrix rows 1 and
         2). Otherwise they are lowered, or damped, and torque goes off; the same where a procedure runs or the
         robot is not armed completely.
         """
-        loop = self._loop
-        if loop.torque.inhibited:
+        context = self._context
+        if context.torque.inhibited:
             return  # torque stays, and nothing is written
         if (
-            loop.support not in ("fixed", "gantry")
-            or not loop.torque.armed
-            or loop.procedures.rank is not None
+            context.robot.support not in ("fixed", "gantry")
+            or not context.torque.armed
+            or context.procedures.rank is not None
         ):
-            loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now))
+            context.procedures.own(Priority.FAULT, self._release.fault)
         elif not some(
-            loop.hardware.energised_joints
+            context.hardware.energised_joints
         ):  # a bus that was lost before is back, but takes no goals of itself
-            loop.executor.idle()
-            loop.torque.lose_hold()
+            context.executor.idle()
+            context.torque.lose_hold()
 
 
 def _late(port: BusPort) -> str:

@@ -10,21 +10,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind.loop.bus.bus_port import BusPort, PortState
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.torque_readback import torque_known
 from twind.robot.arrays import Bools, Floats, Ints, every, frozen, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_map import JointBusMap
+from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
+from twind.safety.guard import Guard
 from twind.safety.multiturn import chosen, inside, outside_travel, unfit
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
-    from twind.robot.measured_travel import MeasuredTravel
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
@@ -33,9 +32,12 @@ ASTRAY = 1.0  # s outside its travel, without torque, after which another turn i
 class JointVerificationState:
     """Verification state of each joint; arrays are (n,)."""
 
-    def __init__(self, loop: Loop) -> None:
-        count = len(loop.parts.joints)
-        self._loop = loop
+    def __init__(self, context: ProcedureContext, guard: Guard) -> None:
+        count = len(context.robot.joints)
+        self.mismatches: tuple[Finding, ...] = ()  # devices that differ from the calibration (CALIB_MISMATCH)
+        self.unrestored: Finding | None = None  # servo that an end-stop search has not restored yet
+        self._context = context
+        self._guard = guard
         self._answered: Bools = np.zeros(count, np.bool_)  # device identified and matching
         self._turn_known: Bools = np.zeros(count, np.bool_)  # turn known since the identification
         # restarted or with a hardware error since the identification
@@ -44,20 +46,20 @@ class JointVerificationState:
         # ... and the number of readings in a row that agree with it
         self._agreeing: Ints = np.zeros(count, np.int64)
         self._astray: Floats = np.full(count, inf)  # s, since when
-        self._links = [PortState.CLOSED] * len(loop.hardware.ports)
+        self._links = [PortState.CLOSED] * len(context.hardware.ports)
         # bus -> findings on joints whose turn is unknown or unusable
         self._unfit: dict[str, Sequence[Finding]] = {}
-        loop.hardware.readings.placed = self._turn_known.copy()
+        context.hardware.readings.placed = self._turn_known.copy()
 
     @property
     def joints(self) -> Bools:
         """Mask (n,) of the joints that are verified now."""
-        loop = self._loop
-        found = np.array(loop.joints.calibrated, np.bool_) & self._turn_known & ~self._marred
-        for port, bus in loop.hardware.pairs:
+        context = self._context
+        found = np.array(context.robot.joints.calibrated, np.bool_) & self._turn_known & ~self._marred
+        for port, bus in context.hardware.pairs:
             if port.link is not PortState.CONNECTED:
                 found[bus.joints] = False
-        for finding in (*loop.identity.mismatches, *self.findings()):
+        for finding in (*self.mismatches, *self.findings()):
             if finding.joint is not None:
                 found[finding.joint] = False
         return found
@@ -75,10 +77,10 @@ class JointVerificationState:
         Empty while this daemon's torque is on.
         """
         found = self.doubts()
-        loop = self._loop
-        if loop.torque.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
+        context = self._context
+        if context.torque.armed or context.condition.mode is Mode.SIM or not context.hardware.connected:
             return found
-        listed = {finding.joint for finding in (*found, *loop.parts.guard.bars)}
+        listed = {finding.joint for finding in (*found, *self._guard.bars)}
         waits = self.unjudged
         for joint in np.flatnonzero(self._marred | waits).tolist():
             if joint not in listed:
@@ -92,13 +94,13 @@ class JointVerificationState:
 
         Empty while this daemon's torque is on, and in mode sim.
         """
-        loop = self._loop
-        if loop.torque.armed or loop.mode is Mode.SIM:
+        context = self._context
+        if context.torque.armed or context.condition.mode is Mode.SIM:
             return []
         found = [finding for findings in self._unfit.values() for finding in findings]
-        found += loop.homing.findings()
-        turns = loop.joints.turns
-        readings = loop.hardware.readings
+        found += [] if self.unrestored is None else [self.unrestored]
+        turns = context.robot.joints.turns
+        readings = context.hardware.readings
         if turns is not None:
             found += outside_travel(readings.raw.ticks, readings.shift, turns, self._turn_known)
         return found
@@ -120,25 +122,25 @@ class JointVerificationState:
         rows = bus.joints
         self._answered[rows] = fits
         self._turn_known[rows] &= fits & (not port.holding)  # those held by this daemon are checked anew
-        bad = self._loop.hardware.slow.fault[rows] > 0
+        bad = self._context.hardware.slow.fault[rows] > 0
         self._marred[rows] = np.where(fits, bad, self._marred[rows])
 
     def watch(self, now: float) -> None:
         """Choose the turns of identified devices that are not known yet; called once per tick."""
-        loop = self._loop
-        turns = self._loop.joints.turns
+        context = self._context
+        turns = self._context.robot.joints.turns
         self._process_link_changes()
         # no identification while the robot is lowered
-        if some(self._marred) and loop.procedures.rank is None:
+        if some(self._marred) and context.procedures.rank is None:
             self._identify_healed()
         if turns is None:
             self._turn_known |= self._answered
         else:
-            if not (loop.torque.armed or loop.torque.energising) and some(self._turn_known):
+            if not (context.torque.armed or context.torque.energising) and some(self._turn_known):
                 self._recheck_turns(turns, now)
             if not every(self._turn_known):
                 self._count(turns)
-                for number, (port, bus) in enumerate(loop.hardware.pairs):
+                for number, (port, bus) in enumerate(context.hardware.pairs):
                     self._choose(number, port, bus.joints, turns)
         self._place()
 
@@ -148,7 +150,7 @@ class JointVerificationState:
         They may be on another turn. Joints that this daemon holds with torque keep their turn when identified
         anew.
         """
-        for number, (port, bus) in enumerate(self._loop.hardware.pairs):
+        for number, (port, bus) in enumerate(self._context.hardware.pairs):
             anew = port.link is PortState.IDENTIFYING and self._links[number] is PortState.CONNECTED
             if (anew and not port.holding) or (
                 port.link is PortState.CLOSED and some(self._answered[bus.joints])
@@ -167,10 +169,10 @@ class JointVerificationState:
 
         Such a device may have restarted, or be another one.
         """
-        readings = self._loop.hardware.readings
-        slow = self._loop.hardware.slow
+        readings = self._context.hardware.readings
+        slow = self._context.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
-        for port, bus in self._loop.hardware.pairs:
+        for port, bus in self._context.hardware.pairs:
             if port.link is PortState.CONNECTED and some(healed[bus.joints]):
                 port.identify()
 
@@ -179,13 +181,13 @@ class JointVerificationState:
 
         The latter only where another turn fits. Either a reading was wrong, or the servo has lost its turns.
         """
-        hardware = self._loop.hardware
+        hardware = self._context.hardware
         raw = hardware.readings.raw.ticks
         readings = hardware.readings
         outside = self._turn_known & ~inside(raw + readings.shift, turns)
         if some(outside) or some(readings.jumps):
             self._astray = np.where(outside, np.minimum(self._astray, now), inf)
-            long = (now - self._astray >= ASTRAY) & (self._loop.torque_known == 0)
+            long = (now - self._astray >= ASTRAY) & (torque_known(self._context) == 0)
             leapt = (readings.jumps > 0) & (2 * readings.leaps >= turns.whole * hardware.resolution)
             anew = (long & inside(raw + chosen(raw, turns), turns)) | (leapt & turns.known)
             self._doubt(np.flatnonzero(self._turn_known & anew))
@@ -194,15 +196,15 @@ class JointVerificationState:
 
     def _count(self, turns: MeasuredTravel) -> None:
         """Count the readings in a row that give the same turn."""
-        turn = chosen(self._loop.hardware.readings.raw.ticks, turns)
-        fresh = self._loop.measured.heard
+        turn = chosen(self._context.hardware.readings.raw.ticks, turns)
+        fresh = self._context.robot.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
         self._agreeing = np.where(fresh, again, self._agreeing)
         self._turn = np.where(fresh, turn, self._turn)
 
     def _choose(self, number: int, port: BusPort, rows: Ints, turns: MeasuredTravel) -> None:
-        loop = self._loop
-        hardware = self._loop.hardware
+        context = self._context
+        hardware = self._context.hardware
         raw = hardware.readings.raw.ticks
         before = hardware.readings.shift
         due = np.zeros_like(self._turn_known)
@@ -210,20 +212,22 @@ class JointVerificationState:
         if not some(due):
             return
         shift = np.where(due, self._turn, before)
-        found = [each for each in unfit(raw, shift, turns, loop.torque_known == 1) if due[_joint(each)]]
+        found = [each for each in unfit(raw, shift, turns, torque_known(context) == 1) if due[_joint(each)]]
         due[_joints(found)] = False
         shift = np.where(due, shift, before)
-        held = port.holding or loop.torque.energising
+        held = port.holding or context.torque.energising
         self._turn_known |= due & (shift == before) & ~hardware.left_out if held else due
         self._report_unverified(port.name, found)
         if not held and some(shift != before):
             hardware.turn(number, shift[rows])
-            loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
+            context.robot.measured = replace(
+                context.robot.measured, position=frozen(hardware.readings.where())
+            )
 
     def _place(self) -> None:
         """Mark joints without a known turn as unknown; joints that get goals keep their position."""
-        loop = self._loop
-        hardware = self._loop.hardware
+        context = self._context
+        hardware = self._context.hardware
         placed = self._turn_known if every(self._turn_known) else self._turn_known | hardware.energised_joints
         for _, bus in hardware.pairs:
             for each in bus.linked:  # known only with all of its actuators
@@ -232,12 +236,14 @@ class JointVerificationState:
                 placed[mates] = every(placed[mates])
         if not np.array_equal(placed, hardware.readings.placed):
             hardware.readings.placed = placed.copy()
-            loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
+            context.robot.measured = replace(
+                context.robot.measured, position=frozen(hardware.readings.where())
+            )
 
     def _report_unverified(self, bus: str, found: Sequence[Finding]) -> None:
         """Report once for the same joints, however their readings change."""
         if set(map(_joint, found)) - set(map(_joint, self._unfit.get(bus, ()))):
-            self._loop.say.event("warning", found[0].code, found[0].message, tuple(found))
+            self._context.reports.event("warning", found[0].code, found[0].message, tuple(found))
         self._unfit[bus] = found
 
 

@@ -1,18 +1,24 @@
 """Procedures: work over several ticks, as generators that are stepped once per tick.
 
 One procedure at a time may own the torque; a more urgent one takes it over. Others (checks, register reads)
-run beside it.
+run beside it. A procedure returns the outcome of its call, and the caller that began it replies. One that is
+ended by force has the outcome `Busy`, with the cause.
 """
 
 from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 from twind.exceptions import TwindError
 from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.ipc.call_outcome import CallFailure, CallOutcome
 from twind.robot.finding import Finding, ReasonCode
 
-Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
+# yields at the end of a tick, is sent the next tick's time, returns the outcome of its call, if it has one
+Procedure = Generator[None, float, CallOutcome | None]
+Steps = Generator[None, float, None]  # part of a procedure
+Ending = Callable[[CallOutcome | None], None]  # receives the outcome, once, however the procedure ends
 
 
 class ProcedureFailed(TwindError):
@@ -42,71 +48,111 @@ class Priority(IntEnum):
     CUT = 7
 
 
+DOING = {Priority.ARM: "arming", Priority.HOME: "the end-stop search", Priority.DISARM: "disarming"}
+
+
+def unanswered(_outcome: CallOutcome | None) -> None:
+    """Ignore an outcome: no client waits for it."""
+
+
+@dataclass(eq=False)
+class RunningProcedure:
+    """One procedure and the receiver of its outcome."""
+
+    body: Procedure
+    ended: Ending
+    broken: bool = False  # a step raised an exception
+
+    def begin(self) -> bool:
+        """Run to the first wait; False when it ended already."""
+        try:
+            next(self.body)
+        except StopIteration as stop:
+            self.ended(stop.value)
+            return False
+        return True
+
+    def step(self, now: float) -> bool:
+        """Run to the next wait; False when it has ended."""
+        try:
+            self.body.send(now)
+        except StopIteration as stop:
+            failed = CallFailure("Busy", {"what": "failed inside"})
+            self.ended(failed if self.broken else stop.value)
+            return False
+        except Exception:
+            self.broken = True
+            raise
+        return True
+
+
 class ProcedureRunner:
     """Running procedures: at most one that owns the torque, and any number beside it."""
 
-    def __init__(self) -> None:
-        self._torque: Procedure | None = None
+    def __init__(self, cause: Callable[[], str] = str) -> None:
+        """`cause`: returns the text of what is latched, which ends procedures; empty: nothing is."""
+        self._cause = cause
+        self._torque: RunningProcedure | None = None
         self._rank: Priority | None = None
-        self._others: list[Procedure] = []
+        self._others: list[RunningProcedure] = []
 
     @property
     def rank(self) -> Priority | None:
         """Urgency of the procedure that owns the torque; None: no procedure owns it."""
         return self._rank
 
-    def own(self, rank: Priority, start: Callable[[], Procedure]) -> bool:
-        """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs."""
+    def own(self, rank: Priority, start: Callable[[], Procedure], ended: Ending = unanswered) -> bool:
+        """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs.
+
+        `ended` receives its outcome, also when it is ended by force.
+        """
         if self._rank is not None and self._rank >= rank:
             return False
         self.abandon()
-        body = start()
-        self._torque = body
+        owner = RunningProcedure(start(), ended)
+        self._torque = owner
         self._rank = rank
-        if not _first(body):
-            self._torque = self._rank = None
+        if not owner.begin():
+            self._release(owner)
         return True
 
-    def beside(self, body: Procedure) -> None:
+    def beside(self, body: Procedure, ended: Ending = unanswered) -> None:
         """Begin a procedure that does not touch the torque."""
-        if _first(body):
-            self._others.append(body)
+        other = RunningProcedure(body, ended)
+        if other.begin():
+            self._others.append(other)
 
     def abandon(self) -> None:
-        """End the procedure that owns the torque, at the step it has reached; it answers its caller."""
-        body = self._torque
-        self._torque = None
-        self._rank = None
-        if body is not None:
-            body.close()
+        """End the procedure that owns the torque by force, at the step it has reached.
+
+        The only place that does so. Its outcome is `Busy`, with what is latched or "something more urgent".
+        """
+        owner = self._torque
+        if owner is None or self._rank is None:
+            return
+        doing = DOING.get(self._rank, self._rank.name.lower())
+        self._release(owner)
+        owner.body.close()
+        owner.ended(
+            CallFailure("Busy", {"what": f"{doing} was ended by {self._cause() or 'something more urgent'}"})
+        )
 
     def step(self, now: float) -> None:
         """Run one step of each procedure; `now` in s."""
-        body = self._torque
-        if body is not None and not _next(body, now) and self._torque is body:
-            self._torque = self._rank = None
+        owner = self._torque
+        if owner is not None and not owner.step(now):
+            self._release(owner)
         if self._others:
-            self._others = [other for other in self._others if _next(other, now)]
+            self._others = [other for other in self._others if other.step(now)]
+
+    def _release(self, owner: RunningProcedure) -> None:
+        """Note that `owner` has ended; one that it has begun itself goes on."""
+        if self._torque is owner:
+            self._torque = None
+            self._rank = None
 
 
-def _first(body: Procedure) -> bool:
-    """Run to the first wait; False when it ended already."""
-    try:
-        next(body)
-    except StopIteration:
-        return False
-    return True
-
-
-def _next(body: Procedure, now: float) -> bool:
-    try:
-        body.send(now)
-    except StopIteration:
-        return False
-    return True
-
-
-def all_of(tasks: Iterable[ScriptRun[Any]]) -> Generator[None, float, None]:
+def all_of(tasks: Iterable[ScriptRun[Any]]) -> Steps:
     """Wait until every task is done; then raise the first error."""
     waiting = list(tasks)
     while not all(task.done for task in waiting):

@@ -10,23 +10,25 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from twind import link
 from twind.config import hot_changes
 from twind.config.hot_keys import of_robot
+from twind.loop.procedures.gate_input import GateInput
+from twind.loop.procedures.homing_procedure import HomingProcedure
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.torque_readback import torque_off, torque_possible
 from twind.loop.tick.bound_robot import BoundRobot
+from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.arrays import Bools, Floats
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion
 from twind.safety.gate import GateThresholds
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
 PATIENCE = 20.0  # s that reading and checking the files may take, since the last report of its start
 FRESH = 0.5  # s: an older reading is not the place of a joint without torque
@@ -36,11 +38,15 @@ LISTED = 6  # keys that one line lists
 class ReloadCoordinator:
     """State of a reload: the request and the values in force. `wanted` is set by SIGHUP."""
 
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
+    def __init__(
+        self, context: ProcedureContext, parts: LoopParts, gate_input: GateInput, homing: HomingProcedure
+    ) -> None:
+        self._context = context
+        self._parts = parts
+        self._gate_input = gate_input
+        self._homing = homing
         self.wanted = False
         self.generation = 0  # changes made since the start
-        self.judged_since = 0  # generation of the last change of the robot: older verdicts do not count
         self.result = ""  # result of the last reload for the status line; empty: nothing to report
         self._until = inf  # s, when the front's reply is due; inf: none is
 
@@ -57,9 +63,9 @@ class ReloadCoordinator:
         """
         if self.wanted:
             self.wanted = False
-            if not self._loop.stop_wanted:
+            if not self._context.condition.stop_wanted:
                 self.begin(now)
-                self._loop.link.ask_reread()
+                self._parts.link.ask_reread()
         if now > self._until:
             self.failed(f"the files were not read within {PATIENCE:g} s; nothing was changed")
 
@@ -69,13 +75,13 @@ class ReloadCoordinator:
         Notify the service manager once (sd_notify(3), RELOADING=1).
         """
         if self._until == inf:
-            since = self._loop.clock.now()
-            self._loop.parts.notifier.send(RELOADING="1", MONOTONIC_USEC=f"{since * 1e6:.0f}")
+            since = self._context.clock.now()
+            self._parts.notifier.send(RELOADING="1", MONOTONIC_USEC=f"{since * 1e6:.0f}")
         self._until = now + PATIENCE
 
     def failed(self, why: str) -> None:
         """Keep the old values in force, and report the reason `why` to all clients."""
-        self._loop.say.event("error", EventCode.RELOAD_REFUSED, why)
+        self._context.reports.event("error", EventCode.RELOAD_REFUSED, why)
         self._end(f"the last reload was refused: {why}")
 
     def front_lost(self) -> None:
@@ -86,10 +92,10 @@ class ReloadCoordinator:
     def _end(self, result: str) -> None:
         """End a reload with READY=1, also a refused one: the daemon serves on."""
         self.result = result
-        self._loop.publisher.urgent = True
+        self._context.reports.urgent = True
         if self._until < inf:
             self._until = inf
-            self._loop.parts.notifier.send(READY="1")
+            self._parts.notifier.send(READY="1")
 
     # ------------------------------------------------------------------------------- put in force
 
@@ -111,7 +117,7 @@ class ReloadCoordinator:
 
         Raises ValueError, InvalidInput without any change.
         """
-        loop = self._loop
+        context = self._context
         if command.reread and self._until == inf:  # the reload was reported as failed, so nothing may change
             self._refuse(
                 command, (Finding(ReasonCode.BUSY, message="the files came too late: reload again"),)
@@ -122,102 +128,103 @@ class ReloadCoordinator:
                 command, (Finding(ReasonCode.BUSY, message="other changes came first: reload again"),)
             )
             return False
-        thresholds = thresholds_with(loop.parts.thresholds, command.changes)
+        thresholds = thresholds_with(self._gate_input.thresholds, command.changes)
         robot = of_robot(command.changes)
         if robot:
-            one = loop.parts.one.with_changes(robot)
-            unfit = (*at_rest(loop), *outside(loop, one.binding.limits, now))
+            one = context.robot.bound.with_changes(robot)
+            unfit = (*self.at_rest(), *outside(context, one.binding.limits, now))
             if unfit:
                 self._refuse(command, unfit)
                 return False
-            put_in_force(loop, one)  # may raise, before it has changed anything
-        loop.parts = replace(loop.parts, thresholds=thresholds)
-        loop.health.warn_above(thresholds.latency_warn)
+            put_in_force(context, self._parts, one)  # may raise, before it has changed anything
+        self._gate_input.thresholds = thresholds
+        self._parts.health.warn_above(thresholds.latency_warn)
         self.generation = command.generation
-        self.judged_since = self.generation if robot else self.judged_since
-        loop.link.set_briefing(briefing)
+        if robot:
+            self._gate_input.judged_since = self.generation
+        self._parts.link.set_briefing(briefing)
         self._publish_reload(command)
         return True
 
     def _refuse(self, command: link.ApplyChanges, findings: tuple[Finding, ...]) -> None:
-        self._loop.say.refuse(command, findings)
+        self._context.reports.refuse(command, findings)
         if command.reread:
-            named = self._loop.joints.names
+            named = self._context.robot.joints.names
             first = findings[0]
             where = "" if first.joint is None else f"{named[first.joint]}: "
             self.failed(f"{where}{first.message}")
 
     def _publish_reload(self, command: link.ApplyChanges) -> None:
-        loop = self._loop
+        context = self._context
         applied = sorted(command.changes)
         waiting = list(command.needs_restart)
-        loop.say.reply(command, applied=applied, needs_restart=waiting)
+        context.reports.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"
         left = f"; for a restart: {listed(waiting)}" if waiting else ""
-        loop.say.event("warning" if waiting else "info", EventCode.RELOADED, made + left)
+        context.reports.event("warning" if waiting else "info", EventCode.RELOADED, made + left)
         if command.reread:
             self._end(f"restart for {listed(waiting)}" if waiting else "")
+
+    def at_rest(self) -> tuple[Finding, ...]:
+        """Return why limits and gains may not change now, as a BUSY finding; empty: they may.
+
+        Reasons: a motion or procedure runs, a trajectory is judged, torque may be on, a bus serves a request.
+        """
+        context = self._context
+        why = None
+        if context.procedures.rank is not None:
+            why = f"{context.procedures.rank.name.lower()} is under way: wait for its end"
+        elif what := self._homing.busy():
+            why = f"{what}: wait for its end"
+        elif context.executor.motion not in (Motion.IDLE, Motion.HOLDING) or _still_stopping(context):
+            why = "a motion is under way: `twindctl stop`, or wait for its end"
+        elif self._gate_input.busy:
+            why = "a trajectory is being judged: try again"
+        elif occupied := next((port.name for port in context.hardware.ports if port.busy), None):
+            why = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
+        elif context.condition.mode is Mode.LIVE and torque_possible(context):
+            why = "torque is on, or not known to be off: `twindctl disarm`"
+        elif context.condition.mode is Mode.LIVE and torque_off(context) is not True:
+            why = _describe_unknown_torque(context)
+        return (
+            ()
+            if why is None
+            else (Finding(ReasonCode.BUSY, message=f"limits and gains change at rest only; {why}"),)
+        )
 
 
 # ------------------------------------------------------------------------------------------- when
 
 
-def at_rest(loop: Loop) -> tuple[Finding, ...]:
-    """Return why limits and gains may not change now, as a BUSY finding; empty: they may.
-
-    Reasons: a motion or procedure runs, a trajectory is judged, torque may be on, or a bus serves a request.
-    """
-    why = None
-    if loop.procedures.rank is not None:
-        why = f"{loop.procedures.rank.name.lower()} is under way: wait for its end"
-    elif what := loop.homing.busy():
-        why = f"{what}: wait for its end"
-    elif loop.executor.motion not in (Motion.IDLE, Motion.HOLDING) or _still_stopping(loop):
-        why = "a motion is under way: `twindctl stop`, or wait for its end"
-    elif loop.submissions.busy:
-        why = "a trajectory is being judged: try again"
-    elif occupied := next((port.name for port in loop.hardware.ports if port.busy), None):
-        why = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
-    elif loop.mode is Mode.LIVE and loop.energised:
-        why = "torque is on, or not known to be off: `twindctl disarm`"
-    elif loop.mode is Mode.LIVE and loop.torque_off is not True:
-        why = _describe_unknown_torque(loop)
-    return (
-        ()
-        if why is None
-        else (Finding(ReasonCode.BUSY, message=f"limits and gains change at rest only; {why}"),)
-    )
-
-
-def _describe_unknown_torque(loop: Loop) -> str:
+def _describe_unknown_torque(context: ProcedureContext) -> str:
     """Return why torque is not known to be off: a bus has no reader, or joints have not answered.
 
     Torque may have been left on by the limits in force before.
     """
-    port = next((port for port in loop.hardware.ports if port.reader is None), None)
+    port = next((port for port in context.hardware.ports if port.reader is None), None)
     if port is None:
         return "torque is not known to be off: wait until every servo has answered"
     away = port.trouble or "it is not open"
     return f"whether torque is on is not known of bus {port.name}: {away}; connect it, or restart the daemon"
 
 
-def _still_stopping(loop: Loop) -> bool:
-    reference = loop.executor.reference
+def _still_stopping(context: ProcedureContext) -> bool:
+    reference = context.executor.reference
     return reference is not None and bool(reference.velocity.any())
 
 
-def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
+def outside(context: ProcedureContext, limits: JointLimits, now: float) -> tuple[Finding, ...]:
     """Return findings for joints inside the limits in force that would be outside of `limits`."""
-    measured = loop.measured
-    old = loop.limits
+    measured = context.robot.measured
+    old = context.robot.limits
     places: list[Floats] = []
-    if loop.mode is not Mode.SIM:
+    if context.condition.mode is not Mode.SIM:
         fresh = now - measured.time + measured.age <= FRESH
         places.append(np.where(fresh, measured.position, np.nan))
-    if loop.mode is not Mode.LIVE:
-        places.append(loop.simulated.position)
-    if loop.executor.reference is not None:
-        places.append(loop.executor.reference.position)
+    if context.condition.mode is not Mode.LIVE:
+        places.append(context.robot.simulated.position)
+    if context.executor.reference is not None:
+        places.append(context.executor.reference.position)
     shrunk: Bools = (limits.lower > old.lower) | (limits.upper < old.upper)
     found: dict[int, Finding] = {}
     for place in places:
@@ -235,11 +242,10 @@ def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
 # ------------------------------------------------------------------------------------------- what
 
 
-def put_in_force(loop: Loop, one: BoundRobot) -> None:
+def put_in_force(context: ProcedureContext, parts: LoopParts, one: BoundRobot) -> None:
     """Set limits, ranges and gains of `one` in all parts. Raises before anything has changed."""
-    parts = loop.parts
     binding = one.binding
-    hardware = loop.hardware
+    hardware = context.hardware
     enabler = parts.rewire(one) if parts.rewire is not None else None
     writers = {
         port.name: enabler(port.reader)
@@ -248,25 +254,21 @@ def put_in_force(loop: Loop, one: BoundRobot) -> None:
     }
     # All writers are made before any part changes: a gain that a driver refuses must leave the old ones
     # whole.
-    outlook = None if loop.outlook is None else loop.outlook.within(binding.limits)
+    outlook = None if context.robot.outlook is None else context.robot.outlook.within(binding.limits)
     hardware.clear()
     for port in hardware.ports:
         port.enabler = port.enabler if enabler is None else enabler
         port.writer = writers.get(port.name, port.writer)
     hardware.rejoin(binding.joint_map)
     parts.guard.limit(binding.limits)
-    loop.executor.limits = loop.limits = binding.limits
-    loop.joints = binding.joint_map
-    loop.outlook = outlook
-    loop.identity.judge = one.judge
-    loop.parts = replace(
-        parts,
-        one=one,
+    context.executor.limits = binding.limits
+    context.robot.outlook = outlook
+    context.robot.description = replace(
+        context.robot.description,
+        bound=one,
         joints=binding.joint_map,
         limits=binding.limits,
         ratings=binding.ratings,
-        judge=one.judge,
-        outlook=outlook,
     )
 
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from twind import link
+from twind.loop.ipc.call_outcome import CallOutcome, CallRefusal, CallReply
+from twind.loop.procedures.gate_input import GateInput
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.tick.blocking_contacts import with_contact
+from twind.loop.tick.loop_figures import LoopFigures
+from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.goal_options import led_in
 from twind.motion.time_scaling import Stretch
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
@@ -23,9 +28,6 @@ from twind.robot.trajectory import Trajectory
 from twind.safety import gate, setpoint_gate
 from twind.safety.admission import admit
 from twind.telemetry.command_latency import STREAM, StartedCommand
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
 # s: the age up to which the front's part of the verdict counts; it rests on a state that changes
 STALE_VERDICT = 0.5
@@ -55,9 +57,17 @@ ABOUT_NOW = frozenset(  # depend on the present state, not on the path
 class SubmissionTracker:
     """The trajectory that is being judged, and those that are followed with `more`."""
 
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
-        self.busy = False  # a trajectory is being judged (BUSY)
+    def __init__(
+        self, context: ProcedureContext, parts: LoopParts, gate_input: GateInput, figures: LoopFigures
+    ) -> None:
+        self.epoch = -1  # of the lease under which the motion was accepted
+        self._context = context
+        self._way = parts.way
+        self._lease = parts.lease
+        self._guard = parts.guard
+        self._twin = parts.twin
+        self._gate_input = gate_input
+        self._figures = figures
         self._followed: dict[str, link.Submit] = {}
         self._report_at = 0.0
 
@@ -68,37 +78,45 @@ class SubmissionTracker:
 
         Replies `accepted` or Refused, or the verdict alone for `check_only`.
         """
-        way = self._loop.way
-        clock = self._loop.clock
+        way = self._way
+        clock = self._context.clock
         taken = None if command.check_only else way.take(command.received, clock.now(), inf)
-        self._loop.procedures.beside(self._judge(command, data, taken, now))
+
+        def answer(outcome: CallOutcome | None) -> None:
+            if outcome is not None:
+                self._context.reports.answer(command, outcome)
+
+        self._context.procedures.beside(self._judge(command, data, taken, now), answer)
 
     def _judge(
         self, command: link.Submit, data: bytes, taken: StartedCommand | None, now: float
     ) -> Procedure:
-        loop = self._loop
+        context = self._context
         try:
-            path = link.unpack_path(data, command, len(loop.joints))
+            path = link.unpack_path(data, command, len(context.robot.joints))
         except ValueError as error:
-            self._refuse(command, Verdict((Finding(ReasonCode.BAD_SHAPE, message=str(error)),)), taken, now)
-            return
-        if command.generation < loop.reloads.judged_since:
+            unfit = Verdict((Finding(ReasonCode.BAD_SHAPE, message=str(error)),))
+            return self._refused(command, unfit, taken, now)
+        if command.generation < self._gate_input.judged_since:
             message = "the limits were changed while this was judged: send it again"
-            self._refuse(command, Verdict((Finding(ReasonCode.CMD_EXPIRED, message=message),)), taken, now)
-            return
-        waiting = command.start_in > 0.0 and loop.executor.waiting > 0
-        if self.busy or (waiting and not command.check_only):
-            message = "another trajectory is being judged" if self.busy else "one already waits for its start"
+            old = Verdict((Finding(ReasonCode.CMD_EXPIRED, message=message),))
+            return self._refused(command, old, taken, now)
+        waiting = command.start_in > 0.0 and context.executor.waiting > 0
+        if self._gate_input.busy or (waiting and not command.check_only):
+            message = (
+                "another trajectory is being judged"
+                if self._gate_input.busy
+                else "one already waits for its start"
+            )
             busy = Finding(ReasonCode.BUSY, message=f"{message}: try again, or cancel")
-            self._refuse(command, Verdict((busy,)), taken, now)
-            return
-        before = loop.snapshot(command.client, now)
-        soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
-        if soon and loop.executor.reference is not None:
-            before = replace(before, reference=loop.executor.ahead(command.start_in))
+            return self._refused(command, Verdict((busy,)), taken, now)
+        before = self._gate_input.snapshot(command.client, now)
+        soon = 0.0 < command.start_in <= self._gate_input.thresholds.max_duration
+        if soon and context.executor.reference is not None:
+            before = replace(before, reference=context.executor.ahead(command.start_in))
         demand = gate.TrajectoryRequest(command.policy, command.append_stop, command.start_in)
-        steps = gate.checking(path, before, loop.limits, demand, loop.parts.thresholds, SLICE)
-        self.busy = True
+        steps = gate.checking(path, before, context.robot.limits, demand, self._gate_input.thresholds, SLICE)
+        self._gate_input.busy = True
         sliced = False
         try:
             while True:
@@ -110,33 +128,30 @@ class SubmissionTracker:
                 sliced = True
                 now = yield
         finally:
-            self.busy = False
+            self._gate_input.busy = False
         judged = replace(judged, verdict=with_front(judged.verdict, command))
         if command.check_only:
-            loop.say.reply(command, verdict=plain(of_the_path(judged.verdict, before.holding)))
-            return
+            return CallReply({"verdict": plain(of_the_path(judged.verdict, before.holding))})
         refusals = judged.verdict.refusals
         if sliced and not refusals:
             refusals = self._still_true(command, before, path.commanded, now)
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         if verdict.refusals:
-            self._refuse(command, verdict, taken, now)
-            return
+            return self._refused(command, verdict, taken, now)
         followed = self._follow(command, judged.path, now)
         if isinstance(followed, Finding):
-            self._refuse(command, replace(verdict, refusals=(followed,)), taken, now)
-        else:
-            self._on_its_way(command, taken, path.commanded)
-            self._accept(command, verdict, followed, now)
+            return self._refused(command, replace(verdict, refusals=(followed,)), taken, now)
+        self._on_its_way(command, taken, path.commanded)
+        return self._accepted(command, verdict, followed, now)
 
     def _still_true(
         self, command: link.Submit, before: gate.GateSnapshot, commanded: Any, now: float
     ) -> tuple[Finding, ...]:
         """Return refusals that arose during a check of several ticks: admission and start must still hold."""
-        loop = self._loop
-        again = loop.snapshot(command.client, now)
-        refusals = admit(again, commanded, loop.parts.thresholds).refusals
-        here = loop.executor.reference
+        context = self._context
+        again = self._gate_input.snapshot(command.client, now)
+        refusals = admit(again, commanded, self._gate_input.thresholds).refusals
+        here = context.executor.reference
         if here is None or not np.array_equal(here.position, before.reference.position):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
             refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
@@ -144,7 +159,7 @@ class SubmissionTracker:
 
     def _follow(self, command: link.Submit, path: Trajectory, now: float) -> float | Finding:
         """Give an accepted path to the executor; return its lead-in time (s), or the refusal."""
-        loop = self._loop
+        context = self._context
         if command.front_checked and now - command.front_checked > STALE_VERDICT:
             age = now - command.front_checked
             return Finding(
@@ -152,9 +167,9 @@ class SubmissionTracker:
             )
         tolerances, goal_time = self._ending(command)
         if command.client:
-            loop.lease.renew(command.client, now)
+            self._lease.renew(command.client, now)
         lead = self._lead(path, command.start_in)
-        refused = loop.executor.submit(
+        refused = context.executor.submit(
             command.id,
             path,
             start_in=command.start_in,
@@ -169,124 +184,118 @@ class SubmissionTracker:
         A simulated joint must come as near to its goal as FOLLOW_ERR demands of a real one at rest. Without a
         goal tolerance of the client it has the time that starting and stopping at full speed takes twice.
         """
-        loop = self._loop
-        count = len(loop.joints)
+        context = self._context
+        count = len(context.robot.joints)
         tolerances = command.tolerances
-        if loop.mode is Mode.LIVE:
+        if context.condition.mode is Mode.LIVE:
             return (GoalTolerances.from_entries(count, tolerances) if tolerances else None), command.goal_time
-        bounds = loop.parts.guard.bounds
+        bounds = self._guard.bounds
         own = any(goal is not None and goal > 0.0 for _, _, goal in tolerances)
         goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
         return GoalTolerances.from_entries(count, tolerances, bounds.follow), goal_time
 
     def _lead(self, path: Trajectory, start_in: float) -> float:
         """Return the time (s) of the lead-in to a first point at t = 0, from the foreseen start position."""
-        executor = self._loop.executor
+        executor = self._context.executor
         if executor.reference is None:
             return 0.0
         before = executor.ahead(start_in) if start_in else executor.reference
-        led = led_in(path, before, self._loop.limits, self._loop.period)
+        led = led_in(path, before, self._context.robot.limits, self._context.robot.period)
         return float(led.time[0] - path.time[0])
 
-    def _accept(self, command: link.Submit, verdict: Verdict, lead: float, now: float) -> None:
-        loop = self._loop
-        loop.untouched = False
-        loop.motion_epoch = loop.lease.epoch
-        loop.publisher.urgent = True
+    def _accepted(self, command: link.Submit, verdict: Verdict, lead: float, now: float) -> CallReply:
+        """Note an accepted motion; return its reply."""
+        context = self._context
+        context.robot.untouched = False
+        self.epoch = self._lease.epoch
+        context.reports.urgent = True
         if command.more:
             self._followed[command.id] = command
-            loop.lease.pin(command.client, command.id)
+            self._lease.pin(command.client, command.id)
         self._send_verdict(command.id, verdict, now, lead)
-        loop.say.reply(
-            command,
-            continues=command.more,
-            id=command.id,
-            phase="accepted",
-            progress=0.0,
-            verdict=plain(verdict),
-        )
+        accepted = {"id": command.id, "phase": "accepted", "progress": 0.0, "verdict": plain(verdict)}
+        return CallReply(accepted, continues=command.more)
 
     def _on_its_way(self, command: link.Submit, taken: StartedCommand | None, commanded: Bools) -> None:
         """Record the latencies of a submission.
 
         Of a delayed start only the verdict's, as the delay is intended.
         """
-        loop = self._loop
-        reference = self._loop.executor.reference
-        at = self._loop.clock.now()
+        reference = self._context.executor.reference
+        at = self._context.clock.now()
         if taken is not None:
-            loop.way.judge(taken, at)
+            self._way.judge(taken, at)
             if reference is not None and not command.start_in:
-                loop.way.accept(taken, command.id, commanded, reference, at)
+                self._way.accept(taken, command.id, commanded, reference, at)
 
-    def _refuse(
+    def _refused(
         self, command: link.Submit, verdict: Verdict, taken: StartedCommand | None, now: float
-    ) -> None:
-        """Send the refusal to the caller; unless the call only checks, also to subscribers and the log."""
-        loop = self._loop
+    ) -> CallRefusal:
+        """Report a refusal to subscribers and the log, unless the call only checks; return it."""
+        context = self._context
         if taken is not None:
-            loop.way.judge(taken, loop.clock.now())
+            self._way.judge(taken, context.clock.now())
             self._send_verdict(command.id, verdict, now)
             codes = sorted({finding.code for finding in verdict.refusals})
             message = f"refused {command.id}: {', '.join(codes)}"
-            loop.say.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
-        loop.say.refuse(command, verdict.refusals)
+            context.reports.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
+        return CallRefusal(verdict.refusals)
 
     def _send_verdict(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
-        link_ = self._loop.link
-        given = plain(verdict)
-        link_.event(link.VerdictReport(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
+        self._context.reports.verdict(id, plain(verdict), now, lead)
 
     # --------------------------------------------------------------------------- setpoints
 
     def setpoint(self, command: link.Setpoint, now: float) -> None:
         """Judge one streamed setpoint at once; accepted, it replaces the last."""
-        loop = self._loop
-        taken = loop.way.take(command.received, loop.clock.now())
-        stream = loop.executor.stream  # before this setpoint
+        context = self._context
+        taken = self._way.take(command.received, context.clock.now())
+        stream = context.executor.stream  # before this setpoint
         behind, late = (None, ()) if stream is None else stream.behind()
         judged = self._streamed(command, now)
-        before = loop.executor.reference
-        at = loop.clock.now()
-        loop.way.judge(taken, at)
+        before = context.executor.reference
+        at = context.clock.now()
+        self._way.judge(taken, at)
         if judged.verdict.refusals:
             self._send_verdict(STREAM, judged.verdict, now)
-            loop.say.refuse(command, judged.verdict.refusals)
+            context.reports.refuse(command, judged.verdict.refusals)
             return
         if before is not None:
-            loop.way.accept(taken, STREAM, self._places(judged.joints), before, at)
-        loop.untouched = False
-        loop.motion_epoch = loop.lease.epoch
+            self._way.accept(taken, STREAM, self._places(judged.joints), before, at)
+        context.robot.untouched = False
+        self.epoch = self._lease.epoch
         changes = [asdict(finding) for finding in (*judged.verdict.changes, *late)]
         lag = {"behind": behind[judged.joints].tolist()} if late and behind is not None else {}
-        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes, **lag)
+        context.reports.reply(command, sequence=self._figures.ticks, changes=changes, **lag)
 
     def _streamed(self, command: link.Setpoint, now: float) -> setpoint_gate.SetpointResult:
         """Judge a setpoint, and follow it unless it is refused."""
-        loop = self._loop
-        snapshot = loop.snapshot(command.client, now)
+        context = self._context
+        snapshot = self._gate_input.snapshot(command.client, now)
         joints = np.array(command.joints, np.int64)
-        verdict = admit(snapshot, self._places(joints), loop.parts.thresholds, setpoint=True)
+        verdict = admit(snapshot, self._places(joints), self._gate_input.thresholds, setpoint=True)
         judged = setpoint_gate.judge(
             joints,
             np.array(command.positions, np.float64),
             None if command.velocities is None else np.array(command.velocities, np.float64),
-            loop.limits,
+            context.robot.limits,
             valid_for=command.valid_for,
             allow_clamp=command.allow_clamp,
         )
         refusals = (*verdict.refusals, *judged.verdict.refusals)
-        if not refusals and loop.outlook is not None:
-            refusals = loop.outlook.refuses(loop.executor, judged.joints, judged.position, judged.velocity)
+        if not refusals and context.robot.outlook is not None:
+            refusals = context.robot.outlook.refuses(
+                context.executor, judged.joints, judged.position, judged.velocity
+            )
         if not refusals:
-            loop.lease.renew(command.client, now, streaming=True)
+            self._lease.renew(command.client, now, streaming=True)
             args = (judged.joints, judged.position, judged.velocity, command.valid_for)
-            refused = loop.executor.setpoint(*args)
+            refused = context.executor.setpoint(*args)
             refusals = () if refused is None else (refused,)
         return replace(judged, verdict=Verdict(refusals, changes=judged.verdict.changes))
 
     def _places(self, joints: Ints) -> Bools:
-        return np.isin(np.arange(len(self._loop.joints)), joints)
+        return np.isin(np.arange(len(self._context.robot.joints)), joints)
 
     # --------------------------------------------------------------------------- outcomes
 
@@ -301,33 +310,33 @@ class SubmissionTracker:
 
     def report(self, now: float) -> None:
         """Report progress ten times a second, and the end of each goal."""
-        loop = self._loop
-        for outcome in loop.executor.outcomes():
+        context = self._context
+        for outcome in context.executor.outcomes():
             self._end(outcome)
-        running = loop.executor.progress()
+        running = context.executor.progress()
         if running is not None and now >= self._report_at:
             self._report_at = now + PROGRESS
             command = self._followed.get(running[0])
             if command is not None:
-                own = own_time(loop.executor.stretch)
-                loop.say.reply(
+                own = own_time(context.executor.stretch)
+                context.reports.reply(
                     command, continues=True, id=command.id, phase="running", progress=running[1], **own
                 )
 
     def _end(self, outcome: GoalOutcome) -> None:
-        loop = self._loop
+        context = self._context
         if outcome.phase != "succeeded":
-            loop.way.end(outcome.id)
+            self._way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
-        findings = tuple(with_contact(loop, finding) for finding in outcome.findings)
+        findings = tuple(with_contact(context, self._twin, finding) for finding in outcome.findings)
         message = f"{outcome.id} {outcome.phase}"
-        loop.say.event(level, EventCode.MOTION, message, findings, id=outcome.id, phase=outcome.phase)
-        loop.publisher.urgent = True
+        context.reports.event(level, EventCode.MOTION, message, findings, id=outcome.id, phase=outcome.phase)
+        context.reports.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:
             found = [asdict(finding) for finding in findings]
             own = own_time(outcome.stretch)
-            loop.say.reply(
+            context.reports.reply(
                 command,
                 id=command.id,
                 phase=outcome.phase,
@@ -339,7 +348,7 @@ class SubmissionTracker:
     def _unfollow(self, name: str) -> link.Submit | None:
         command = self._followed.pop(name, None)
         if command is not None:
-            self._loop.lease.unpin(command.client, name)
+            self._lease.unpin(command.client, name)
         return command
 
 

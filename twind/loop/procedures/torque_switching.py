@@ -6,102 +6,100 @@ Torque off that a device did not confirm is pending: it is sent again when the d
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.procedures.procedure_runner import Procedure, all_of
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Procedure, Steps, all_of
+from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import ReasonCode
 from twind.safety.guard import GuardThresholds
 from twind_drivers.bus import BusError, NoReply
-
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
-    from twind.robot.arrays import Bools, Floats
 
 # s that torque off is repeated to devices that do not confirm it; one lost packet must not leave torque on
 INSIST = 1.0
 EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that count as encoder error (OUT_OF_LIMIT)
 
 
-def beyond_hard_limit(loop: Loop) -> Bools:
+def beyond_hard_limit(context: ProcedureContext) -> Bools:
     """Return joints (n,) measured beyond a hard limit: no goal may be there, and one inside is a step.
 
     Joints with unknown position (NaN) are not among them.
     """
-    position = loop.measured.position
-    limits = loop.limits
+    position = context.robot.measured.position
+    limits = context.robot.limits
     return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
 
 
-def joint_names(loop: Loop, which: Bools) -> str:
+def joint_names(context: ProcedureContext, which: Bools) -> str:
     """Return the names of the joints of the mask (n,); of many the first ones."""
-    names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
+    names = [context.robot.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more
 
 
-def error_text(loop: Loop, error: Exception) -> str:
+def error_text(context: ProcedureContext, error: Exception) -> str:
     """Return the text of a bus error, with the joints whose devices did not reply."""
-    which = np.zeros(len(loop.joints), np.bool_)
+    which = np.zeros(len(context.robot.joints), np.bool_)
     if isinstance(error, NoReply):
-        for bus in loop.joints.buses:
+        for bus in context.robot.joints.buses:
             if bus.name == error.port:
                 which[bus.joints[np.isin(bus.ids, error.ids)]] = True
-    return f"{error} ({joint_names(loop, which)})" if which.any() else str(error)
+    return f"{error} ({joint_names(context, which)})" if which.any() else str(error)
 
 
-def say_unconfirmed(loop: Loop, error: BusError) -> None:
+def say_unconfirmed(context: ProcedureContext, error: BusError) -> None:
     """Report torque off that a device did not confirm."""
-    message = f"torque could not be read back off: {error_text(loop, error)}"
-    loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
+    message = f"torque could not be read back off: {error_text(context, error)}"
+    context.reports.event("error", ReasonCode.TORQUE_MISMATCH, message)
 
 
-def take(loop: Loop, held: Floats) -> None:
+def take(context: ProcedureContext, held: Floats) -> None:
     """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
-    loop.hardware.hold(True)
-    loop.torque.take_hold(~loop.hardware.left_out)
-    loop.executor.begin(held)
-    loop.written = held
+    context.hardware.hold(True)
+    context.torque.take_hold(~context.hardware.left_out)
+    context.executor.begin(held)
+    context.robot.written = held
 
 
-def switch_torque_off(loop: Loop) -> Procedure:
+def switch_torque_off(context: ProcedureContext) -> Steps:
     """Switch torque off and read it back. Raises BusError that names the devices without confirmation.
 
     `retry_torque_off` sends it again later.
     """
-    loop.executor.idle()
-    loop.hardware.clear()
+    context.executor.idle()
+    context.hardware.clear()
     # Goals stop first, or the next one would follow the cut. The cut goes out with whatever packet is next,
     # before the script below that reads it back.
-    loop.hardware.hold(False)
-    for writer in loop.hardware.writers:
+    context.hardware.hold(False)
+    for writer in context.hardware.writers:
         # sent a second time with the next packet of any kind, as a sync write is not acknowledged
         writer.cut()
-    loop.hardware.quiet_until = -inf  # torque off does not wait for device watchdogs
+    context.hardware.quiet_until = -inf  # torque off does not wait for device watchdogs
     # not known to be off until it is read back
-    loop.torque.begin_release()
-    until = loop.clock.now() + INSIST
+    context.torque.begin_release()
+    until = context.clock.now() + INSIST
     while True:
         try:
-            yield from all_of(loop.hardware.torque(False))
+            yield from all_of(context.hardware.torque(False))
         except BusError:
-            if loop.clock.now() < until and loop.hardware.writers:
-                yield
-                continue
-            # devices that are still on show it in their registers, and are reported as inherited
-            loop.torque.leave_unconfirmed()
-            raise
-        loop.torque.confirm_off()
-        return
+            if not context.hardware.writers or not context.clock.now() < until:
+                # devices that are still on show it in their registers, and are reported as inherited
+                context.torque.leave_unconfirmed()
+                raise
+            yield
+        else:
+            context.torque.confirm_off()
+            return
 
 
-def retry_torque_off(loop: Loop) -> Procedure:
+def retry_torque_off(context: ProcedureContext) -> Procedure:
     """Switch torque off once more after a device that did not confirm it replies with torque on."""
-    loop.say.event(
+    context.reports.event(
         "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
     )
     try:
-        yield from switch_torque_off(loop)
+        yield from switch_torque_off(context)
     except BusError as error:
-        say_unconfirmed(loop, error)
+        say_unconfirmed(context, error)
+    return None

@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from twind.briefing import Briefing, JointInfo
 from twind.config.file_changes import texts
@@ -24,7 +23,8 @@ from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
 from twind.loop.tick.collision_lookahead import NEAR, CollisionLookahead
-from twind.loop.tick.control_loop import Loop, LoopParts
+from twind.loop.tick.control_loop import Loop
+from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
@@ -33,6 +33,7 @@ from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
 from twind.safety.lease import Lease
 from twind.sealed_memfd import seal
+from twind.telemetry.command_latency import CommandLatencyTracer
 from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
 from twind.twin.binding_transfer import packed
@@ -73,14 +74,11 @@ def build(
         BusPort(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, BusTap()))
         for bus in binding.joint_map.buses
     ]
+    health = TimingMonitor(len(ports), thresholds.latency_warn)
     parts = LoopParts(
         clock=clock,
         period=period,
-        joints=binding.joint_map,
-        limits=binding.limits,
-        ratings=binding.ratings,
-        rest=np.array(binding.rest),
-        support=robot.file.support,
+        bound=robot,
         hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
         twin=Twin(binding, period),
         executor=TrajectoryExecutor(binding.limits, period),
@@ -94,14 +92,13 @@ def build(
             linked=binding.joint_map.linked,
         ),
         lease=Lease(),
-        health=TimingMonitor(len(ports), thresholds.latency_warn),
+        health=health,
+        way=CommandLatencyTracer(health),
         thresholds=thresholds,
         link=link,
         notifier=notifier,
         realtime=realtime,
-        judge=robot.judge,
         live_denied=live_denied,
-        one=robot,
         rewire=rewire,
         outlook=_outlook(binding, period),
     )

@@ -1,52 +1,58 @@
-"""Input of the guard for one tick, collected from the loop. Loop's process; judges nothing."""
+"""Input of the guard for one tick, collected from the context. Loop's process; judges nothing."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.tick.loop_figures import LoopFigures
 from twind.robot.arrays import some
 from twind.robot.joint_state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.guard_types import GuardInput
 
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
-
-def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> GuardInput:
+def facts(
+    context: ProcedureContext,
+    figures: LoopFigures,
+    reference: Reference | None,
+    target: JointState,
+    now: float,
+    *,
+    lease_held: bool,
+) -> GuardInput:
     """Return the values of one guard decision.
 
-    `target`: state that follows commands; `reference`: the next goal.
+    `target`: state that follows commands; `reference`: the next goal; `lease_held`: the lease under which the
+    motion was accepted is held.
     """
-    held = loop.lease.holds(now) and loop.lease.epoch == loop.motion_epoch
-    readings = loop.hardware.readings
-    slow = loop.hardware.slow
-    left_out = loop.hardware.left_out
+    readings = context.hardware.readings
+    slow = context.hardware.slow
+    left_out = context.hardware.left_out
     return GuardInput(
         now=now,
-        mode=loop.mode,
-        state=loop.state,
-        motion=loop.executor.motion,
-        period=loop.period,
-        lateness=loop.lateness,
-        missed_in_a_row=loop.missed_in_a_row,
+        mode=context.condition.mode,
+        state=context.condition.state,
+        motion=context.executor.motion,
+        period=context.robot.period,
+        lateness=figures.lateness,
+        missed_in_a_row=figures.missed_in_a_row,
         # None before the first reading
-        measured=_mask_without_goals(loop, target) if _was_read(target) else None,
+        measured=_mask_without_goals(context, target) if _was_read(target) else None,
         goal=reference,
-        previous=loop.written if reference is not None else None,
-        lease_ok=held or loop.procedures.rank is not None,
-        setpoint_age=loop.executor.setpoint_age(now),
+        previous=context.robot.written if reference is not None else None,
+        lease_ok=lease_held or context.procedures.rank is not None,
+        setpoint_age=context.executor.setpoint_age(now),
         torque=slow.torque,
-        torque_expected=loop.torque.armed,
-        torque_settled=loop.procedures.rank is None,
+        torque_expected=context.torque.armed,
+        torque_settled=context.procedures.rank is None,
         # a device that was left out keeps the watchdog value that it was found with
         watchdog=np.where(left_out, np.int16(-1), slow.watchdog) if some(left_out) else slow.watchdog,
         status_time=slow.status_time,
-        discarded=loop.hardware.discarded,
-        traffic=loop.hardware.traffic,
+        discarded=context.hardware.discarded,
+        traffic=context.hardware.traffic,
         alerts=readings.alerts,
         fault=slow.fault,
         tick=slow.tick,
@@ -55,10 +61,10 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         voltage=slow.voltage,
         jumps=readings.jumps,
         leaps=readings.leaps,
-        simulated=loop.simulated,
-        outlook=loop.outlook.look(loop.executor) if loop.outlook is not None else None,
+        simulated=context.robot.simulated,
+        outlook=context.robot.outlook.look(context.executor) if context.robot.outlook is not None else None,
         load=readings.loads(now),
-        suspended=loop.clock.suspended(),
+        suspended=context.clock.suspended(),
     )
 
 
@@ -67,13 +73,13 @@ def _was_read(state: JointState) -> bool:
     return some(state.heard) or bool(np.isfinite(state.age).any())
 
 
-def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
+def _mask_without_goals(context: ProcedureContext, target: JointState) -> JointState:
     """Return `target` with joints that get no goals marked as without a fresh reading.
 
     A bus that came back after a loss does not follow, nor does a joint that was left out. The others must not
     be damped for it (FOLLOW_ERR).
     """
-    hardware = loop.hardware
-    if not loop.torque.armed or hardware.is_whole:
+    hardware = context.hardware
+    if not context.torque.armed or hardware.is_whole:
         return target
     return replace(target, heard=target.heard & hardware.energised_joints)

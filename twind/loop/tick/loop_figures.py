@@ -16,13 +16,19 @@ class LoopFigures:
     def __init__(self, period: float, realtime: Mapping[str, Granted]) -> None:
         self._period = period
         self._realtime = realtime
-        self.ticks = self.missed = 0
+        self.ticks = 0
+        self.missed = 0
+        self.lateness = 0.0  # s, of the tick that runs
+        self.missed_in_a_row = 0  # ticks skipped after the last one
+        self.failed_in_a_row = 0  # ticks that raised an exception
         self._gap = 0.0  # s, the longest time in which ticks were due and none began
         self._late = RollingStats(threshold=ON_TIME)
         self._punctual: deque[bool] = deque([True] * 100, maxlen=100)
 
-    def tick(self, lateness: float, missed: int) -> None:
-        """One tick began `lateness` s after its deadline; `missed` ticks were skipped after it."""
+    def tick(self, missed: int) -> None:
+        """Count the tick that began `lateness` s after its deadline; `missed` ticks were skipped after it."""
+        lateness = self.lateness
+        self.missed_in_a_row = missed
         self.ticks += 1
         self.missed += missed
         self._gap = max(self._gap, missed * self._period)

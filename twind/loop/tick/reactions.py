@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.procedures import damping, torque_release
+from twind.loop.procedures.damping import demand
+from twind.loop.procedures.identification import IdentificationState
+from twind.loop.procedures.internal_faults import inhibit
+from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
+from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.tick.blocking_contacts import with_contact
+from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.arrays import Floats, spread_over_groups
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
@@ -19,84 +23,119 @@ from twind.robot.trajectory import Reference
 from twind.safety.guard_types import MOVING, GuardDecision, Reaction
 from twind.safety.state_machine import RobotEvent
 
-if TYPE_CHECKING:
-    from twind.loop.tick.control_loop import Loop
 
+class Reactions:
+    """Reactions of one loop."""
 
-def react(loop: Loop, decision: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
-    """Carry out the decision; return the goal (n,) that may be written, rad, or None.
+    def __init__(
+        self,
+        context: ProcedureContext,
+        parts: LoopParts,
+        identity: IdentificationState,
+        release: TorqueRelease,
+    ) -> None:
+        self._context = context
+        self._guard = parts.guard
+        self._twin = parts.twin
+        self._identity = identity
+        self._release = release
+        self._resets = 0  # resets of the simulation reported so far
 
-    A refused goal is replaced by the last goal.
-    """
-    if decision.findings or loop.parts.guard.bars:
-        _report_decision(loop, decision)
-    if decision.latches:
-        loop.change(RobotEvent.FAULT, now)
-    for bus in decision.gone:
-        loop.hardware.give_up(bus, "requests did not reach the devices: emptied, opened anew")
-    # After FAULT: the events of the reaction then keep the latched state.
-    if decision.reaction >= Reaction.HOLD:
-        _act(loop, decision, now)
-    _slow(loop, decision)
-    if loop.torque.inhibited or reference is None:
-        return None
-    if decision.goal_refused:
-        if loop.written is not None:
-            loop.executor.begin(loop.written)
-        return loop.written
-    return reference.position
+    def watch_simulation(self) -> None:
+        """Report that the simulation became non-finite and was reset; its motion ends."""
+        context = self._context
+        if self._twin.resets == self._resets:
+            return
+        self._resets = self._twin.resets
+        message = "the simulation broke down; it is back where it was sound last: check the model"
+        finding = Finding(ReasonCode.INTERNAL, value=float(self._resets), message=message)
+        context.reports.event("error", ReasonCode.INTERNAL, message, (finding,))
+        if context.condition.mode is not Mode.LIVE and context.executor.motion is not Motion.IDLE:
+            context.executor.stop("aborted", (finding,))
 
+    def react(self, decision: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
+        """Carry out the decision; return the goal (n,) that may be written, rad, or None.
 
-def _report_decision(loop: Loop, decision: GuardDecision) -> None:
-    """Report each code once, latch faults, and mark joints of servos that restarted or raised an alert."""
-    stop = decision.reaction.name.lower() if decision.reaction else ""
-    for code, findings in groupby(decision.findings, key=lambda finding: finding.code):
-        same = tuple(with_contact(loop, finding) for finding in findings)
-        loop.say.event("warning", code, same[0].message, same, stop=stop)
+        A refused goal is replaced by the last goal.
+        """
+        context = self._context
+        if decision.findings or self._guard.bars:
+            self._report_decision(decision)
         if decision.latches:
-            loop.latch(_of_many(same))
-    reported = (
-        *decision.findings,
-        *loop.parts.guard.bars,
-    )  # a second restart within a second is not reported
-    if restarted := [finding for finding in reported if finding.code is ReasonCode.SERVO_REBOOTED]:
-        loop.identity.restarted(restarted)
-    loop.identity.verified.mar([finding for finding in reported if finding.code is ReasonCode.SERVO_ALERT])
+            context.condition.change(RobotEvent.FAULT)
+        for bus in decision.gone:
+            context.hardware.give_up(bus, "requests did not reach the devices: emptied, opened anew")
+        # After FAULT: the events of the reaction then keep the latched state.
+        if decision.reaction >= Reaction.HOLD:
+            self._act(decision, now)
+        self._slow(decision)
+        if context.torque.inhibited or reference is None:
+            return None
+        if decision.goal_refused:
+            if context.robot.written is not None:
+                context.executor.begin(context.robot.written)
+            return context.robot.written
+        return reference.position
 
+    def _report_decision(self, decision: GuardDecision) -> None:
+        """Report each code once, latch faults, mark joints of servos that restarted or raised an alert."""
+        context = self._context
+        stop = decision.reaction.name.lower() if decision.reaction else ""
+        for code, findings in groupby(decision.findings, key=lambda finding: finding.code):
+            same = tuple(with_contact(context, self._twin, finding) for finding in findings)
+            context.reports.event("warning", code, same[0].message, same, stop=stop)
+            if decision.latches:
+                context.condition.latch(_of_many(same))
+        reported = (
+            *decision.findings,
+            *self._guard.bars,
+        )  # a second restart within a second is not reported
+        if restarted := [finding for finding in reported if finding.code is ReasonCode.SERVO_REBOOTED]:
+            self._identity.restarted(restarted)
+        self._identity.verified.mar(
+            [finding for finding in reported if finding.code is ReasonCode.SERVO_ALERT]
+        )
 
-def _act(loop: Loop, decision: GuardDecision, now: float) -> None:
-    """Apply the reaction ladder: a harder reaction takes over from a softer one, never the reverse."""
-    causes = decision.causes
-    if decision.reaction >= Reaction.INHIBIT:
-        loop.inhibit(decision.findings[0], now)
-    elif loop.torque.inhibited:
-        return  # no softer reaction ends it: torque stays until an operator switches it off
-    elif decision.reaction >= Reaction.SETTLE and loop.torque.armed:
-        if decision.reaction >= Reaction.DAMP:
-            damping.demand(loop, causes, now)  # a motion to the rest pose ends by it
-        loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))
-    elif decision.here and loop.procedures.rank is None:
-        target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
-        loop.executor.give_in(_all_of(loop, decision.here), loop.hardware.reachable(target.position), causes)
-    elif loop.executor.motion is not Motion.HOLDING:
-        loop.executor.stop("aborted", causes)
+    def _act(self, decision: GuardDecision, now: float) -> None:
+        """Apply the reaction ladder: a harder reaction takes over from a softer one, never the reverse."""
+        context = self._context
+        causes = decision.causes
+        if decision.reaction >= Reaction.INHIBIT:
+            inhibit(context, decision.findings[0], now)
+        elif context.torque.inhibited:
+            return  # no softer reaction ends it: torque stays until an operator switches it off
+        elif decision.reaction >= Reaction.SETTLE and context.torque.armed:
+            if decision.reaction >= Reaction.DAMP:
+                demand(context, causes, now)  # a motion to the rest pose ends by it
+            context.procedures.own(Priority.FAULT, lambda: self._release.fault(causes))
+        elif decision.here and context.procedures.rank is None:
+            target = (
+                context.robot.measured if context.condition.mode is Mode.LIVE else context.robot.simulated
+            )
+            context.executor.give_in(
+                self._all_of(decision.here), context.hardware.reachable(target.position), causes
+            )
+        elif context.executor.motion is not Motion.HOLDING:
+            context.executor.stop("aborted", causes)
 
+    def _all_of(self, joints: tuple[int, ...]) -> list[int]:
+        """Return these joints and all that the same motors turn: their goals would push the motors on."""
+        context = self._context
+        named = np.zeros(len(context.robot.joints), np.bool_)
+        named[list(joints)] = True
+        return np.flatnonzero(spread_over_groups(named, context.robot.joints.transmission_groups)).tolist()
 
-def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
-    """Return these joints and all joints that the same motors turn, whose goals would push the motors on."""
-    named = np.zeros(len(loop.joints), np.bool_)
-    named[list(joints)] = True
-    return np.flatnonzero(spread_over_groups(named, loop.joints.transmission_groups)).tolist()
-
-
-def _slow(loop: Loop, decision: GuardDecision) -> None:
-    """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
-    before = loop.executor.pace
-    loop.executor.pace = decision.pace if loop.procedures.rank is None else 1.0
-    loop.executor.slowed_by = decision.slowing
-    if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
-        because = ", ".join(decision.slowing)
-        loop.say.event("info", EventCode.PACE, f"the motion is slowed to {loop.executor.pace:.0%}: {because}")
+    def _slow(self, decision: GuardDecision) -> None:
+        """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
+        context = self._context
+        before = context.executor.pace
+        context.executor.pace = decision.pace if context.procedures.rank is None else 1.0
+        context.executor.slowed_by = decision.slowing
+        if context.executor.pace < 1.0 and before == 1.0 and context.executor.motion in MOVING:
+            because = ", ".join(decision.slowing)
+            context.reports.event(
+                "info", EventCode.PACE, f"the motion is slowed to {context.executor.pace:.0%}: {because}"
+            )
 
 
 def _of_many(findings: tuple[Finding, ...]) -> Finding:

@@ -1,0 +1,134 @@
+"""Lowering: the motion of a held robot to its rest pose, and the wait until torque may go off there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Steps, ticks
+from twind.loop.procedures.torque_switching import error_text
+from twind.motion.settle import SPEED, settle
+from twind.robot.event_codes import EventCode
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Motion
+from twind_drivers.bus import BusError
+
+# s from the first packet to torque off (docs/proof.md); a robot that stands freely is damped then
+SETTLE = 4.0
+WAY = 3.2  # s for the motion to the rest pose, more where the limits need it (docs/reason-codes.md)
+LATE = 1.0  # s beyond the end of a longer motion, before it is given up
+WAYS = 2  # motions that are tried: a fault on the first one ends it where the robot stands
+OBEYED = 6  # ticks that a goal read back may be behind the one being written
+LETTING_GO = 10.0  # s from the end of the motion to the end of damping and to torque read back off
+ARRIVED = 0.02  # rad from the rest pose, of the goals
+NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is released only there ...
+# rad/s ... and when it has been at rest for so many s
+SLOW = 0.05
+SLOW_FOR = 0.5
+CARRIED = ("fixed", "gantry")  # support values under which the robot falls no further than its own arms
+
+
+@dataclass(frozen=True, slots=True)
+class SettleProfile:
+    """Settings of how a robot is lowered."""
+
+    speed: float = SPEED  # share of every limit on the motion, when there is time for it
+    way: float = WAY  # s for the motion, more where the limits need it
+    within: float = SETTLE  # s from the take-over to torque off; a robot that stands freely is damped then
+    whole: bool = False  # True: a robot that cannot be taken over completely keeps its torque
+
+
+USUAL = SettleProfile()
+
+
+def lower(
+    context: ProcedureContext, profile: SettleProfile, extend: Callable[[float], None]
+) -> Generator[None, float, bool]:
+    """Lower the robot and return True when it rests where torque may go off.
+
+    False: the motion is refused, interrupted or too long, or only damping is allowed any more. `extend`
+    requests more time (s) of a service manager that waits for the end of the daemon.
+    """
+    robot = context.robot
+    until = context.clock.now() + profile.within
+    for _ in range(WAYS):
+        reference = context.executor.reference
+        now = context.clock.now()
+        if reference is None or context.torque.soft_since is not None or now >= until:
+            break
+        way = settle(reference, robot.rest, robot.limits, profile.way, profile.speed)
+        refused = context.executor.submit("settle", way)
+        if refused is not None:
+            message = f"no way to the rest pose: {refused.message}"
+            context.reports.event("error", refused.code, message, (refused,))
+            return False
+        lasts = float(way.time[-1])
+        if lasts > profile.within:
+            message = f"the way to the rest pose takes {lasts:.1f} s"
+            context.reports.event("warning", EventCode.SETTLE, message)
+            extend(lasts + LETTING_GO)
+            until = now + lasts + LATE if robot.support in CARRIED else until
+        yield from _confirm_begun(context)
+        yield from _wait_for_end(context, until)
+        if _arrived(context):
+            return robot.support in CARRIED or (yield from _rests(context, until))
+    if context.torque.soft_since is None:
+        context.reports.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
+    return False
+
+
+def _confirm_begun(context: ProcedureContext) -> Steps:
+    """Report an e-stop as begun once the servos hold the goals of the last ticks, read back."""
+    if not context.torque.stop_begun and (yield from _check_goals_taken(context)):
+        context.torque.confirm_stop_begun()
+
+
+def _wait_for_end(context: ProcedureContext, until: float) -> Steps:
+    """Wait for the end of the motion, its interruption, a demand for damping, or `until` (s)."""
+    now = yield
+    while context.executor.motion is Motion.ACTIVE and now < until and context.torque.soft_since is None:
+        now = yield
+
+
+def _arrived(context: ProcedureContext) -> bool:
+    """Check that the goals are at the rest pose."""
+    reference = context.executor.reference
+    return reference is not None and bool((np.abs(reference.position - context.robot.rest) <= ARRIVED).all())
+
+
+def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool]:
+    """Check that the servos hold the goals of the last ticks: the motion has begun on the devices."""
+    yield from ticks(2)
+    try:
+        held = yield from context.hardware.read_goals()
+    except BusError as error:
+        message = f"the goals of the way could not be read back: {error_text(context, error)}"
+        context.reports.event("error", ReasonCode.BUS_ERRORS, message)
+        return False
+    robot = context.robot
+    if robot.written is None:
+        return False
+    lag = OBEYED * robot.limits.velocity * robot.period + context.hardware.resolution
+    held_joints = context.hardware.energised_joints
+    return bool((np.abs(held - robot.written)[held_joints] <= lag[held_joints]).all())
+
+
+def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bool]:
+    """Wait until every joint answers, is near its rest pose, and is slow for a while.
+
+    False if not by `until` (s).
+    """
+    now = quiet_since = context.clock.now()
+    while now < until and context.torque.soft_since is None:
+        state = context.robot.measured
+        near = (state.age <= SLOW_FOR) & (np.abs(state.position - context.robot.rest) <= NEAR)
+        if not (near & (np.abs(state.velocity) <= SLOW)).all():
+            quiet_since = now
+        if now - quiet_since >= SLOW_FOR:
+            return True
+        now = yield
+    context.reports.event("error", EventCode.SETTLE, "not at rest in the rest pose")
+    return False

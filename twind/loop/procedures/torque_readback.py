@@ -1,0 +1,42 @@
+"""Torque as the servos report it, beside what this daemon has ordered (`torque_state`). Changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.robot.modes import Mode
+
+GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
+
+
+def torque_known(context: ProcedureContext) -> NDArray[np.int8]:
+    """Return torque (n,) as read back: 1 on, 0 off; -1 never read, or of a servo without a fresh reading."""
+    return np.where(context.robot.measured.age <= GONE, context.hardware.slow.torque, np.int8(-1))
+
+
+def torque_inherited(context: ProcedureContext) -> bool:
+    """True for torque read back on that this daemon did not switch on, or could not switch off."""
+    if context.torque.armed or context.torque.energising:
+        return False
+    return bool((torque_known(context) == 1).any())
+
+
+def torque_on(context: ProcedureContext) -> bool:
+    """True while torque of this daemon is on, or read back on from a servo that still replies."""
+    return context.torque.armed or context.torque.energising or torque_inherited(context)
+
+
+def torque_possible(context: ProcedureContext) -> bool:
+    """True if torque may be on: it is on, or a device on an open bus has not reported it yet."""
+    hardware = context.hardware
+    return torque_on(context) or bool((hardware.slow.torque[hardware.open] != 0).any())
+
+
+def torque_off(context: ProcedureContext) -> bool | None:
+    """True if torque is read back off everywhere; False: on somewhere; None: unknown of a joint."""
+    torque = context.hardware.slow.torque
+    if context.torque.energising or bool((torque == 1).any()):
+        return False
+    return True if context.condition.mode is not Mode.SIM and bool((torque == 0).all()) else None

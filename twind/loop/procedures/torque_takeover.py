@@ -1,0 +1,159 @@
+"""Take-over of torque before the robot is lowered: it holds where it is, and every joint gets goals.
+
+Torque that was found on, watchdogs that tripped, and buses that were lost and are back. A joint that cannot
+be held without a step gets no goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import Steps, all_of
+from twind.loop.procedures.torque_readback import torque_on
+from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
+from twind.robot.arrays import Bools, Floats, every, some
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import BusError, NoReply
+
+# s to wait for the turn of a joint; s, the age of a reading that makes the wait worthwhile
+KNOWN = 0.5
+RECENT = 0.1
+TRIPPED = 255  # value of a watchdog register that has stopped its servo
+
+
+def take_over(
+    context: ProcedureContext, unjudged: Callable[[], Bools], whole: bool
+) -> Generator[None, float, bool]:
+    """Hold the robot, or take over torque that was found on or whose watchdog tripped.
+
+    False: it has no torque, was being energised, or cannot be held; then there is nothing to lower.
+    `unjudged`: joints (n,) whose turn is not determined yet. `whole`: every joint is taken over, or BusError.
+    """
+    torque = context.torque
+    held = context.hardware.energised_joints
+    well = held & (context.hardware.slow.watchdog != TRIPPED)
+    if torque.armed and torque.soft_since is not None:
+        return True  # it sinks: to clear tripped watchdogs would restore its stiffness
+    if torque.armed and some(held) and np.array_equal(well, held):
+        yield from _rejoin(context)
+        return True
+    if torque.energising or not torque_on(context):
+        return False
+    yield from _wait_for_turns(context, unjudged)
+    here, located = _where_it_is(context)
+    stepped = beyond_hard_limit(context)
+    # a joint that holds well goes on: a goal at its measured position would make it sag
+    if torque.armed and context.robot.written is not None:
+        here = np.where(well, context.robot.written, here)
+        located = located | well
+        stepped = stepped & ~well
+    whole = whole and not torque.armed
+    if some(stepped):
+        _leave(context, stepped, whole)
+        return False
+    if not every(located):
+        _leave_out(context, ~located, whole)
+        if not some(located):
+            return False
+    yield from _prepare(context, here, located, whole)
+    take(context, here)
+    return True
+
+
+def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: bool) -> Steps:
+    """Clear watchdogs with goal := `here` (n,), rad. Raises BusError; NoReply only where all are needed."""
+    context.executor.idle()
+    context.hardware.clear()
+    try:
+        yield from all_of(context.hardware.prepare(here, located))
+    except (
+        NoReply
+    ) as error:  # the other devices took it over: to lower those is better than to drop the robot
+        if whole:
+            raise
+        message = f"lowered although a device did not answer: {error_text(context, error)}"
+        context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+
+
+def _leave(context: ProcedureContext, stepped: Bools, whole: bool) -> None:
+    """Report that joints (n,) past their hard limits are not taken over: to hold them would be a step.
+
+    Raises BusError where the whole robot is wanted.
+    """
+    message = f"to hold {joint_names(context, stepped)} inside the hard limits would be a step"
+    if whole:
+        raise BusError(message)
+    joint = int(np.flatnonzero(stepped)[0])
+    value = float(context.robot.measured.position[joint])
+    found = Finding(ReasonCode.OUT_OF_LIMIT, joint, value=value, message=message)
+    report = f"{message}: torque goes off where the robot stands; support it"
+    context.reports.event("error", ReasonCode.OUT_OF_LIMIT, report, (found,))
+
+
+def _leave_out(context: ProcedureContext, nowhere: Bools, whole: bool) -> None:
+    """Report that joints (n,) of unknown place get no goal: it could be a turn away.
+
+    Raises BusError where the whole robot is wanted.
+    """
+    message = f"the position of {joint_names(context, nowhere)} is unknown"
+    if whole:
+        raise BusError(message)
+    joint = int(np.flatnonzero(nowhere)[0])
+    found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
+    report = f"{message}: it gets no goal, and torque goes off where it stands; support it"
+    context.reports.event("error", ReasonCode.CALIB_MISMATCH, report, (found,))
+
+
+def _wait_for_turns(context: ProcedureContext, unjudged: Callable[[], Bools]) -> Steps:
+    """Wait at most `KNOWN` s for the turn check of joints that answered within the last `RECENT` s.
+
+    Such joints are still unchecked when the daemon has just begun.
+    """
+    until = context.clock.now() + KNOWN
+    while some(unjudged() & (context.robot.measured.age <= RECENT)) and context.clock.now() < until:
+        yield
+
+
+def _rejoin(context: ProcedureContext) -> Steps:
+    """Take over a bus that was lost and is back at its present positions; the others hold their goals."""
+    hardware = context.hardware
+    robot = context.robot
+    if hardware.energised_joints.all():
+        return
+    while context.executor.reference is not None and context.executor.reference.velocity.any():
+        yield  # the joints that are held brake
+    back_with = ~hardware.energised_joints & hardware.open & beyond_hard_limit(context)
+    if some(back_with):
+        why = f"to hold {joint_names(context, back_with)} inside the hard limits would be a step"
+        message = f"not taken over, torque goes off where it stands: {why}"
+        context.reports.event("error", ReasonCode.OUT_OF_LIMIT, message)
+        return
+    here, located = _where_it_is(context)
+    back = hardware.prepare_back(here, located)
+    try:
+        yield from all_of(back)
+    except NoReply as error:
+        message = f"lowered although a device did not answer: {error_text(context, error)}"
+        context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+    except BusError as error:  # never a reason to drop the joints that are held
+        message = f"not taken over, torque goes off where it stands: {error_text(context, error)}"
+        context.reports.event("error", ReasonCode.BUS_ERRORS, message)
+        return
+    if back and robot.written is not None:
+        place = np.where(hardware.energised_joints, robot.written, here)
+        hardware.hold(True, identified=True)
+        context.executor.begin(place)
+        robot.written = place
+
+
+def _where_it_is(context: ProcedureContext) -> tuple[Floats, Bools]:
+    """Return where to hold from (n,), as measured, as near as a goal may be; and which places are known.
+
+    The rest pose stands for joints that never answered, or whose turn is unknown: it is not sent to them.
+    """
+    position = context.robot.measured.position
+    finite = np.isfinite(position)
+    return context.hardware.reachable(np.where(finite, position, context.robot.rest)), finite
