@@ -53,10 +53,10 @@ def test_a_healthy_bus_gives_no_finding() -> None:
 
 
 @pytest.mark.parametrize("rate", [100.0, 200.0, 500.0, 1000.0])
-def test_bus_errors_of_one_percent_in_a_second_are_reported_and_of_five_hold(rate: float) -> None:
+def test_bus_errors_of_five_percent_in_a_second_are_reported_and_of_twenty_hold(rate: float) -> None:
     watch = Watch(1.0 / rate)
-    warn = round(0.01 * rate)
-    most = round(0.05 * rate)
+    warn = round(0.05 * rate)
+    most = round(0.2 * rate)
     for count in range(1, most + 1):
         judgement = watch.see(BAD)
         watch.see(GOOD)  # never two in a row
@@ -71,7 +71,7 @@ def test_bus_errors_what_is_just_a_second_ago_is_over() -> None:
     assert [one.reaction for one in found] == [Reaction.NONE] * 4 + [Reaction.HOLD] * 4 + [Reaction.NONE]
 
 
-@pytest.mark.parametrize("rate", [10.0, 20.0, 25.0, 50.0])
+@pytest.mark.parametrize("rate", [8.0, 10.0, 12.5])
 def test_bus_errors_at_low_rates_less_than_three_bad_ones_hold_nothing(rate: float) -> None:
     watch = Watch(1.0 / rate)
     found = watch.all([BAD, GOOD] * 3)
@@ -97,7 +97,7 @@ def test_bus_errors_who_would_hold_at_once_does_not_arm() -> None:
     for _ in range(20):
         watch.see(BAD, **DISARMED)
         assert [one.code for one in watch.guard.bars] == [ReasonCode.BUS_ERRORS]
-    watch.all([GOOD] * 94, **DISARMED)  # no longer in a row, but 5 % of a second
+    watch.all([GOOD] * 79, **DISARMED)  # no longer in a row, but 20 % of a second
     assert watch.guard.bars
     watch.all([GOOD] * 4, **DISARMED)
     assert not watch.guard.bars
@@ -142,8 +142,11 @@ def test_bus_errors_the_fault_leaves_torque_and_names_the_bus() -> None:
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ([BAD, GOOD], "bus left: 1 % of the exchanges of the last second failed (bound 1 %); on a robot"),
         ([BAD, GOOD] * 5, "bus left: 5 % of the exchanges of the last second failed (bound 5 %); on a robot"),
+        (
+            [BAD, GOOD] * 20,
+            "bus left: 20 % of the exchanges of the last second failed (bound 20 %); on a robot",
+        ),
         ([GOOD] + [BAD] * 20, "bus left: 20 exchanges in a row failed (bound 20); on a robot check wiring"),
     ],
 )
@@ -164,10 +167,11 @@ def test_bus_errors_one_good_exchange_ends_a_row_and_a_tick_without_question_doe
 
 def test_bus_errors_of_two_buses_are_not_summed_and_both_are_reported() -> None:
     watch = Watch()
-    watch.see(BAD, GOOD)
-    watch.see(GOOD, BAD)
+    for _ in range(5):
+        watch.see(BAD, GOOD)
+        watch.see(GOOD, BAD)
     assert watch.told == [ReasonCode.BUS_ERRORS] * 2
-    for _ in range(3):
+    for _ in range(14):
         assert watch.see(BAD, GOOD).reaction is Reaction.NONE
         assert watch.see(GOOD, BAD).reaction is Reaction.NONE
 

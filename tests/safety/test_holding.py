@@ -80,12 +80,12 @@ def test_a_finding_that_holds_any_motion_refuses_the_next_one(
 
 def test_errors_of_a_bus_that_hold_a_motion_refuse_the_next_one_until_they_are_over() -> None:
     guard = Guard(LIMITS, buses=("main",))
-    for k in range(5):
+    for k in range(20):
         guard.judge(tick(10.0 + 0.02 * k, traffic=(BAD,), **HOLDING))
         guard.judge(tick(10.01 + 0.02 * k, traffic=(GOOD,), **HOLDING))
     assert admitted(guard) == {ReasonCode.BUS_ERRORS}
     for k in range(1, 110):
-        guard.judge(tick(10.09 + 0.01 * k, traffic=(GOOD,), **HOLDING))
+        guard.judge(tick(10.39 + 0.01 * k, traffic=(GOOD,), **HOLDING))
     assert admitted(guard) == set()
 
 

@@ -38,7 +38,7 @@ class RollingStats:
         self.sum = 0.0  # of the run's known values
         self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
         self._least = nan
-        self._figures: _RollingFigures | None = None
+        self._figures: RollingFigures | None = None
         self._quantiles = (-1, nan, nan)  # values added when they were computed; p50 and p99 of the run
         # Written one number at a time, which `array` does several times as fast; read through numpy.
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
@@ -76,53 +76,53 @@ class RollingStats:
     @property
     def mean(self) -> float:
         """Mean of the window's known values."""
-        return self._worked_out().mean
+        return self.figures().mean
 
     @property
     def std(self) -> float:
         """Standard deviation of the window's known values."""
-        return self._worked_out().std
+        return self.figures().std
 
     @property
     def min(self) -> float:
         """Smallest of the window's known values."""
-        return self._worked_out().min
+        return self.figures().min
 
     @property
     def max(self) -> float:
         """Largest of the window's known values."""
-        return self._worked_out().max
+        return self.figures().max
 
     @property
     def p50(self) -> float:
         """Median of the run's known values, within 2 %."""
-        return self._worked_out().p50
+        return self.figures().p50
 
     @property
     def p99(self) -> float:
         """99 % of the run's known values are below, within 2 %."""
-        return self._worked_out().p99
+        return self.figures().p99
 
-    def _worked_out(self) -> "_RollingFigures":
+    def figures(self) -> "RollingFigures":
         """Return all figures as of the last value; they are computed once, however many are read."""
         if self._figures is None or self._figures.values != self.count:
             self._figures = self._work_out()
         return self._figures
 
-    def _work_out(self) -> "_RollingFigures":
+    def _work_out(self) -> "RollingFigures":
         p50, p99 = self._of_run()
         total = sum(self._ring)
         if 0.0 <= total < inf:  # all are known
             mean = total / SIZE
             std = sqrt(max(0.0, float(self._values.dot(self._values)) / SIZE - mean * mean))
-            return _RollingFigures(self.count, mean, std, min(self._ring), max(self._ring), p50, p99)
+            return RollingFigures(self.count, mean, std, min(self._ring), max(self._ring), p50, p99)
         valid = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
         if not len(valid):
-            return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
+            return RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
         mean = float(valid.sum()) / len(valid)
         off = valid - mean
         std = sqrt(float(off @ off) / len(valid))
-        return _RollingFigures(self.count, mean, std, float(valid.min()), float(valid.max()), p50, p99)
+        return RollingFigures(self.count, mean, std, float(valid.min()), float(valid.max()), p50, p99)
 
     def _of_run(self) -> tuple[float, float]:
         """Return p50 and p99 of the run.
@@ -166,7 +166,7 @@ class RecentValues:
         return values[ceil(0.95 * len(values)) - 1] if values else nan
 
 
-class _RollingFigures(NamedTuple):
+class RollingFigures(NamedTuple):
     """Statistics of a window at the time when `values` values had been added."""
 
     values: int

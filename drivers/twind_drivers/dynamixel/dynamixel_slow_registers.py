@@ -68,7 +68,11 @@ class DynamixelSlowRegisters:
             (self._watch_time, (watchdog,)),
             (state.health_time, (voltage, temperature, tick)),
         )
-        self._plans: dict[tuple[DeviceLayout, int, int], BlockDecodePlan] = {}  # of the blocks read so far
+        # of the blocks read so far, by place of the layout, address and size: layouts are slow to hash
+        self._plans: dict[tuple[int, int, int], BlockDecodePlan] = {}
+        distinct = list(dict.fromkeys(layouts))
+        self._distinct = tuple(distinct)
+        self._kind = tuple(distinct.index(layout) for layout in layouts)  # (m,) place of each device's layout
         self._wide: list[ReadRequest] = []
         self._narrow: list[ReadRequest] = []
         self._health: list[ReadRequest] = []
@@ -152,8 +156,8 @@ class DynamixelSlowRegisters:
         if query is self._open and len(ids) == len(query.ids):
             self._open = None
         self.registers.version += 1
-        for layout, rows in self._kinds(ids):
-            plan = self._plan(layout, query.address, query.size)
+        for kind, rows in self._kinds(ids):
+            plan = self._plan(kind, query.address, query.size)
             if not plan.parts:
                 continue
             places = np.array([self._index[ids[row]] for row in rows], np.intp)
@@ -166,21 +170,21 @@ class DynamixelSlowRegisters:
             both = np.minimum(self._state_time[places], self._watch_time[places])
             self.registers.status_time[places] = both
 
-    def _kinds(self, ids: Sequence[int]) -> list[tuple[DeviceLayout, list[int]]]:
-        """Group the rows of `ids` by layout; ids of no device of this bus are left out."""
-        kinds: dict[DeviceLayout, list[int]] = {}
-        if len(self._tables) == 1 and self._index.keys() >= set(ids):
-            return [(self._layouts[0], list(range(len(ids))))]
+    def _kinds(self, ids: Sequence[int]) -> list[tuple[int, list[int]]]:
+        """Group the rows of `ids` by the place of their layout; ids of no device of this bus are left out."""
+        if len(self._distinct) == 1 and self._index.keys() >= set(ids):
+            return [(0, list(range(len(ids))))]
+        kinds: dict[int, list[int]] = {}
         for row, id in enumerate(ids):
             if id in self._index:
-                kinds.setdefault(self._layouts[self._index[id]], []).append(row)
+                kinds.setdefault(self._kind[self._index[id]], []).append(row)
         return list(kinds.items())
 
-    def _plan(self, layout: DeviceLayout, address: int, size: int) -> BlockDecodePlan:
-        plan = self._plans.get((layout, address, size))
+    def _plan(self, kind: int, address: int, size: int) -> BlockDecodePlan:
+        plan = self._plans.get((kind, address, size))
         if plan is None:
             block = RegisterBlock(address, size)
-            fields = self._tables[layout].fields
+            fields = self._tables[self._distinct[kind]].fields
             parts = []
             times = []
             for when, kept in self._groups:
@@ -194,7 +198,7 @@ class DynamixelSlowRegisters:
                 ]
                 if all(at is not None for at, _, _, _ in found):
                     times.append(when)
-            plan = self._plans[layout, address, size] = BlockDecodePlan(tuple(parts), tuple(times))
+            plan = self._plans[kind, address, size] = BlockDecodePlan(tuple(parts), tuple(times))
         return plan
 
     def forget(self, id: int) -> None:

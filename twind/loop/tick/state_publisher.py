@@ -204,15 +204,16 @@ def _packed(imu: Imu) -> bytes:
 
 
 def _latency(hop: str, window: RollingStats, now: float, whole: bool) -> link.LatencyInfo:
+    figures = window.figures()
     return link.LatencyInfo(
         hop=hop,
         now_ms=_ms(window.now) if now - window.at <= FRESH else None,
-        mean_ms=_ms(window.mean),
-        std_ms=_ms(window.std),
-        min_ms=_ms(window.min),
-        max_ms=_ms(window.max),
-        p50_ms=_ms(window.p50),
-        p99_ms=_ms(window.p99),
+        mean_ms=_ms(figures.mean),
+        std_ms=_ms(figures.std),
+        min_ms=_ms(figures.min),
+        max_ms=_ms(figures.max),
+        p50_ms=_ms(figures.p50),
+        p99_ms=_ms(figures.p99),
         violations=window.violations,
         histogram=buckets(window) if whole else None,
         histogram_sum_ms=window.sum * 1e3 if whole else None,
