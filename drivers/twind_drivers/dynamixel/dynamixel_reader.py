@@ -48,6 +48,7 @@ SLACK = 0.002
 SPARE = (
     0.25  # share of a cycle that the slow reads leave free: the loop needs it to start the next one in time
 )
+BEGIN = 0.0015  # s, at most, that a late reply leaves free before the next cycle
 ADAPTER = 0.001  # s that a USB adapter may add to the cyclic reading (latency timer of 1 ms)
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 
@@ -180,7 +181,8 @@ class DynamixelReader:
         reply costs nothing while readings are fresh.
         """
         if not self._has_own_slack:
-            room = (1.0 - SPARE) * self._period - self._cyclic_seconds(0.0) - self.slice
+            begin = self._period - min(BEGIN, SPARE * self._period)
+            room = begin - self._cyclic_seconds(0.0) - self.slice
             self.line.cyclic_slack = max(self.line.slack, room)
         self._requested = requested = self.cyclic.attendance.asked
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
