@@ -1,5 +1,6 @@
 """Work of several ticks: who owns the torque, what runs beside it, and who is ended by whom."""
 
+import weakref
 from collections.abc import Iterator
 
 import pytest
@@ -293,6 +294,17 @@ def test_a_procedure_that_has_ended_is_answered_once_though_another_breaks_in_th
     procedures.step(2.0)
     procedures.step(3.0)
     assert answers == [DONE]
+
+
+def test_a_procedure_that_has_ended_is_forgotten() -> None:
+    procedures = ProcedureRunner()
+    body = answering(1)
+    kept = weakref.ref(body)
+    procedures.beside(body)
+    del body
+    assert kept() is not None
+    procedures.step(1.0)
+    assert kept() is None
 
 
 def test_what_the_end_of_one_begins_beside_it_runs(story: Story) -> None:
