@@ -238,7 +238,7 @@ NOT_BEGUN: Mapping[str, tuple[Callable[[Homed], Any], str]] = {
         lambda made: described(made, stops=JointEndstops(lower=-1.0)),
         "beyond where the stop should be",
     ),
-    "too slow": (lambda made: setattr(made.loop, "period", 0.05), "the loop runs at 20 Hz"),
+    "too slow": (lambda made: redescribe(made.loop, period=0.05), "the loop runs at 20 Hz"),
 }
 
 

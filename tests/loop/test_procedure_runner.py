@@ -1,12 +1,21 @@
 """Work of several ticks: who owns the torque, what runs beside it, and who is ended by whom."""
 
+import weakref
 from collections.abc import Iterator
 
 import pytest
 
 from twind.loop.bus.bus_port import ScriptRun
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
-from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureRunner, all_of, ticks
+from twind.loop.procedures.procedure_runner import (
+    Priority,
+    Procedure,
+    ProcedureFailed,
+    ProcedureRunner,
+    all_of,
+    ticks,
+)
+from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError, PingRequest, Script
 
 
@@ -257,14 +266,53 @@ def test_a_procedure_that_breaks_at_once_is_answered_by_the_caller_that_sees_it(
 def test_an_owner_that_the_end_of_another_begins_is_kept(story: Story) -> None:
     procedures = ProcedureRunner()
 
+    ranks: list[Priority | None] = []
+
     def next_one(_outcome: CallOutcome | None) -> None:
+        ranks.append(procedures.rank)
         procedures.own(Priority.FAULT, lambda: story.body("fault"))
 
     procedures.own(Priority.ARM, lambda: answering(1), next_one)
     procedures.step(1.0)
+    assert ranks == [None], "its end precedes its answer"
     assert procedures.rank is Priority.FAULT
     procedures.step(2.0)
     assert story.lines == ["fault begins", "fault at 2"]
+
+
+def test_a_procedure_that_has_ended_is_answered_once_though_another_breaks_in_the_same_tick() -> None:
+    def broken() -> Procedure:
+        yield
+        raise ZeroDivisionError
+
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    procedures.beside(answering(1), answers.append)
+    procedures.beside(broken())
+    with pytest.raises(ZeroDivisionError):
+        procedures.step(1.0)
+    procedures.step(2.0)
+    procedures.step(3.0)
+    assert answers == [DONE]
+
+
+def test_a_procedure_that_has_ended_is_forgotten() -> None:
+    procedures = ProcedureRunner()
+    body = answering(1)
+    kept = weakref.ref(body)
+    procedures.beside(body)
+    del body
+    assert kept() is not None
+    procedures.step(1.0)
+    assert kept() is None
+
+
+def test_what_the_end_of_one_begins_beside_it_runs(story: Story) -> None:
+    procedures = ProcedureRunner()
+    procedures.beside(answering(1), lambda _: procedures.beside(story.body("read", 2)))
+    procedures.step(1.0)
+    procedures.step(2.0)
+    assert "read at 2" in story.lines
 
 
 def test_an_owner_that_has_ended_is_not_ended_again() -> None:
@@ -279,6 +327,13 @@ def test_an_owner_that_has_ended_is_not_ended_again() -> None:
 
 def test_the_urgencies_are_numbered_from_one() -> None:
     assert [int(rank) for rank in Priority] == [1, 2, 3, 4, 5, 6, 7]
+
+
+def test_a_failure_carries_its_finding() -> None:
+    failed = ProcedureFailed.measured(ReasonCode.ARM_FAILED, 3, 2, "far", 1)
+    assert failed.finding == Finding(ReasonCode.ARM_FAILED, 1, value=3.0, bound=2.0, message="far")
+    assert str(failed) == "far"
+    assert ProcedureFailed.measured(ReasonCode.ARM_FAILED, 3, 2, "far").finding.joint is None
 
 
 # ------------------------------------------------------------------------------------- what they wait for

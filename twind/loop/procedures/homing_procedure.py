@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from twind import link
 from twind.loop.ipc.call_outcome import CallOutcome
 from twind.loop.procedures.gate_input import GateInput
-from twind.loop.procedures.homing_request import resolve_request
+from twind.loop.procedures.homing_request import resolve_request, turns_between
 from twind.loop.procedures.homing_restore import (
     HomingRestore,
     answer,
@@ -45,8 +46,6 @@ PIN = "find stop"  # holds the lease while the search lasts
 REPORT = 0.25  # s between two reports of progress
 SWINGS = 5  # attempts of goal := present on a joint that moves; without a bound the search would never reply
 READ = 3  # ticks until readings are newer than the last write; an older one shows the state before it
-# divisor of a turn: difference from a whole turn that a mode change may cause; more is a wrong offset
-OFF_TURN = 16
 
 
 class HomingProcedure:
@@ -70,9 +69,10 @@ class HomingProcedure:
     def ask(self, command: link.FindStop, now: float) -> None:
         """Begin a search, or reply with the reason why not."""
         context = self._context
-        if context.condition.state is not RobotState.CALIBRATING and context.condition.state not in LATCHED:
+        state = context.condition.state
+        if state not in (RobotState.CALIBRATING, *LATCHED):
             allowed = [RobotState.CALIBRATING.value]
-            context.reports.error(command, "WrongState", state=context.condition.state.value, allowed=allowed)
+            context.reports.error(command, "WrongState", state=state.value, allowed=allowed)
             return
         if self.unrestored is not None or context.procedures.rank is not None:
             context.reports.error(command, "Busy", what="an end-stop search or its restoring is under way")
@@ -87,9 +87,8 @@ class HomingProcedure:
             return
         device = next(each for each in found.port.devices if each.id == found.id)
         pending = HomingRestore(command, found, device)
-        context.procedures.own(
-            Priority.HOME, lambda: self._search(pending), lambda outcome: self._end(pending, outcome)
-        )
+        end = partial(self._end, pending)
+        context.procedures.own(Priority.HOME, lambda: self._search(pending), end)
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
         """Return the text on what must end before that device may be changed; empty: nothing.
@@ -247,7 +246,7 @@ class HomingProcedure:
         before = self._count(pending)
         yield from self._done(pending, alone.enter_current_mode(kept))
         yield from self._newer(pending)
-        pending.shift = _frame(before, before_raw := self._raw(pending), aim.turn)
+        pending.shift = turns_between(before, before_raw := self._raw(pending), aim.turn)
         # Another mode may count from another turn: the clamp (WIRE_CLAMP) must be in its counts before any
         # goal.
         alone.set_goal_limits(aim.lower - pending.shift, aim.upper - pending.shift)
@@ -375,19 +374,6 @@ class HomingProcedure:
         raw = self._context.hardware.readings.raw
         joint = pending.request.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))
-
-
-def _frame(before: int, raw: int, turn: int) -> int:
-    """Return the whole turns (counts) between the calibrated count before and the raw one in the other mode.
-
-    Raises ProcedureFailed.
-    """
-    shift = turn * round((before - raw) / turn)
-    off = abs(before - raw - shift)
-    if off > turn / OFF_TURN:
-        message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
-        raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, off, turn / OFF_TURN, message)
-    return shift
 
 
 def _cause(context: ProcedureContext) -> Finding:

@@ -17,6 +17,7 @@ from twind.loop.bus.bus_port import BusPort
 from twind.loop.procedures.gate_input import GateInput
 from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.procedure_runner import ProcedureFailed
 from twind.loop.procedures.torque_readback import torque_off
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, HomingParameters
 from twind.robot.finding import Finding, ReasonCode
@@ -35,6 +36,8 @@ ASTRAY = 0.15  # rad that the joint may go against the search direction; more me
 STILL = 0.006  # rad that a standing joint may flicker, two counts at least
 SLACK = 8  # counts that the joint may hang further away than when the search was requested
 SLOWEST = 0.025  # s, the longest period of a loop that reads often enough to stop the joint in time
+# divisor of a turn: difference from a whole turn that a mode change may cause; more is a wrong offset
+OFF_TURN = 16
 HASTE = 2.0  # factor on the goals' speed for the servo's own profile
 
 
@@ -195,3 +198,16 @@ def _place(context: ProcedureContext, joint: int) -> tuple[int, int, JointBusMap
         if rows.size:
             return number, int(rows[0]), bus
     raise KeyError(joint)
+
+
+def turns_between(before: int, raw: int, turn: int) -> int:
+    """Return the whole turns (counts) between the calibrated count before and the raw one in the other mode.
+
+    Raises ProcedureFailed.
+    """
+    shift = turn * round((before - raw) / turn)
+    off = abs(before - raw - shift)
+    if off > turn / OFF_TURN:
+        message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
+        raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, off, turn / OFF_TURN, message)
+    return shift

@@ -1,7 +1,7 @@
 """Restoring of a servo after an end-stop search: mode and settings are written back, read back, reported.
 
-Until then no client arms, leaves the mode or writes to it. An interrupted attempt is
-repeated. A servo that refuses, or another one in its place, ends the restoring, which is reported.
+Until then no client arms, leaves the mode or writes to it. An interrupted attempt is repeated. A
+servo that refuses, or another one in its place, ends the restoring, which is reported.
 """
 
 from __future__ import annotations

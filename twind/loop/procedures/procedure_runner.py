@@ -61,6 +61,7 @@ class RunningProcedure:
 
     body: Procedure
     ended: Ending
+    outcome: CallOutcome | None = None  # once it has ended by itself
     broken: bool = False  # a step raised an exception
 
     def begin(self) -> bool:
@@ -68,7 +69,7 @@ class RunningProcedure:
         try:
             next(self.body)
         except StopIteration as stop:
-            self.ended(stop.value)
+            self.outcome = stop.value
             return False
         return True
 
@@ -77,13 +78,18 @@ class RunningProcedure:
         try:
             self.body.send(now)
         except StopIteration as stop:
-            failed = CallFailure("Busy", {"what": "failed inside"})
-            self.ended(failed if self.broken else stop.value)
+            self.outcome = CallFailure("Busy", {"what": "failed inside"}) if self.broken else stop.value
             return False
         except Exception:
             self.broken = True
             raise
         return True
+
+    def finish(self, outcome: CallOutcome | None) -> None:
+        """Pass the outcome to its receiver; later calls do nothing."""
+        ended = self.ended
+        self.ended = unanswered
+        ended(outcome)
 
 
 class ProcedureRunner:
@@ -113,7 +119,7 @@ class ProcedureRunner:
         self._torque = owner
         self._rank = rank
         if not owner.begin():
-            self._release(owner)
+            self._end(owner)
         return True
 
     def beside(self, body: Procedure, ended: Ending = unanswered) -> None:
@@ -121,6 +127,8 @@ class ProcedureRunner:
         other = RunningProcedure(body, ended)
         if other.begin():
             self._others.append(other)
+        else:
+            other.finish(other.outcome)
 
     def abandon(self) -> None:
         """End the procedure that owns the torque by force, at the step it has reached.
@@ -131,25 +139,31 @@ class ProcedureRunner:
         if owner is None or self._rank is None:
             return
         doing = DOING.get(self._rank, self._rank.name.lower())
-        self._release(owner)
+        self._torque = None
+        self._rank = None
         owner.body.close()
-        owner.ended(
-            CallFailure("Busy", {"what": f"{doing} was ended by {self._cause() or 'something more urgent'}"})
-        )
+        what = f"{doing} was ended by {self._cause() or 'something more urgent'}"
+        owner.finish(CallFailure("Busy", {"what": what}))
 
     def step(self, now: float) -> None:
         """Run one step of each procedure; `now` in s."""
         owner = self._torque
         if owner is not None and not owner.step(now):
-            self._release(owner)
-        if self._others:
-            self._others = [other for other in self._others if other.step(now)]
+            self._end(owner)
+        running = []
+        for other in self._others:  # grows when one of them begins another
+            if other.step(now):
+                running.append(other)
+            else:
+                other.finish(other.outcome)
+        self._others = running
 
-    def _release(self, owner: RunningProcedure) -> None:
-        """Note that `owner` has ended; one that it has begun itself goes on."""
+    def _end(self, owner: RunningProcedure) -> None:
+        """Process the end of `owner`; one that it has begun itself goes on."""
         if self._torque is owner:
             self._torque = None
             self._rank = None
+        owner.finish(owner.outcome)
 
 
 def all_of(tasks: Iterable[ScriptRun[Any]]) -> Steps:
