@@ -47,7 +47,7 @@ def test_a_check_gives_what_would_hold_a_motion_now_as_a_warning(armed: Rig) -> 
 def test_a_motion_that_arrives_while_ticks_are_missed_is_refused_and_the_next_one_accepted(
     armed: Rig,
 ) -> None:
-    armed.loop.missed_in_a_row = 7
+    armed.loop.figures.missed_in_a_row = 7
     second = armed.submit(armed.path("head_yaw", [0.1], [2.0]))
     armed.loop.run(until=armed.clock.now() + 1e-9)
     armed.collect_news()

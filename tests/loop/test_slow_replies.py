@@ -180,6 +180,6 @@ def test_late_replies_that_end_are_late_no_longer(make_rig: MakeRig) -> None:
     rig.seconds(2.0)
     rig.virtual["main"].faults.latency(0.001)
     rig.seconds(3.0)
-    assert rig.loop.state == "connected", messages(rig)
+    assert rig.loop.condition.state == "connected", messages(rig)
     (bus,) = rig.loop.publisher.overview(rig.clock.now()).buses
     assert bus.late_reply_ms is None

@@ -285,7 +285,7 @@ def test_the_reply_to_setpoints_that_are_too_fast_says_how_far_behind_the_joint_
     changes: list[dict[str, Any]] = []
     furthest = 0.0
     for k in range(100):
-        place = 0.5 * float(np.sin(2.0 * np.pi * 2.0 * k * armed.loop.period))
+        place = 0.5 * float(np.sin(2.0 * np.pi * 2.0 * k * armed.loop.robot.period))
         reply = armed.call(link.Setpoint, joints=[joint], positions=[place], ticks=2)
         assert reply.error is None
         changes += reply.parameters["changes"]

@@ -254,7 +254,7 @@ def test_a_client_that_left_after_all_replies_waits_for_later_ones_in_the_replay
         rig.ticks(1)
     hang_up(rig)
     recorded = flight(rig, tmp_path)
-    later = 2.0 * rig.loop.period
+    later = 2.0 * rig.loop.robot.period
     rig.close()
     asked = score(recorded)
     assert asked.recorded.answers[-1].phase == "succeeded" and asked.heard[CLIENT][ticket]
@@ -323,7 +323,7 @@ def test_imu_readings_and_their_absence_are_replayed(tmp_path: Path) -> None:
     (tmp_path / "stage").mkdir()
     with closing(Replay(recorded, tmp_path / "stage")) as replay:
         replay.run()
-        told = replay.loop.measured.imu
+        told = replay.loop.robot.measured.imu
         assert told is not None and told.gyro == pytest.approx([0.25] * 3, abs=0.001)
-        assert 0.7 < replay.loop.measured.time - told.time < 1.3
-        assert replay.loop.measured.heard.all()
+        assert 0.7 < replay.loop.robot.measured.time - told.time < 1.3
+        assert replay.loop.robot.measured.heard.all()
