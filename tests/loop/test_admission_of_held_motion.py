@@ -5,10 +5,12 @@ from twind import link
 
 
 def break_exchanges(rig: Rig, count: int) -> None:
-    rig.virtual["main"].faults.bit_errors(0.1, to_servos=False)
-    rig.ticks(count)
-    rig.virtual["main"].faults.bit_errors(0.0, to_servos=False)
-    rig.ticks(2)
+    """Spoil `count` exchanges, never several in a row."""
+    for _ in range(count):
+        rig.virtual["main"].faults.bit_errors(0.1, to_servos=False)
+        rig.ticks(1)
+        rig.virtual["main"].faults.bit_errors(0.0, to_servos=False)
+        rig.ticks(3)
 
 
 def refusals(reply: link.Reply) -> set[str]:
@@ -16,7 +18,7 @@ def refusals(reply: link.Reply) -> set[str]:
 
 
 def test_on_a_bus_with_errors_motions_are_refused_and_none_is_accepted_and_aborted(armed: Rig) -> None:
-    break_exchanges(armed, 7)
+    break_exchanges(armed, 25)
     accepted = 0
     for _ in range(12):
         ticket = armed.submit(armed.path("head_yaw", [0.3], [2.0]), more=True)
@@ -36,7 +38,7 @@ def test_on_a_bus_with_errors_motions_are_refused_and_none_is_accepted_and_abort
 
 
 def test_a_check_gives_what_would_hold_a_motion_now_as_a_warning(armed: Rig) -> None:
-    break_exchanges(armed, 7)
+    break_exchanges(armed, 25)
     ticket = armed.submit(armed.path("head_yaw", [0.3], [2.0]), check_only=True)
     armed.ticks(2)
     verdict = armed.replies(ticket)[0].parameters["verdict"]

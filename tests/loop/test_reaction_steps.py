@@ -277,7 +277,7 @@ def test_an_inhibit_writes_nothing_and_names_its_cause(rig: ReactionRig) -> None
 
 def test_a_motion_is_slowed_and_that_is_reported_once_with_its_reason(rig: ReactionRig) -> None:
     rig.moving()
-    rig.react(pace=0.5, findings=(WHY,))
+    rig.react(pace=0.5, findings=(WHY,), slowing=(WHY.code,))
     rig.react(pace=0.4)
     assert rig.executor.pace == 0.4
     [_, event] = rig.book.events
@@ -285,8 +285,8 @@ def test_a_motion_is_slowed_and_that_is_reported_once_with_its_reason(rig: React
     assert event.message == "the motion is slowed to 50%: FOLLOW_ERR"
     rig.react(pace=1.0)
     assert rig.executor.pace == 1.0
-    rig.react(pace=0.25)
-    assert rig.book.events[-1].message == "the motion is slowed to 25%"
+    rig.react(pace=0.25, slowing=(WHY.code,))
+    assert rig.book.events[-1].message == "the motion is slowed to 25%: FOLLOW_ERR"
 
 
 def test_a_hold_that_is_paced_is_not_reported(rig: ReactionRig) -> None:

@@ -140,7 +140,7 @@ class Rig:
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
-        if plain and calibrated is None:
+        if plain and self.robot is known and calibrated is None:  # `_virtual` may have changed the robot
             self.one = known_binding(robot)
         else:
             calibrated = calibrated or calibration(self.made)

@@ -22,6 +22,7 @@ from twind.telemetry.rolling_stats import RollingStats
 
 ALERT = 0x80  # of a status' error byte: read the hardware error
 OVERVIEW = 0.1  # s between two overviews
+STATUS = 0.3  # s between two status lines, of which the service manager gets at most one a second
 WHOLE = 0.9  # s between two with histograms: every tenth, however urgent the others are
 FRESH = 5.0  # s: the last value of a hop counts as present for so long
 
@@ -43,6 +44,7 @@ class StatePublisher:
         self._reloads = reloads
         self._figures = figures
         self._next = self._whole = 0.0  # s, when it is time for an overview, and for one with histograms
+        self._status_at = 0.0  # s, when the line for the service manager is made again
         self._unknown = np.full(len(context.robot.joints), np.nan).tobytes()
 
     def publish(self, now: float) -> None:
@@ -50,7 +52,8 @@ class StatePublisher:
         context = self._context
         self._parts.link.supervise_front(now)
         if context.reports.urgent or now >= self._next:
-            if context.reports.urgent or now >= self._whole:
+            if context.reports.urgent or now >= self._status_at:
+                self._status_at = now + STATUS
                 self._parts.notifier.status(self.status(), now)
             context.reports.urgent = False
             self._next = now + OVERVIEW
