@@ -19,6 +19,7 @@ def refusals(reply: link.Reply) -> set[str]:
 
 def test_on_a_bus_with_errors_motions_are_refused_and_none_is_accepted_and_aborted(armed: Rig) -> None:
     break_exchanges(armed, 25)
+    armed.lease()
     accepted = 0
     for _ in range(12):
         ticket = armed.submit(armed.path("head_yaw", [0.3], [2.0]), more=True)
