@@ -10,7 +10,7 @@ def break_exchanges(rig: Rig, count: int) -> None:
         rig.virtual["main"].faults.bit_errors(0.1, to_servos=False)
         rig.ticks(1)
         rig.virtual["main"].faults.bit_errors(0.0, to_servos=False)
-        rig.ticks(3)
+        rig.ticks(1)
 
 
 def refusals(reply: link.Reply) -> set[str]:
