@@ -21,6 +21,9 @@ from twind.twin.binding import Binding, bind, rebound
 from twind.twin.simulation import hush
 
 
+BY_CLIENT = "SetParameters"  # where such a value comes from
+
+
 def read_again(briefing: Briefing) -> ReloadResult:
     """Return the differences of the files from `briefing`, and the next briefing with their hot part."""
     try:
@@ -65,13 +68,6 @@ def main() -> int:
     return 0
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
-BY_CLIENT = "SetParameters"  # where such a value comes from
-
-
 def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -> Briefing:
     """Return the next briefing with the present content of the files; limits and gains stay as they are."""
     return msgspec.structs.replace(
@@ -86,9 +82,13 @@ def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -
 
 
 def with_settings(briefing: Briefing, changes: Mapping[str, object]) -> Briefing:
-    """The next briefing, with settings changed by a client's word. Raises InvalidInput, ValueError."""
+    """Return the next briefing with settings changed by a client. Raises InvalidInput, ValueError."""
     sources, old = config_files.unpacked(briefing.described)
     then = reload_plan.with_changes(old, changes)
     named = dict.fromkeys((key.rpartition(".")[2] for key in changes), BY_CLIENT)
     settings = replace(then.settings, origins={**then.settings.origins, **named})
     return with_files(briefing, sources, replace(then, settings=settings))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
