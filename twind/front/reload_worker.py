@@ -20,7 +20,6 @@ from twind.twin import binding_transfer
 from twind.twin.binding import Binding, bind, rebound
 from twind.twin.simulation import hush
 
-
 BY_CLIENT = "SetParameters"  # where such a value comes from
 
 
