@@ -15,6 +15,7 @@ write.
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import inf
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -293,10 +294,17 @@ class BusReader(Protocol):
 
     @property
     def earliest(self) -> float:
-        """Earliest possible end of the transaction, s; -inf: unknown. An earlier `feed` only costs time."""
+        """Time of the first `feed` that is worthwhile, s; -inf: unknown. An earlier one only costs time."""
 
-    def request(self, now: float) -> None:
-        """Begin the cyclic reading: pending goals and the read request leave in one write."""
+    @property
+    def looks(self) -> bool:
+        """True: bytes are looked for at `earliest`, without a poll. False: a wait reports them."""
+
+    def request(self, now: float, latest: float = -inf) -> None:
+        """Begin the cyclic reading: pending goals and the read request leave in one write.
+
+        `latest`: s, until when a reply may come where the reader's own slack ends earlier.
+        """
 
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the outstanding transaction is complete."""

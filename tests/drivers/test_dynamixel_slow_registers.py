@@ -81,3 +81,17 @@ def test_narrow_slices_are_read_while_replies_are_missing_and_wide_ones_else() -
         for few in (False, True)
     ]
     assert rounds == [[24, 24, None, None, 6], [8, 8, 8, 24, 6]]
+
+
+def test_each_device_has_its_turn_once_in_two_rounds_whenever_replies_are_missing() -> None:
+    for period, length in product(range(2, 21), (1, 2, 3)):
+        slow = registers(True)
+        wide = upkeep([len(IDS)], 100.0, fast=True, fits=lambda count, size: size < 35)
+        slow.schedule(IDS, wide, upkeep([len(IDS)], 100.0, fast=True))
+        for tick in range(400):
+            query = slow.next(narrow=tick % period < length)
+            if query is not None:
+                answer(slow, query, query.ids, tick * TICK)
+            if tick > 20:
+                age = tick * TICK - slow.registers.status_time
+                assert age.max() <= 0.1 + 1e-9, (period, length, tick, int(age.argmax()))

@@ -127,8 +127,16 @@ class CanReader:
 
     # --------------------------------------------------------------------------- the cyclic reading
 
-    def request(self, now: float) -> None:
-        """Begin the cyclic reading: pending goals and requests leave together. Raises PortError."""
+    @property
+    def looks(self) -> bool:
+        """False: a wait reports frames."""
+        return False
+
+    def request(self, now: float, latest: float = -inf) -> None:
+        """Begin the cyclic reading: pending goals and requests leave together. Raises PortError.
+
+        `latest` is not used: frames come by interrupt, and the reader's slack covers their delays.
+        """
         self.line.send(self.cyclic.next(self.line.commanded_rows(now), now), now, goals=True)
         self._take_unrequested(now)
 

@@ -4,6 +4,7 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 """
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 from twind_drivers.bus import (
     BusSample,
@@ -48,7 +49,6 @@ SLACK = 0.002
 SPARE = (
     0.25  # share of a cycle that the slow reads leave free: the loop needs it to start the next one in time
 )
-BEGIN = 0.0015  # s, at most, that a late reply leaves free before the next cycle
 ADAPTER = 0.001  # s that a USB adapter may add to the cyclic reading (latency timer of 1 ms)
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 
@@ -79,8 +79,7 @@ class DynamixelReader:
 
         `fast`: use the fast reads; None: if `identify` finds that all devices support them.
         `return_delay_us`: the longest of the devices. `rate_hz`: rate of the loop. `slack` (s): time that a
-        reply may take beyond its wire time; None: 2 ms, or half a period where that is less, and a cyclic
-        reading has all the time that the cycle leaves. `one_write`:
+        reply may take beyond its wire time; None: 2 ms, or half a period where that is less. `one_write`:
         goals and request leave in one system call. `sensors`: return delay (s) by id of the bus's sensors.
 
         Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
@@ -111,7 +110,6 @@ class DynamixelReader:
         self._described = self.line.return_delay_s
         self._period = 1.0 / rate_hz
         self._choose_fast = fast is None
-        self._has_own_slack = slack is not None
         # query whose transaction was looked up last, whether as a fast read, and the transaction
         self._last: tuple[Query | None, bool, SerialTransaction | None] = (None, False, None)
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
@@ -131,6 +129,11 @@ class DynamixelReader:
     def earliest(self) -> float:
         """Time of the next look for a reply, s; -inf: a poll reports its arrival."""
         return self.line.earliest
+
+    @property
+    def looks(self) -> bool:
+        """True on a port with a descriptor: replies are looked for at `earliest`, never polled."""
+        return self.line.looks
 
     @property
     def fast(self) -> bool:
@@ -156,9 +159,9 @@ class DynamixelReader:
 
     # --------------------------------------------------------------------------- the cyclic reading
 
-    def request(self, now: float) -> None:
+    def request(self, now: float, latest: float = -inf) -> None:
         """Begin the cyclic reading: pending goals and the request leave together. Raises PortError."""
-        self.line.send(self.cyclic.next(), now, goals=True)
+        self.line.send(self.cyclic.next(), now, goals=True, latest=latest)
 
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
@@ -174,16 +177,7 @@ class DynamixelReader:
         return sample
 
     def _schedule(self) -> None:
-        """Make the slices of slow registers of the devices that are not parked.
-
-        A cyclic reply may come as late as the cycle has room for: the rare transaction and the start of the
-        next cycle are kept free. Other programs on the processor delay replies by milliseconds, and a late
-        reply costs nothing while readings are fresh.
-        """
-        if not self._has_own_slack:
-            begin = self._period - min(BEGIN, SPARE * self._period)
-            room = begin - self._cyclic_seconds(0.0) - self.slice
-            self.line.cyclic_slack = max(self.line.slack, room)
+        """Make the slices of slow registers of the devices that are not parked."""
         self._requested = requested = self.cyclic.attendance.asked
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
@@ -347,6 +341,7 @@ class DynamixelReader:
         ]
         if found:
             self.line.return_delay_s = max(self._described, 2e-6 * max(found))
+            self.line.shortest_delay_s = 2e-6 * max(found)
         if self._choose_fast:
             self.cyclic.fast = fast and len(devices) == len(self.ids)
         self.cyclic.hasten(self.fast and self._too_long)

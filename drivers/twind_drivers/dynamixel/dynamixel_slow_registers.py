@@ -79,6 +79,7 @@ class DynamixelSlowRegisters:
         # next slot and number of slots of a round; next slice of health
         self._slot = 0
         self._slots = 1
+        self._is_narrow = False  # the present round reads narrow slices
         self._turn = 0
         self._first: list[ReadRequest] = []  # before all turns
         self._open: ReadRequest | None = None  # health slice with replies missing
@@ -110,6 +111,7 @@ class DynamixelSlowRegisters:
         self._narrow = self._wide if narrow is None else status(narrow)
         self._open = None
         self._slot = 0
+        self._is_narrow = False
         self._slots = max(wide.slots - 1, len(self._wide), len(self._narrow)) + 1
         self._turn = 0
         return list(dict.fromkeys((*self._wide, *self._narrow, *self._health)))
@@ -126,14 +128,16 @@ class DynamixelSlowRegisters:
 
         A round consists of all status slices that fit, then one health slice. It begins with the first status
         slice, so each device has its turn once a round. A round with less slices than turns rests in between.
+        A round that has turned narrow stays narrow: a change back would leave devices out.
         """
         if self._first:
             return self._first.pop(0)
         slot = self._slot
         self._slot = (self._slot + 1) % self._slots
+        self._is_narrow = narrow or (self._is_narrow and slot > 0)
         if slot == self._slots - 1:
             return self._next_health()
-        status = self._narrow if narrow else self._wide
+        status = self._narrow if self._is_narrow else self._wide
         return status[slot] if slot < len(status) else None
 
     def _next_health(self) -> ReadRequest:

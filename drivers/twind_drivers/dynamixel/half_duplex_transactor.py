@@ -58,20 +58,18 @@ class HalfDuplexTransactor:
         baud: int,
         return_delay_s: float,
         slack: float,
-        cyclic_slack: float | None = None,
         one_write: bool = True,
         sensors: Collection[int] = (),
     ) -> None:
         """Make the transactor; `one_write`: pending packets and request leave in one system call, else two.
 
-        `return_delay_s`, `slack` (s): see `deadline` in `_send`. `cyclic_slack` (s): of a transaction with
-        goals; None: `slack`.
+        `return_delay_s`, `slack` (s): see `deadline` in `_send`.
         """
         self.name = name
         self.transport = transport
         self.baud = baud
         self.slack = slack
-        self.cyclic_slack = slack if cyclic_slack is None else cyclic_slack
+        self.shortest_delay_s = 0.0  # s, return delay of the devices as they are set; 0: not read yet
         self.return_delay_s = return_delay_s
         self.one_write = one_write
         self._sensors = frozenset(sensors)
@@ -81,7 +79,7 @@ class HalfDuplexTransactor:
         self.sent = self.received = self.deadline = -inf  # s
         # s, when the next look for a reply is worthwhile; -inf: a poll reports its arrival (no descriptor)
         self.earliest = -inf
-        self._looks = transport.fileno() >= 0
+        self.looks = transport.fileno() >= 0  # bytes are looked for at `earliest`; else a wait reports them
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; the reader resets it when it reports them
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
@@ -99,15 +97,18 @@ class HalfDuplexTransactor:
         """Return the bus time (s) that the transaction takes, with `extra` bytes before it."""
         return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
-    def send(self, exchange: SerialTransaction, now: float, *, goals: bool = False) -> None:
+    def send(
+        self, exchange: SerialTransaction, now: float, *, goals: bool = False, latest: float = -inf
+    ) -> None:
         """Begin a transaction: drop late bytes of the last one, then send.
 
+        `latest`: s, until when a reply may come at least, beside the slack.
         Raises PortError; OutputQueueFull if more than the last packet waits in the port (TX_BACKLOG), or if
         it does not accept all of this one. Then the goals are dropped, since they would be stale; an urgent
         packet (torque off) is sent later.
         """
         try:
-            self._send(exchange, now, goals=goals)
+            self._send(exchange, now, goals=goals, latest=latest)
         except PortError as error:
             if error.kind is PortErrorCause.OUTPUT_FULL:
                 self.exchange = None
@@ -116,7 +117,7 @@ class HalfDuplexTransactor:
                 self._busy = -inf
             raise
 
-    def _send(self, exchange: SerialTransaction, now: float, *, goals: bool) -> None:
+    def _send(self, exchange: SerialTransaction, now: float, *, goals: bool, latest: float) -> None:
         self.exchange = None
         self._done = True
         self.strays = self.transport.drain(self._late)
@@ -148,10 +149,12 @@ class HalfDuplexTransactor:
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
         # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
-        slack = 0.0 if self._done else self.cyclic_slack if goals else self.slack
-        end = begin + self.span(exchange, len(lead))
-        self.deadline = end + slack
-        if self._looks:
+        self.deadline = begin + self.span(exchange, len(lead))
+        if not self._done:
+            self.deadline = max(self.deadline + self.slack, latest)
+        if self.looks:
+            bare = wire(exchange.size + len(lead), self.baud) + exchange.extra
+            end = begin + bare + exchange.delays * self.shortest_delay_s
             self.earliest = min(end + FIRST_LOOK, self.deadline)
 
     def feed(self, now: float) -> bool:
@@ -160,12 +163,13 @@ class HalfDuplexTransactor:
         if self._done or reply is None:
             return True
         if self.echo and not self._past_echo(reply):
+            self.earliest = min(now + NEXT_LOOK, self.deadline) if self.looks else self.earliest
             return self._done
         count = self.transport.read_into(reply.receive_buffer())
         if count:
             self.received = now
             self._done = reply.take(count)
-        if self._looks and not self._done:
+        if self.looks and not self._done:
             self.earliest = min(now + NEXT_LOOK, self.deadline)
         return self._done
 

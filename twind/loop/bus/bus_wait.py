@@ -18,13 +18,15 @@ def ripe(readers: Sequence[BusReader], clock: Clock) -> Collection[int]:
 
     Return the places of such readers.
 
-    The wait ends no earlier than a reply can be complete: on a CAN bus each frame would otherwise wake this
+    The wait ends no earlier than a reply is expected: on a CAN bus each frame would otherwise wake this
     process, two dozen times a reading. Replies that end close together are read together.
     """
     now = clock.now()
     earliest = [reader.earliest for reader in readers]
     due = [place for place, at in enumerate(earliest) if at <= now]
     begins = min([at for at in earliest if at > now], default=inf)
+    if looked := [place for place in due if readers[place].looks]:
+        return looked  # without a poll, which would wait for the worker of a tty
     if due and begins - now > TOGETHER:
         until = min(begins, min([readers[place].deadline for place in due]))
         found = clock.wait([readers[place].transport for place in due], until)
@@ -76,7 +78,7 @@ def collect(
 def _ripe_alone(reader: BusReader, clock: Clock) -> Collection[int]:
     """Wait for a single reader, as `ripe` does."""
     earliest = reader.earliest
-    if earliest > clock.now():
-        clock.sleep_until(earliest)
+    if reader.looks or earliest > clock.now():
+        clock.sleep_until(earliest)  # passed already: the port is looked at without a poll
         return (0,)
     return clock.wait((reader.transport,), reader.deadline)

@@ -26,6 +26,8 @@ from twind_drivers.slow_read_rate import upkeep_stride
 T = TypeVar("T")
 # s kept free at the end of a tick: a rare transaction that ran into the next tick would delay its goals ...
 SPARE = 0.0015
+RARE = 0.004  # s kept free for a rare transaction whose reply comes late ...
+RARE_SHARE = 0.4  # ... at most this share of the period
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
@@ -62,6 +64,7 @@ class Hardware:
         self.worst_skew = nan  # s, of the run
         self._access = (False, False)
         self._spare = min(SPARE, period * SPARE_SHARE)
+        self._rare_time = min(RARE, period * RARE_SHARE)
         self._stride = upkeep_stride(1.0 / period)
         self._turn = 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
@@ -284,7 +287,8 @@ class Hardware:
         quiet = now < self.quiet_until
         requested = []
         if not quiet:
-            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair)]
+            latest = end - self._rare_time
+            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, latest)]
         sent = self.sent = self.clock.now()
         first = collect(requested, self.clock, self._lose)
         received = sent
@@ -410,13 +414,17 @@ class Hardware:
             self._handle_port_error(pair, error)
             return False
 
-    def _request(self, pair: Pair) -> bool:
-        """Begin the cyclic reading of an open port; False when it was not sent, or the port was lost."""
+    def _request(self, pair: Pair, latest: float) -> bool:
+        """Begin the cyclic reading of an open port; False when it was not sent, or the port was lost.
+
+        A reply may come until `latest` (s): other programs delay replies by milliseconds, which costs nothing
+        while readings are fresh. The rare transaction and the start of the next tick are kept free.
+        """
         reader = pair[0].reader
         if reader is None:
             return False
         try:
-            reader.request(self.clock.now())
+            reader.request(self.clock.now(), latest)
         except PortError as error:
             self._handle_port_error(pair, error)
             return False
