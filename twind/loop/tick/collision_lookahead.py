@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections import deque
 from math import ceil, inf, nan
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind.motion.predicted_path import LookaheadPlan
+from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding
 from twind.robot.joint_limits import JointLimits
@@ -23,9 +23,6 @@ from twind.robot.modes import Motion
 from twind.safety.guard_types import ClearanceAhead
 from twind.twin.clearance_bound import ClearanceBound
 from twind.twin.collision_model import CollisionModel
-
-if TYPE_CHECKING:
-    from twind.motion.trajectory_executor import TrajectoryExecutor
 
 LEAST = 0.3  # s of the look-ahead at least
 MOST = 1.0  # s at most: a joint that needs longer to brake is checked for this time only
