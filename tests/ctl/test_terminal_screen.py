@@ -11,7 +11,7 @@ TOKEN = re.compile(r"\x1b\[([?\d;]*)([A-Za-z])|(.)")
 
 
 def shown(written: str, rows: int) -> list[str]:
-    """Rows of a terminal of `WIDTH` columns that does not wrap: at the edge the cursor stays on the character."""
+    """Rows of a terminal that does not wrap: the cursor stays on the last of its `WIDTH` columns."""
     screen = [[" "] * WIDTH for _ in range(rows)]
     row = 0
     column = 0

@@ -81,7 +81,7 @@ def _reset_texts(status: StatusMessage) -> list[str]:
 
 
 def _reset_steps(status: StatusMessage, latched: Sequence[str]) -> str:
-    """Return the steps up to the reset, which needs torque off. After an e-stop the daemon lowers the robot."""
+    """Return the steps up to the reset, which needs torque off. An e-stop switches it off by itself."""
     torque_on = status["armed"] or status["inherited"]
     if torque_on and "ESTOP" not in latched:
         return "`twindctl disarm`, then `twindctl reset`"
