@@ -1,4 +1,4 @@
-"""What a terminal shows after the monitor has drawn."""
+"""Lines that the monitor draws, as a terminal shows them."""
 
 import re
 
