@@ -106,8 +106,9 @@ def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict
         return read_trajectory(Path(name))
     robot = client.call("GetRobot")["robot"]
     folder = robot.get("motions")
-    joints = [joint["name"] for joint in robot["joints"]]
-    return load_motion(name, Path(folder) if isinstance(folder, str) else None, joints)
+    joints = robot.get("joints")
+    names = None if joints is None else [joint["name"] for joint in joints]
+    return load_motion(name, Path(folder) if isinstance(folder, str) else None, names)
 
 
 def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> int:
