@@ -18,9 +18,24 @@ SAMPLE ?=
 CHANGED ?=
 EXTRAS ?=
 
-.PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
+.PHONY: all help demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
 	mutate clean faults soak kills model cast pictures ros ros-if-here \
 	install uninstall deb extras docs FORCE
+
+all: $(VENV)/.ready
+	@echo 'twind is installed in $(VENV). Next: . $(BIN)/activate, then twind --mode sim; make help lists the targets'
+
+help:
+	@echo 'make                      install twind into $(VENV), editable'
+	@echo 'make demo                 start a virtual robot and its daemon, until Ctrl-C; SECONDS=60 ends it earlier'
+	@echo 'make test                 run all tests but the slow ones; make test-fast: without real processes'
+	@echo 'make check                run format, lint, types, documents and all tests'
+	@echo 'make extras EXTRAS=learn  add extras of pyproject.toml to $(VENV)'
+	@echo 'make docs                 build the documents as a site, in site/'
+	@echo 'make bench                measure this machine (docs/bench.md)'
+	@echo 'sudo make install         install the service; sudo make uninstall removes it'
+	@echo 'make deb                  build a Debian package, in dist/'
+	@echo 'make clean                remove $(VENV) and all that was built'
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))

@@ -61,3 +61,25 @@ def test_an_invalid_trajectory_file_is_rejected_with_its_position(
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(UsageError, match="wave"):
         load_motion("wvae")
+
+
+HEAD = ("head_yaw", "head_pitch")
+ARMS = ("l_shoulder_pitch", "l_shoulder_roll", "l_elbow", "waist_yaw")  # with the head: the joints of `reach`
+
+
+@pytest.mark.parametrize(
+    ("own", "joints", "known"),
+    [
+        (["greet"], HEAD, "known: greet; or give"),
+        (["greet"], HEAD + ARMS, "known: greet, reach; or give"),
+        ([], HEAD, "the robot has none; give the path of a file"),
+    ],
+)
+def test_an_unknown_name_lists_motions_of_the_robot_only(
+    tmp_path: Path, own: list[str], joints: tuple[str, ...], known: str
+) -> None:
+    for name in own:
+        (tmp_path / f"{name}.json").write_text('{"joint_names": [], "points": []}')
+    with pytest.raises(UsageError) as raised:
+        load_motion("nothing", tmp_path, joints)
+    assert f"no motion 'nothing'; {known}" in str(raised.value)

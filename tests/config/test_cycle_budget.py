@@ -1,9 +1,11 @@
 """The cycle budget of a robot: what fits, and the arithmetic of what does not."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
+from tests.support.doc_pages_text import ROOT
 from twind.config.cycle_budget import budgets, require_rate
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -55,3 +57,13 @@ def test_a_budget_text_gives_bytes_microseconds_and_reachable_rate() -> None:
         f"{each.plain.bytes} bytes, {each.plain.seconds * 1e6:.0f} us, up to {each.plain.reachable_hz:.0f} Hz"
         in text
     )
+
+
+def test_the_page_of_small_computers_has_the_rates_of_the_budget() -> None:
+    page = (ROOT / "docs" / "small-computers.md").read_text()
+    robot = load_robot("h24")
+    found = re.search(r"24 servos, fast reads: (\d+) Hz at 1 M, (\d+) at 2 M, (\d+) at 3 M", page)
+    assert found is not None
+    for rate, baud in zip(found.groups(), (1_000_000, 2_000_000, 3_000_000), strict=True):
+        (budget,) = budgets(replace(robot, buses=(replace(robot.buses[0], baud=baud),)), 200.0)
+        assert int(budget.fast.reachable_hz + 0.5) == int(rate)

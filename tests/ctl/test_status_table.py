@@ -76,6 +76,50 @@ def test_without_latched_codes_the_state_says_whether_a_reset_is_needed(state: s
     assert status_lines(answer)[-1].startswith(f"reset    {resets} for STATE_STALE: ")
 
 
+WAIT = "wait until torque is off, then `twindctl reset`"
+LOWER = "`twindctl disarm`, then `twindctl reset`"
+
+
+@pytest.mark.parametrize(
+    ("code", "torque", "steps"),
+    [
+        ("ESTOP", {"armed": True}, WAIT),
+        ("ESTOP", {"armed": False, "inherited": True}, WAIT),
+        ("ESTOP", {"armed": False}, "`twindctl reset`"),
+        ("OVERTEMP", {"armed": True}, LOWER),
+        ("OVERTEMP", {"armed": False, "inherited": True}, LOWER),
+        ("OVERTEMP", {"armed": False}, "`twindctl reset`"),
+    ],
+)
+def test_the_steps_to_a_reset_depend_on_the_fault_and_on_torque(
+    code: str, torque: dict[str, bool], steps: str
+) -> None:
+    answer = status(faults=[Finding(ReasonCode(code))], latched=[code]) | torque
+    assert status_lines(answer)[-1] == f"reset    needed for {code}: {steps}"
+
+
+@pytest.mark.parametrize(
+    ("realtime", "denied", "end"),
+    [
+        ({"scheduler": "fifo 40"}, [], "ticks missed; fifo 40"),
+        (
+            {"scheduler": "no: Operation not permitted (CAP_SYS_NICE)"},
+            ["scheduler"],
+            "ticks missed; no real time: Operation not permitted (CAP_SYS_NICE)",
+        ),
+        ({"scheduler": "fifo 40"}, None, "ticks missed; fifo 40"),
+        ({}, None, "ticks missed"),
+    ],
+)
+def test_the_loop_line_ends_with_the_scheduler(
+    realtime: dict[str, str], denied: list[str] | None, end: str
+) -> None:
+    answer = status()
+    answer["loop"] |= {"realtime": realtime, "realtime_denied": denied}
+    (loop,) = [line for line in status_lines(answer) if line.startswith("loop")]
+    assert loop.endswith(end)
+
+
 def test_an_unverified_joint_is_marked_and_an_uncalibrated_one_only_as_uncalibrated() -> None:
     world = StateCache(briefing())
     world.take(overview(100.0))

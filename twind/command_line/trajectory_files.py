@@ -4,6 +4,7 @@ Files have the shape of a ROS trajectory message; `time_from_start` may be secon
 """
 
 import os
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,15 @@ def motion_names(folder: Path | None = None) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (folder or _built_in()).glob("*.json")))
 
 
-def load_motion(name: str, folder: Path | None = None) -> dict[str, Any]:
+def load_motion(
+    name: str, folder: Path | None = None, joints: Collection[str] | None = None
+) -> dict[str, Any]:
     """The trajectory of a file, or of the motion called `name` in `folder` or beside the built-in robot.
 
-    Raises UsageError when there is none, Rejected when it is no trajectory.
+    Raises UsageError when there is none, with the names of the motions in `folder` and of those built-in ones
+    that move only `joints` (None: any); Rejected when it is no trajectory.
     """
-    return read_trajectory(_find(name, folder))
+    return read_trajectory(_find(name, folder, joints))
 
 
 def read_trajectory(path: Path) -> dict[str, object]:
@@ -67,15 +71,23 @@ def _seconds(value: Any, where: str) -> Any:
     return value.get("sec", 0) + value.get("nanosec", 0) * 1e-9
 
 
-def _find(name: str, folder: Path | None) -> Path:
+def _find(name: str, folder: Path | None, joints: Collection[str] | None) -> Path:
     if os.sep in name or name.endswith(".json") or Path(name).is_file():
         return Path(name)
     folders = [*([folder] if folder is not None else []), _built_in()]
     for place in folders:
         if (place / f"{name}.json").is_file():
             return place / f"{name}.json"
-    known = sorted({known for place in folders for known in motion_names(place)})
-    raise UsageError(f"no motion {name!r}; known: {', '.join(known)}; or give the path of a file")
+    known = {*(motion_names(folder) if folder is not None else ()), *_built_in_motions(joints)}
+    listed = f"known: {', '.join(sorted(known))}; or" if known else "the robot has none;"
+    raise UsageError(f"no motion {name!r}; {listed} give the path of a file")
+
+
+def _built_in_motions(joints: Collection[str] | None) -> tuple[str, ...]:
+    """Names of the built-in motions that move only `joints`; None: of all."""
+    if joints is None:
+        return motion_names()
+    return tuple(name for name in motion_names() if set(load_motion(name)["joint_names"]) <= set(joints))
 
 
 def _built_in() -> Path:

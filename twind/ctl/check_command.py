@@ -74,7 +74,8 @@ def _offline(options: argparse.Namespace) -> dict[str, Any]:
         robot = load_robot(options.robot)
         known = None if options.calibration is None else load_calibration(Path(options.calibration), robot)
         position = pose(robot, options.pose or "rest")
-        return verdict(bind(robot, known), position, load_motion(options.file, robot.motions))
+        joints = [joint.name for joint in robot.joints]
+        return verdict(bind(robot, known), position, load_motion(options.file, robot.motions, joints))
     except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 

@@ -27,8 +27,16 @@ def _run(options: argparse.Namespace) -> int:
         answer = client.call("EStop", level=level, reason=options.reason)
     off = answer.get("torque_off")
     torque = "torque unknown" if off is None else f"torque is {'off' if off else 'on'}"
-    show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}")
+    next_step = f"next: {reset_after_estop(torque_off=off)}"
+    show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}\n{next_step}")
     return DONE
+
+
+def reset_after_estop(*, torque_off: bool | None) -> str:
+    """Return the next step after an e-stop: a reset is refused while torque is on. None: unknown."""
+    if torque_off is None:
+        return "the line `reset` of `twindctl status`"
+    return "`twindctl reset`" if torque_off else "wait until torque is off, then `twindctl reset`"
 
 
 def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:

@@ -104,8 +104,11 @@ def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict
         if not (os.sep in name or name.endswith(".json")):
             raise UsageError(f"{name}: with --remote a file, as ./{name}.json; names are of the robot's disk")
         return read_trajectory(Path(name))
-    folder = client.call("GetRobot")["robot"].get("motions")
-    return load_motion(name, Path(folder) if isinstance(folder, str) else None)
+    robot = client.call("GetRobot")["robot"]
+    folder = robot.get("motions")
+    joints = robot.get("joints")
+    names = None if joints is None else [joint["name"] for joint in joints]
+    return load_motion(name, Path(folder) if isinstance(folder, str) else None, names)
 
 
 def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> int:

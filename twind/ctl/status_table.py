@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
+from twind.ctl.estop import reset_after_estop
 from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamingMessage
 from twind.robot.modes import RESET_STATES
 
@@ -72,11 +73,19 @@ def _reset_texts(status: StatusMessage) -> list[str]:
     transient = [code for code in codes if code not in latched]
     texts = []
     if latched:
-        texts.append(f"needed for {', '.join(latched)}: `twindctl disarm`, then `twindctl reset`")
+        texts.append(f"needed for {', '.join(latched)}: {_reset_steps(status, latched)}")
     if transient:
         names = ", ".join(transient)
         texts.append(f"not needed for {names}: clears once its cause is gone; until then arming is refused")
     return texts
+
+
+def _reset_steps(status: StatusMessage, latched: Sequence[str]) -> str:
+    """Return the steps up to the reset, which needs torque off. An e-stop switches it off by itself."""
+    torque_on = status["armed"] or status["inherited"]
+    if torque_on and "ESTOP" not in latched:
+        return "`twindctl disarm`, then `twindctl reset`"
+    return reset_after_estop(torque_off=not torque_on)
 
 
 def latency_text(status: StatusMessage) -> str:
@@ -86,9 +95,15 @@ def latency_text(status: StatusMessage) -> str:
 
 
 def loop_text(loop: LoopMessage) -> str:
-    """The rate of the loop, how late its ticks are, how many it missed."""
+    """Format the rate of the loop, lateness and number of missed ticks, and the scheduler."""
     late = f"late p50 {_us(loop['late_p50_us'])}, p99 {_us(loop['late_p99_us'])}"
-    return f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
+    text = f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
+    scheduler = (loop.get("realtime") or {}).get("scheduler")
+    if scheduler is None:  # an older daemon
+        return text
+    if "scheduler" in (loop.get("realtime_denied") or ()):
+        scheduler = f"no real time: {scheduler.removeprefix('no: ')}"
+    return f"{text}; {scheduler}"
 
 
 def stream_text(report: StreamingMessage) -> str:

@@ -1,5 +1,6 @@
 """Real-time tests of docs."""
 
+import json
 import os
 import re
 import shlex
@@ -215,3 +216,16 @@ def test_the_python_example_of_the_readme_moves_the_simulation(
     (folder / "example.py").write_text(example)
     said = run(f"{shlex.quote(sys.executable)} example.py", folder, environment).splitlines()
     assert said[0].startswith("accepted") and said[-1] == "succeeded 100%"
+
+
+def test_the_setpoint_example_of_the_protocol_page_moves_the_simulation(
+    simulation: tuple[Path, dict[str, str]],
+) -> None:
+    section = (ROOT / "docs" / "protocol.md").read_text().partition("### Setpoints")[2]
+    example = fenced(section, "python")[0]
+    folder, environment = simulation
+    (folder / "setpoints.py").write_text(example)
+    run(f"{shlex.quote(sys.executable)} setpoints.py", folder, environment)
+    status = json.loads(run("twindctl --json status --joints", folder, environment))
+    (head,) = [joint for joint in status["joints"] if joint["name"] == "head_yaw"]
+    assert abs(head["goal"] - 0.597) < 0.05  # 0.3 - 0.3 cos 3, where the motion decelerates

@@ -33,7 +33,7 @@ PAGES: Mapping[str, Sequence[Sequence[Make]]] = {
     "all": ((summary, buses, joints, last_refusals), (hops, lateness, recorder, events)),
     "joints": ((joints,),),
     "timing": ((summary, buses, hops, lateness),),
-    "told": ((refusals, events, recorder),),
+    "events": ((refusals, events, recorder),),
 }
 SIDES: Sequence[Sequence[Sequence[Make]]] = (
     ((joints, last_refusals), (events,)),

@@ -82,7 +82,8 @@ class TerminalScreen:
         gone = len(self._before) - len(lines)
         for row, text in enumerate([*lines, *[""] * max(0, gone)]):
             if row >= len(self._before) or self._before[row] != text:
-                parts.append(f"\x1b[{row + 1};1H{text}\x1b[K")
+                # Erased before: after a line of full width the cursor is on its last character.
+                parts.append(f"\x1b[{row + 1};1H\x1b[K{text}")
         self._before = list(lines)
         if parts:
             self._write("".join([_BEGIN, *parts, _END]))
