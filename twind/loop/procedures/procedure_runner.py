@@ -71,6 +71,9 @@ class RunningProcedure:
         except StopIteration as stop:
             self.outcome = stop.value
             return False
+        except Exception:
+            self.broken = True
+            raise
         return True
 
     def step(self, now: float) -> bool:
@@ -110,7 +113,8 @@ class ProcedureRunner:
     def own(self, rank: Priority, start: Callable[[], Procedure], ended: Ending = unanswered) -> bool:
         """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs.
 
-        `ended` receives its outcome, also when it is ended by force.
+        `ended` receives its outcome, also when it is ended by force. A procedure whose first step raises an
+        exception owns nothing: the caller receives the exception, and `ended` no outcome.
         """
         if self._rank is not None and self._rank >= rank:
             return False
@@ -118,7 +122,13 @@ class ProcedureRunner:
         owner = RunningProcedure(start(), ended)
         self._torque = owner
         self._rank = rank
-        if not owner.begin():
+        try:
+            goes_on = owner.begin()
+        finally:
+            if owner.broken and self._torque is owner:
+                self._torque = None
+                self._rank = None
+        if not goes_on:
             self._end(owner)
         return True
 
