@@ -281,7 +281,7 @@ def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends() -> None:
 @pytest.mark.parametrize("back", [0.5, None])
 def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None) -> None:
     rig = ProcedureRig()
-    rig.torque.lose_bus()
+    rig.torque.lose_bus(np.ones(3, np.bool_))
     rig.hardware.connected = False
     begun = rig.clock.now()
 
@@ -303,7 +303,7 @@ def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
     rig = ProcedureRig(period=1.0 / 128.0)  # a second and a half is a whole number of such ticks
     assert shut(rig, Search(rig, 9.0)) == 1.5
     rig = ProcedureRig(period=1.0 / 128.0)
-    rig.torque.lose_bus()
+    rig.torque.lose_bus(np.ones(3, np.bool_))
     rig.hardware.connected = False
     assert shut(rig) == 1.5
 

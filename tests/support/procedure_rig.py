@@ -317,6 +317,11 @@ class JointNames:
     def __len__(self) -> int:
         return len(self.names)
 
+    def on_bus(self, name: str) -> Bools:
+        return np.array(
+            [any(place in bus.joints for bus in self.buses if bus.name == name) for place in range(3)]
+        )
+
 
 def granted(now: float) -> Verdict:
     """The gate's verdict on an Arm that it allows."""

@@ -55,9 +55,9 @@ def say_unconfirmed(context: ProcedureContext, error: BusError) -> None:
 
 
 def take(context: ProcedureContext, held: Floats) -> None:
-    """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
+    """Take over the goals (n,), rad: every open bus holds at `held`, which was written and read back."""
     context.hardware.hold(True)
-    context.torque.take_hold(~context.hardware.left_out)
+    context.torque.take_hold(context.hardware.energised_joints)
     context.executor.begin(held)
     context.robot.written = held
 
