@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import pytest
 
 from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.procedure_runner import (
     Priority,
     Procedure,
     ProcedureFailed,
     ProcedureRunner,
-    all_of,
     ticks,
 )
 from twind.robot.finding import Finding, ReasonCode

@@ -5,13 +5,11 @@ run beside it. A procedure returns the outcome of its call, and the caller that 
 ended by force has the outcome `Busy`, with the cause.
 """
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 from twind.exceptions import TwindError
-from twind.loop.bus.bus_port import ScriptRun
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome
 from twind.robot.finding import Finding, ReasonCode
 
@@ -174,16 +172,6 @@ class ProcedureRunner:
             self._torque = None
             self._rank = None
         owner.finish(owner.outcome)
-
-
-def all_of(tasks: Iterable[ScriptRun[Any]]) -> Steps:
-    """Wait until every task is done; then raise the first error."""
-    waiting = list(tasks)
-    while not all(task.done for task in waiting):
-        yield
-    for task in waiting:
-        if task.error is not None:
-            raise task.error
 
 
 def ticks(count: int) -> Generator[None, float, float]:

@@ -9,8 +9,9 @@ from math import inf
 
 import numpy as np
 
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Procedure, Steps, all_of
+from twind.loop.procedures.procedure_runner import Procedure, Steps
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import ReasonCode
 from twind.safety.guard import GuardThresholds
