@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.daemon_rig import CLIENT, MakeRig, Rig
 from twind import link
+from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.procedures.torque_readback import torque_inherited, torque_off
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -163,6 +164,25 @@ class Slipping(FirstOrderPhysics):
         if drive.on[0] and not self._on[0]:
             self.position[0] += self.slip
         super().drive(drive)
+
+
+def breaks(*_args: Any) -> Procedure:
+    """A procedure whose first step raises an exception."""
+    raise ZeroDivisionError
+    yield
+
+
+def test_an_arming_whose_first_step_fails_is_answered_once_and_owns_no_torque(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with connected() as rig:
+        monkeypatch.setattr("twind.loop.procedures.arming.arm", breaks)
+        ticket = rig.send(link.Arm)
+        rig.ticks(5)
+        [reply] = rig.replies(ticket)
+        assert reply.error == "Busy" and reply.parameters["what"].startswith("failed inside")
+        assert rig.loop.procedures.rank is None
+        assert not rig.loop.torque.armed and not rig.loop.torque.energising
 
 
 def test_a_joint_that_jumps_at_torque_on_ends_arming_with_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:

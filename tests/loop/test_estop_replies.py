@@ -96,7 +96,7 @@ def test_a_stop_that_began_nothing_is_answered_at_once(rig: StopRig, rank: Prior
 def test_a_stop_is_done_once_torque_is_known_where_there_is_any(
     rig: StopRig, mode: Mode, torque: Any, off: bool | None, done: bool
 ) -> None:
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.condition.mode = mode
     rig.found(torque)
     rig.ask(1)

@@ -182,6 +182,21 @@ def test_an_internal_error_during_homing_switches_torque_off(monkeypatch: pytest
         assert ReasonCode.INTERNAL in made.loop.condition.latches
 
 
+def test_a_search_whose_first_step_fails_is_answered_once_and_leaves_nothing_under_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with homed() as made:
+        made.ready()
+        with monkeypatch.context() as patch:
+            patch.setattr("twind.loop.procedures.homing_procedure.HomingProcedure._outcome", lambda *_: 1 / 0)
+            ticket = made.find()
+            made.ticks(5)
+        [reply] = made.replies(ticket)
+        assert reply.error == "Busy" and reply.parameters["what"].startswith("failed inside")
+        assert made.loop.procedures.rank is None
+        assert made.loop.commands.homing.busy() == ""
+
+
 def test_a_daemon_killed_during_homing_leaves_a_stopped_servo_that_the_next_daemon_reports() -> None:
     with homed() as made:
         made.ready()

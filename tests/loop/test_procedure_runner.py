@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import pytest
 
 from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.procedure_runner import (
     Priority,
     Procedure,
     ProcedureFailed,
     ProcedureRunner,
-    all_of,
     ticks,
 )
 from twind.robot.finding import Finding, ReasonCode
@@ -250,7 +250,10 @@ def test_a_procedure_that_breaks_is_answered_in_the_next_tick(owner: bool) -> No
     assert answers == [CallFailure("Busy", {"what": "failed inside"})]
 
 
-def test_a_procedure_that_breaks_at_once_is_answered_by_the_caller_that_sees_it() -> None:
+@pytest.mark.parametrize("rank", list(Priority))
+def test_a_procedure_that_breaks_at_once_owns_nothing_and_its_caller_answers(
+    rank: Priority, story: Story
+) -> None:
     def broken() -> Procedure:
         raise ZeroDivisionError
         yield
@@ -258,9 +261,26 @@ def test_a_procedure_that_breaks_at_once_is_answered_by_the_caller_that_sees_it(
     procedures = ProcedureRunner()
     answers: list[CallOutcome | None] = []
     with pytest.raises(ZeroDivisionError):
-        procedures.own(Priority.ARM, broken, answers.append)
+        procedures.own(rank, broken, answers.append)
+    assert procedures.rank is None
     procedures.step(1.0)
-    assert answers == [None] and procedures.rank is None
+    assert answers == [], "the caller received the exception, and answers once"
+    assert procedures.own(Priority.ARM, lambda: story.body("arm"))
+
+
+def test_a_procedure_that_breaks_at_once_has_ended_the_one_before_it() -> None:
+    def broken() -> Procedure:
+        raise ZeroDivisionError
+        yield
+
+    procedures = ProcedureRunner()
+    answers: list[CallOutcome | None] = []
+    procedures.own(Priority.ARM, lambda: answering(9), answers.append)
+    with pytest.raises(ZeroDivisionError):
+        procedures.own(Priority.CUT, broken)
+    procedures.step(1.0)
+    assert answers == [CallFailure("Busy", {"what": "arming was ended by something more urgent"})]
+    assert procedures.rank is None
 
 
 def test_an_owner_that_the_end_of_another_begins_is_kept(story: Story) -> None:

@@ -242,7 +242,7 @@ def test_a_damp_is_demanded_before_the_robot_is_released(rig: ReactionRig) -> No
 @pytest.mark.parametrize("reaction", [Reaction.SETTLE, Reaction.DAMP])
 def test_a_robot_without_torque_is_not_lowered(reaction: Reaction) -> None:
     rig = ReactionRig()
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.moving()
     rig.react(reaction=reaction, causes=(WHY,))
     assert rig.procedures.rank is None and rig.torque.soft_since is None
@@ -363,7 +363,7 @@ def test_without_a_motion_or_a_goal_nothing_is_begun(rig: ReactionRig, odd: str)
 
 
 def test_an_internal_fault_ends_an_arming_with_torque_off(rig: ReactionRig) -> None:
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.own(Priority.ARM, waits)
     rig.torque.begin_energising()
     fail(rig, BUG)

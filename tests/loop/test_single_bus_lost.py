@@ -56,6 +56,7 @@ def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(
     held = np.asarray(lower.servos["goal_position"]).copy()
     rig.seconds(12.0)
     assert rig.loop.torque.armed is True
+    assert np.array_equal(rig.loop.torque.held, rig.loop.robot.joints.on_bus("lower"))
     assert all(lower.servos["torque_enable"])
     assert (np.asarray(lower.servos["bus_watchdog"]) == 5).all()
     assert np.array_equal(lower.servos["goal_position"], held)

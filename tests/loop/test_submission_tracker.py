@@ -300,14 +300,19 @@ def test_the_reply_to_setpoints_that_are_too_fast_says_how_far_behind_the_joint_
 # ------------------------------------------------------------------------------------- a motion's own time
 
 
-def test_a_motion_that_is_slowed_says_by_how_much_and_why(armed: Rig) -> None:
+def test_a_motion_that_is_slowed_says_by_how_much_and_why(
+    armed: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A hot motor halves its speed, and some ticks are missed."""
     begun = armed.clock.now()
     ticket = armed.submit(path(armed, 0.2, step=1.0), more=True)
     armed.ticks(30)
     armed.virtual["main"].faults.heat(1, 66.0)
     armed.seconds(0.5)
-    armed.clock.sleep_until(armed.clock.now() + 0.03)
+    with monkeypatch.context() as patch:
+        patch.setattr(armed.loop, "_observe", lambda now, _: armed.clock.sleep_until(now + 0.03))
+        armed.ticks(1)
+    assert armed.loop.figures.missed_in_a_row >= 2
     replies = last(armed, ticket)
     took = armed.clock.now() - begun
     running = [reply.parameters for reply in replies if reply.parameters["phase"] == "running"]
@@ -319,6 +324,16 @@ def test_a_motion_that_is_slowed_says_by_how_much_and_why(armed: Rig) -> None:
     assert end["stretch"] > 0.1
     assert took == pytest.approx(1.0 + end["stretch"], abs=0.05)
     assert set(end["stretched_by"]) == {"OVERTEMP", "LOOP_LATE"}
+
+
+def test_a_tick_that_begins_late_does_not_stretch_a_motion(armed: Rig) -> None:
+    ticket = armed.submit(path(armed, 0.05, step=0.3), more=True)
+    armed.ticks(10)
+    armed.clock.sleep_until(armed.next_tick + 0.55 * armed.loop.robot.period)
+    armed.ticks(1)
+    assert armed.loop.figures.missed == 0
+    end = last(armed, ticket)[-1].parameters
+    assert (end["stretch"], end["stretched_by"]) == (0.0, [])
 
 
 def test_a_motion_in_its_time_has_no_stretch_and_no_reason(armed: Rig) -> None:

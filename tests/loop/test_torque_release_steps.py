@@ -1,5 +1,6 @@
 """Disarm, fault, shutdown and e-stop, step by step, on scripted buses."""
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,68 @@ def test_torque_that_was_found_on_goes_off_after_an_error_where_the_whole_is_not
     rig.hardware.failing["prepare"] = BROKEN
     release(rig)
     assert rig.requests() == ["prepare", *OFF]
+
+
+def fails(*_args: Any, **_options: Any) -> Any:
+    raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("broken", ["stop", "submit"])
+@pytest.mark.parametrize("whole", [False, True])
+def test_an_exception_on_the_way_damps_the_robot_and_torque_goes_off(
+    rig: ProcedureRig, monkeypatch: pytest.MonkeyPatch, broken: str, whole: bool
+) -> None:
+    monkeypatch.setattr(rig.executor, broken, fails)
+    release(rig, profile=SettleProfile(whole=whole))
+    assert [request for request in rig.requests() if request != "read goals"] == ["damp", *OFF]
+    assert not rig.torque.armed and not rig.torque.unconfirmed
+    assert {event.message for event in rig.book.events if event.code == "INTERNAL"} == {"ZeroDivisionError()"}
+    assert ReasonCode.INTERNAL in rig.condition.latches
+
+
+def test_an_exception_in_damping_too_does_not_keep_torque_on(
+    rig: ProcedureRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.executor, "submit", fails)
+    monkeypatch.setattr(rig.hardware, "damp", fails)
+    release(rig)
+    assert rig.requests()[-len(OFF) :] == OFF
+
+
+def test_after_an_exception_an_inhibited_robot_is_not_damped(
+    rig: ProcedureRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.torque.inhibit()
+    monkeypatch.setattr(rig.executor, "stop", fails)
+    release(rig)
+    assert rig.requests() == OFF
+
+
+def test_torque_that_was_found_on_stays_after_an_exception_where_the_whole_robot_is_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = ProcedureRig()
+    rig.found()
+    monkeypatch.setattr(rig.hardware, "prepare", fails)
+    with pytest.raises(ZeroDivisionError):
+        release(rig, profile=WHOLE)
+    assert rig.requests() == []
+
+
+@pytest.mark.parametrize("level", STOPS)
+def test_an_exception_at_its_first_step_does_not_keep_an_estop_from_torque_off(
+    rig: ProcedureRig, monkeypatch: pytest.MonkeyPatch, level: str
+) -> None:
+    monkeypatch.setattr(rig.executor, "stop", fails)
+    rig.condition.latch(ESTOP)
+    rig.release.stop(level)
+    for _ in range(2000):
+        if rig.procedures.rank is None:
+            break
+        with suppress(ZeroDivisionError):
+            rig.tick()
+    assert rig.requests()[-len(OFF) :] == OFF
+    assert not rig.torque.armed and not rig.torque.unconfirmed
 
 
 def test_a_joint_whose_turn_is_not_determined_is_waited_for() -> None:
@@ -281,7 +344,7 @@ def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends() -> None:
 @pytest.mark.parametrize("back", [0.5, None])
 def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None) -> None:
     rig = ProcedureRig()
-    rig.torque.lose_bus()
+    rig.torque.lose_bus(np.ones(3, np.bool_))
     rig.hardware.connected = False
     begun = rig.clock.now()
 
@@ -303,7 +366,7 @@ def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
     rig = ProcedureRig(period=1.0 / 128.0)  # a second and a half is a whole number of such ticks
     assert shut(rig, Search(rig, 9.0)) == 1.5
     rig = ProcedureRig(period=1.0 / 128.0)
-    rig.torque.lose_bus()
+    rig.torque.lose_bus(np.ones(3, np.bool_))
     rig.hardware.connected = False
     assert shut(rig) == 1.5
 

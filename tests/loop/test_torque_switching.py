@@ -159,7 +159,7 @@ def test_torque_of_a_servo_that_is_silent_for_half_a_second_is_unknown(
 
 def test_torque_that_was_read_back_is_inherited_unless_this_daemon_has_it(rig: ProcedureRig) -> None:
     assert not torque_readback.torque_inherited(rig), "armed"
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     assert torque_readback.torque_inherited(rig) and torque_readback.torque_on(rig)
     rig.torque.begin_energising()
     assert not torque_readback.torque_inherited(rig), "being switched"
@@ -177,7 +177,7 @@ def test_an_armed_robot_has_torque_whatever_the_registers_say(rig: ProcedureRig)
 
 
 def test_torque_of_a_device_on_an_open_bus_is_possible_until_it_reports(rig: ProcedureRig) -> None:
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.found((0, 0, -1))
     assert torque_readback.torque_possible(rig)
     rig.hardware.away = np.array([False, False, True])
@@ -193,7 +193,7 @@ def test_torque_of_a_device_on_an_open_bus_is_possible_until_it_reports(rig: Pro
 def test_torque_is_off_only_when_every_servo_says_so(
     rig: ProcedureRig, torque: Any, off: bool | None
 ) -> None:
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.found(torque)
     assert torque_readback.torque_off(rig) is off
     rig.torque.begin_energising()

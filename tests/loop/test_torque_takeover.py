@@ -206,7 +206,7 @@ def test_without_a_goal_that_was_sent_every_joint_is_held_where_it_is(rig: Proce
 
 def test_a_robot_that_is_not_armed_any_more_is_held_where_it_is(rig: ProcedureRig) -> None:
     rig.hold()
-    rig.torque.lose_hold()
+    rig.torque.lose_every_bus()
     rig.robot.measured = rig.state(PLACE - 0.1)
     assert taken(rig)
     assert rig.hardware.goals[0].tolist() == (PLACE - 0.1).tolist()
@@ -253,6 +253,7 @@ def back(rig: ProcedureRig) -> ProcedureRig:
     """An armed robot whose upper bus was lost and is back."""
     rig.hold()
     rig.hardware.back = UPPER
+    rig.torque.lose_bus(UPPER)
     rig.robot.measured = rig.state(PLACE + 0.05)
     rig.follows = False
     return rig
@@ -263,6 +264,7 @@ def test_a_bus_that_is_back_is_held_where_it_is_and_the_others_go_on(back: Proce
     assert back.hardware.log == ["prepare back", "hold True identified"]
     assert back.hardware.goals[0].tolist() == (PLACE + 0.05).tolist()
     assert back.hardware.among.all()
+    assert back.torque.held.all()
     expected = [PLACE[0], PLACE[1], PLACE[2] + 0.05]
     assert back.robot.written == pytest.approx(expected)
     assert back.executor.reference.position == pytest.approx(expected)

@@ -262,8 +262,9 @@ def test_the_stretch_is_what_a_motion_took_beyond_its_path(
     ended = []
     for tick in range(4000):
         executor.pace = shares[tick] if tick < len(shares) else 1.0
-        now += PERIOD * (1 + (missed[tick] if tick < len(missed) else 0))
-        executor.goal(now)
+        skipped = missed[tick] if tick < len(missed) else 0
+        now += PERIOD * (1 + skipped)
+        executor.goal(now, skipped)
         running = executor.stretch
         ended = executor.outcomes()
         if ended:
@@ -283,11 +284,22 @@ def test_the_stretch_is_what_a_motion_took_beyond_its_path(
     assert ReasonCode.LOOKAHEAD_COLLISION in reasons or stretch.added <= skipped * PERIOD + 1e-6
 
 
+def test_a_late_tick_is_not_a_missed_one() -> None:
+    executor = holding()
+    executor.submit("a", smooth([0.1, 0.0], 0.5))
+    executor.goal(1.0)
+    executor.goal(1.0 + 1.9 * PERIOD)
+    assert executor.stretch is not None
+    assert (executor.stretch.added, executor.stretch.reasons) == (0.0, ())
+    executor.goal(1.0 + 5.0 * PERIOD, 2)
+    assert (executor.stretch.added, executor.stretch.reasons) == (2 * PERIOD, (ReasonCode.LOOP_LATE,))
+
+
 def test_what_was_lost_before_a_motion_began_is_not_its_own() -> None:
     executor = holding()
     executor.goal(1.0)
     executor.submit("a", smooth([0.1, 0.0], 0.2))
-    executor.goal(2.0)
+    executor.goal(2.0, 99)
     assert executor.stretch is not None
     assert (executor.stretch.added, executor.stretch.reasons) == (0.0, ())
     executor.submit("b", smooth([0.0, 0.0], 0.5), start_in=0.4)

@@ -1,5 +1,6 @@
 """Joints have one order; names are for the edges, and a wrong one is answered with the right ones."""
 
+import numpy as np
 import pytest
 
 from tests.support.two_bus_rig import JOINTS
@@ -28,3 +29,11 @@ def test_a_name_like_no_other_is_answered_with_the_first_joints(name: str) -> No
 def test_every_joint_is_on_exactly_one_bus() -> None:
     places = [int(place) for bus in JOINTS.buses for place in bus.joints]
     assert sorted(places) == list(range(len(JOINTS)))
+
+
+def test_the_joints_of_a_bus_are_found_by_its_name() -> None:
+    found = [JOINTS.on_bus(bus.name) for bus in JOINTS.buses]
+    assert [np.flatnonzero(joints).tolist() for joints in found] == [
+        sorted(bus.joints.tolist()) for bus in JOINTS.buses
+    ]
+    assert not JOINTS.on_bus("none").any()

@@ -14,10 +14,11 @@ import numpy as np
 
 from tests.support.gate_rig import limits
 from twind import link
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallOutcome
 from twind.loop.ipc.responder import Responder
 from twind.loop.procedures.controlled_robot import ControlledRobot, RobotInForce
-from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureRunner, all_of
+from twind.loop.procedures.procedure_runner import Priority, Procedure, ProcedureRunner
 from twind.loop.procedures.robot_condition import RobotCondition
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
@@ -316,6 +317,11 @@ class JointNames:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def on_bus(self, name: str) -> Bools:
+        return np.array(
+            [any(place in bus.joints for bus in self.buses if bus.name == name) for place in range(3)]
+        )
 
 
 def granted(now: float) -> Verdict:

@@ -55,6 +55,27 @@ def test_percentiles_of_the_run_are_within_two_percent_of_a_value_of_their_rank(
     assert window.p50 <= window.p99 <= window.worst
 
 
+def test_p99_of_a_long_run_follows_a_burst_at_once() -> None:
+    """The burst is less than a hundredth of the run, and raises the share of slow values to 1.9 %."""
+    window = RollingStats()
+    for place in range(100_000):
+        window.add(0.02 if place % 1000 < 9 else 0.001)
+    assert window.p99 == pytest.approx(0.001, rel=0.021)
+    for _ in range(999):
+        window.add(0.02)
+    assert window.p99 == pytest.approx(0.02, rel=0.021)
+    assert window.p50 == pytest.approx(0.001, rel=0.021)
+
+
+def test_quantiles_are_computed_on_the_first_known_value() -> None:
+    window = RollingStats()
+    for _ in range(1000):
+        window.add(nan)
+    assert isnan(window.p99)
+    window.add(0.02)
+    assert window.p99 == pytest.approx(0.02, rel=0.021)
+
+
 @pytest.mark.parametrize("value", [0.0, 1e-9, 1e-6, 100.0, 1e300])
 def test_values_beyond_the_histogram_keep_their_own_size(value: float) -> None:
     window = RollingStats()

@@ -6,7 +6,7 @@ nothing: all input has passed the gate.
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite, nan
+from math import inf, isfinite
 
 import numpy as np
 
@@ -40,7 +40,6 @@ class TrajectoryExecutor:
         self._tick = 0
         self._pace = 1.0
         self.slowed_by: tuple[ReasonCode, ...] = ()  # reasons of the pace, for reports
-        self._goal_at = nan  # s, the last call of `goal`
         self._reference: Reference | None = None
         self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
@@ -250,8 +249,11 @@ class TrajectoryExecutor:
 
     # ------------------------------------------------------------------------------- once per tick
 
-    def goal(self, now: float) -> Reference | None:
-        """Return the reference of the next tick; None while idle. `now` (s): of this tick."""
+    def goal(self, now: float, missed: int = 0) -> Reference | None:
+        """Return the reference of the next tick; None while idle.
+
+        `now` (s): of this tick. `missed`: ticks that did not occur just before it.
+        """
         if self._reference is None or self._floor is None:
             return None
         stale = None if self.stream is None else self.stream.use(now)
@@ -260,7 +262,7 @@ class TrajectoryExecutor:
             self._ended.append(GoalOutcome("", "aborted", (stale,)))
         while self._pending and self._pending[0].start <= self._tick:
             self._begin(self._pending.pop(0), self._reference)
-        self._keep_time(now)
+        self._keep_time(missed)
         self._tick += 1
         reference = self._next(self._floor)
         if not isfinite(float(reference.position @ reference.position)):
@@ -320,10 +322,8 @@ class TrajectoryExecutor:
             self._end(self._running.goal, "replaced", layer=self._running)
         self._running = layer
 
-    def _keep_time(self, now: float) -> None:
+    def _keep_time(self, missed: int) -> None:
         """Count the ticks that were missed before this one, and advance the time of each motion."""
-        missed = round((now - self._goal_at) / self._period) - 1 if self._goal_at < now < inf else 0
-        self._goal_at = now
         for layer in self.layers:
             if missed > 0:
                 layer.miss(self._tick, missed)

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from twind.robot.arrays import Floats, Ints
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints
 from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
 
@@ -74,6 +76,14 @@ class JointMap:
     @cached_property
     def _places(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(self.names)}
+
+    def on_bus(self, name: str) -> Bools:
+        """Return the joints (n,) of the bus `name`."""
+        found = np.zeros(len(self), np.bool_)
+        for bus in self.buses:
+            if bus.name == name:
+                found[bus.joints] = True
+        return found
 
     def place(self, name: str) -> int:
         """Return the place of a joint. Raises KeyError whose text names the nearest spellings."""

@@ -22,6 +22,10 @@ SMALLEST = 1e-6
 BINS = 400
 STEP = 0.04
 _FIRST = log(SMALLEST)
+# shares of the run, from which on its quantiles are computed anew: all values added since they were computed,
+# and those of them above its p99
+GROWN = 0.01
+GROWN_ABOVE = 0.0005
 BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets of the interface
 
@@ -40,6 +44,8 @@ class RollingStats:
         self._least = nan
         self._figures: RollingFigures | None = None
         self._quantiles = (-1, nan, nan)  # values added when they were computed; p50 and p99 of the run
+        self._bin_of_p99 = -1  # -1: the run has no known value
+        self._above = 0  # values in bins above that of p99 since it was computed
         # Written one number at a time, which `array` does several times as fast; read through numpy.
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
         self._values = np.frombuffer(self._ring)
@@ -66,7 +72,11 @@ class RollingStats:
         if not value >= self._least:
             self._least = value
         bin = int((log(value) - _FIRST) / STEP) if value > SMALLEST else 0
-        self._bins[bin if bin < BINS else -1] += 1
+        if bin >= BINS:
+            bin = BINS - 1
+        self._bins[bin] += 1
+        if bin > self._bin_of_p99:
+            self._above += 1
 
     @property
     def violations(self) -> int:
@@ -127,24 +137,33 @@ class RollingStats:
     def _of_run(self) -> tuple[float, float]:
         """Return p50 and p99 of the run.
 
-        They are computed anew when the run has grown by a hundredth: less hardly changes them.
+        They are computed anew when the run has grown by a hundredth, or a burst may have raised p99.
         """
         counted, p50, p99 = self._quantiles
-        if counted < 0 or self.count > counted * 1.01:
+        grown = self.count > counted * (1.0 + GROWN) or self._above > self.count * GROWN_ABOVE
+        if counted < 0 or grown:
             seen = self._counts.cumsum()
-            p50 = self._quantile(seen, 0.5)
-            p99 = self._quantile(seen, 0.99)
+            p50 = self._middle(_bin(seen, 0.5))
+            self._bin_of_p99 = _bin(seen, 0.99)
+            p99 = self._middle(self._bin_of_p99)
+            self._above = 0
             self._quantiles = (self.count, p50, p99)
         return p50, p99
 
-    def _quantile(self, seen: Ints, share: float) -> float:
-        """Return the quantile `share` of the run. `seen`: values of the run up to each bin."""
-        if not seen[-1]:
+    def _middle(self, bin: int) -> float:
+        """Return the value that stands for those of a bin; NaN for -1."""
+        if bin < 0:
             return nan
-        # At least one value: the share 0 is the first bin that has any.
-        bin = int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
         middle = SMALLEST * exp((bin + 0.5) * STEP)
         return max(self._least, min(self.worst, middle))
+
+
+def _bin(seen: Ints, share: float) -> int:
+    """Return the bin of the quantile `share`; -1 without values. `seen`: values of the run up to each bin."""
+    if not seen[-1]:
+        return -1
+    # At least one value: the share 0 is the first bin that has any.
+    return int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
 
 
 class RecentValues:

@@ -2,7 +2,7 @@
 
 A pose is written and evaluated with `mj_inverse`, never `mj_forward`. Measured poses jump, which defeats the
 solver, and a foot a millimetre inside the floor would cause forces that do not exist. The model is evaluated
-when somebody reads a result: a tick only writes the pose.
+when a result is read: a tick only writes the pose.
 """
 
 import copy

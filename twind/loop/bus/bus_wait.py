@@ -1,9 +1,10 @@
-"""Wait for replies of several buses at once."""
+"""Wait for replies of several buses at once, within a tick; and for scripts, over several ticks."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from math import inf
+from typing import Any
 
-from twind.loop.bus.bus_port import BusPort
+from twind.loop.bus.bus_port import BusPort, ScriptRun
 from twind.robot.joint_map import JointBusMap
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import Clock
@@ -82,3 +83,13 @@ def _ripe_alone(reader: BusReader, clock: Clock) -> Collection[int]:
         clock.sleep_until(earliest)  # passed already: the port is looked at without a poll
         return (0,)
     return clock.wait((reader.transport,), reader.deadline)
+
+
+def all_of(tasks: Iterable[ScriptRun[Any]]) -> Generator[None, float, None]:
+    """Wait until every task is done; then raise the first error."""
+    waiting = list(tasks)
+    while not all(task.done for task in waiting):
+        yield
+    for task in waiting:
+        if task.error is not None:
+            raise task.error

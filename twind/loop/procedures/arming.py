@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallRefusal, CallReply
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, all_of, ticks
+from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, ticks
 from twind.loop.procedures.torque_readback import torque_inherited
 from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off, take
 from twind.robot.arrays import Floats

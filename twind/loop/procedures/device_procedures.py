@@ -11,11 +11,12 @@ from typing import Any, TypeVar
 from twind import link
 from twind.exceptions import InvalidInput
 from twind.loop.bus.bus_port import BusPort, ScriptRun
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.calibrating_state import CalibratingState
 from twind.loop.procedures.homing_procedure import HomingProcedure
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Procedure, all_of
+from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.procedures.torque_readback import torque_on, torque_possible
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode

@@ -88,7 +88,11 @@ class HomingProcedure:
         device = next(each for each in found.port.devices if each.id == found.id)
         pending = HomingRestore(command, found, device)
         end = partial(self._end, pending)
-        context.procedures.own(Priority.HOME, lambda: self._search(pending), end)
+        try:
+            context.procedures.own(Priority.HOME, lambda: self._search(pending), end)
+        except Exception:
+            self._finish(pending)  # whoever serves the call replies to it
+            raise
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
         """Return the text on what must end before that device may be changed; empty: nothing.
@@ -129,11 +133,16 @@ class HomingProcedure:
             pending.findings = pending.findings or (_cause(self._context),)
             self._context.torque.abandon_switching()
             self._context.hardware.clear()
+        self._finish(pending)
+        if pending.kept is None:
+            answer(self._context, pending)
+
+    def _finish(self, pending: HomingRestore) -> None:
+        """End a search. A procedure that restores its servo goes on."""
         self._lease.unpin(pending.command.client, PIN)
         pending.over = True
         if pending.kept is None:  # no restoring procedure runs
             self._restored(pending)
-            answer(self._context, pending)
 
     def _restored(self, pending: HomingRestore) -> None:
         """End the obligation to restore; all devices on its bus are written to again."""

@@ -310,14 +310,15 @@ class IdentificationState:
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
         self._gone.pop(bus, None)
-        held = context.torque.armed or context.torque.energising or context.procedures.rank is Priority.ARM
+        armed = context.torque.armed
+        held = armed or context.torque.energising or context.procedures.rank is Priority.ARM
         if held:
-            context.torque.lose_bus()
+            context.torque.lose_bus(context.robot.joints.on_bus(bus))
             context.condition.latch(finding)
             context.condition.change(RobotEvent.FAULT)
         if held and context.hardware.writers:
             context.executor.stop("aborted", (finding,))
-            self._others()
+            self._others(armed)
         elif not any(port.reader for port in context.hardware.ports):
             context.procedures.abandon()  # no bus is left to write to
             context.torque.lose_every_bus()
@@ -326,8 +327,8 @@ class IdentificationState:
                 context.executor.idle()
             context.condition.change_if(RobotEvent.PORT_LOST)
 
-    def _others(self) -> None:
-        """Handle the joints on the remaining buses after a bus was lost.
+    def _others(self, armed: bool) -> None:
+        """Handle the joints on the remaining buses after a bus was lost. `armed`: before the loss.
 
         On a supported robot (fixed or gantry) they hold until an operator disarms (fault matrix rows 1 and
         2). Otherwise they are lowered, or damped, and torque goes off; the same where a procedure runs or the
@@ -338,15 +339,12 @@ class IdentificationState:
             return  # torque stays, and nothing is written
         if (
             context.robot.support not in ("fixed", "gantry")
-            or not context.torque.armed
+            or not armed
             or context.procedures.rank is not None
         ):
             context.procedures.own(Priority.FAULT, self._release.fault)
-        elif not some(
-            context.hardware.energised_joints
-        ):  # a bus that was lost before is back, but takes no goals of itself
+        elif not context.torque.armed:  # a bus that was lost before is back, but takes no goals of itself
             context.executor.idle()
-            context.torque.lose_hold()
 
 
 def _late(port: BusPort) -> str:

@@ -5,13 +5,11 @@ run beside it. A procedure returns the outcome of its call, and the caller that 
 ended by force has the outcome `Busy`, with the cause.
 """
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 from twind.exceptions import TwindError
-from twind.loop.bus.bus_port import ScriptRun
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome
 from twind.robot.finding import Finding, ReasonCode
 
@@ -71,6 +69,9 @@ class RunningProcedure:
         except StopIteration as stop:
             self.outcome = stop.value
             return False
+        except Exception:
+            self.broken = True
+            raise
         return True
 
     def step(self, now: float) -> bool:
@@ -110,7 +111,8 @@ class ProcedureRunner:
     def own(self, rank: Priority, start: Callable[[], Procedure], ended: Ending = unanswered) -> bool:
         """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs.
 
-        `ended` receives its outcome, also when it is ended by force.
+        `ended` receives its outcome, also when it is ended by force. A procedure whose first step raises an
+        exception owns nothing: the caller receives the exception, and `ended` no outcome.
         """
         if self._rank is not None and self._rank >= rank:
             return False
@@ -118,7 +120,13 @@ class ProcedureRunner:
         owner = RunningProcedure(start(), ended)
         self._torque = owner
         self._rank = rank
-        if not owner.begin():
+        try:
+            goes_on = owner.begin()
+        finally:
+            if owner.broken and self._torque is owner:
+                self._torque = None
+                self._rank = None
+        if not goes_on:
             self._end(owner)
         return True
 
@@ -164,16 +172,6 @@ class ProcedureRunner:
             self._torque = None
             self._rank = None
         owner.finish(owner.outcome)
-
-
-def all_of(tasks: Iterable[ScriptRun[Any]]) -> Steps:
-    """Wait until every task is done; then raise the first error."""
-    waiting = list(tasks)
-    while not all(task.done for task in waiting):
-        yield
-    for task in waiting:
-        if task.error is not None:
-            raise task.error
 
 
 def ticks(count: int) -> Generator[None, float, float]:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.damping import damp
 from twind.loop.procedures.homing_procedure import HomingProcedure
+from twind.loop.procedures.internal_faults import fail
 from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
@@ -51,15 +52,20 @@ class TorqueRelease:
         BusError names the devices.
         """
         context = self._context
-        context.executor.stop("aborted", (why,))
-        context.hardware.clear()  # a procedure that ends here may have begun to restore the servos' stiffness
         try:
+            context.executor.stop("aborted", (why,))
+            # a procedure that ends here may have begun to restore the servos' stiffness
+            context.hardware.clear()
             yield from self._bring_down(profile)
         except BusError as error:
             if profile.whole and not context.torque.armed:
                 raise
             message = f"the way to the rest pose was cut short: {error_text(context, error)}"
             context.reports.event("error", ReasonCode.BUS_ERRORS, message)
+        except Exception as error:  # torque off does not depend on the way
+            if profile.whole and not context.torque.armed:
+                raise
+            yield from self._damp_after(error)
         # Whatever failed above, torque off is still sent: an error on the way must not leave torque on.
         yield from switch_torque_off(context)
 
@@ -72,6 +78,17 @@ class TorqueRelease:
             return
         if not (yield from lower(context, profile, self._notifier.extend)):
             yield from damp(context)
+
+    def _damp_after(self, error: Exception) -> Steps:
+        """Report an internal fault on the way to the rest pose; damp a robot that may be damped."""
+        context = self._context
+        fail(context, Finding(ReasonCode.INTERNAL, message=repr(error)))
+        if context.torque.inhibited or not torque_on(context):
+            return
+        try:
+            yield from damp(context)
+        except Exception as again:  # noqa: BLE001 - torque off does not depend on damping either
+            fail(context, Finding(ReasonCode.INTERNAL, message=repr(again)))
 
     def _release_reported(self, why: Finding) -> Steps:
         """Release; report what could not be read back off."""
@@ -159,13 +176,16 @@ class TorqueRelease:
         context = self._context
         why = context.condition.latches[ReasonCode.ESTOP]
         context.condition.change(RobotEvent.ESTOP, stop=level)
-        context.executor.stop("aborted", (why,))
         if context.condition.mode is not Mode.LIVE or not context.hardware.writers:
+            context.executor.stop("aborted", (why,))
             self._twin.halt()
             return None
         try:
             if level == "cut":
-                yield from switch_torque_off(context)
+                try:
+                    context.executor.stop("aborted", (why,))
+                finally:  # torque goes off before an exception is reported
+                    yield from switch_torque_off(context)
             else:
                 yield from self.release(why)
         except BusError as error:

@@ -29,7 +29,7 @@ class TorqueState:
 
     @property
     def held(self) -> Bools:
-        """Joints (n,) that this daemon holds with torque. Read-only."""
+        """Joints (n,) that this daemon holds with torque, on buses that were not lost since. Read-only."""
         return self._held
 
     @property
@@ -113,19 +113,20 @@ class TorqueState:
 
     # ------------------------------------------------------------------------------- buses
 
-    def lose_bus(self) -> None:
-        """A bus with torque of this daemon was lost; the joints on the others are held."""
+    def lose_bus(self, joints: Bools) -> None:
+        """A bus with torque of this daemon was lost: its `joints` (n,) are held no more, the others are."""
+        self._set_held(self._held & ~joints)
         self._pending_restore = True
+
+    def regain_bus(self, joints: Bools) -> None:
+        """Hold `joints` (n,) too: their bus is back, and the devices have confirmed their goals."""
+        self._set_held(self._held | joints)
 
     def lose_every_bus(self) -> None:
         """No bus is left to write to. Devices that come back are stiff again, and are lowered as any."""
         self._set_held(np.zeros_like(self._held))
         self._energising = False
         self._soft_since = None
-
-    def lose_hold(self) -> None:
-        """No joint gets goals any more: nothing is held."""
-        self._set_held(np.zeros_like(self._held))
 
     # ------------------------------------------------------------------------------- damping
 

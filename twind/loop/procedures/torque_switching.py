@@ -9,8 +9,9 @@ from math import inf
 
 import numpy as np
 
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Procedure, Steps, all_of
+from twind.loop.procedures.procedure_runner import Procedure, Steps
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import ReasonCode
 from twind.safety.guard import GuardThresholds
@@ -55,9 +56,9 @@ def say_unconfirmed(context: ProcedureContext, error: BusError) -> None:
 
 
 def take(context: ProcedureContext, held: Floats) -> None:
-    """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
+    """Take over the goals (n,), rad: every open bus holds at `held`, which was written and read back."""
     context.hardware.hold(True)
-    context.torque.take_hold(~context.hardware.left_out)
+    context.torque.take_hold(context.hardware.energised_joints)
     context.executor.begin(held)
     context.robot.written = held
 

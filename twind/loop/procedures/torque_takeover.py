@@ -10,8 +10,9 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
+from twind.loop.bus.bus_wait import all_of
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.loop.procedures.procedure_runner import Steps, all_of
+from twind.loop.procedures.procedure_runner import Steps
 from twind.loop.procedures.torque_readback import torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
 from twind.robot.arrays import Bools, Floats, every, some
@@ -145,6 +146,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
     if back and robot.written is not None:
         place = np.where(hardware.energised_joints, robot.written, here)
         hardware.hold(True, identified=True)
+        context.torque.regain_bus(hardware.energised_joints)
         context.executor.begin(place)
         robot.written = place
 

@@ -86,7 +86,8 @@ class Loop:
         target = (
             self.robot.measured if live else self.robot.simulated
         )  # the state that follows commands and is judged
-        goal = self.guard(self.executor.goal(now), target, now)
+        reference = self.executor.goal(now, self.figures.missed_in_a_row)
+        goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
         left = goal if self.hardware.left or not live else None
         self.robot.written = self.robot.written if left is None else left
