@@ -173,7 +173,7 @@ def test_hung_it_is_ended_by_the_watchdog_with_a_stack_and_the_robot_stands_stil
     # How it dies of that is not told: once, with the stack out, Python's own handler did by SIGSEGV.
     assert any("Failed with result 'watchdog'" in line for line in said)
     assert any("Fatal Python error: Aborted" in line for line in said), "no stack of the loop"
-    assert any("in run" in line and "tick.py" in line for line in said), "no stack of the loop"
+    assert any("in run" in line and "control_loop.py" in line for line in said), "no stack of the loop"
     assert robot.torque() == {True}
     assert apart(away, robot.places()) <= STILL
     let_go(live)

@@ -13,12 +13,16 @@ from twind.robot.modes import Mode
 STOPPING = (Priority.ESTOP, Priority.CUT)
 
 
+KNOWN = 0.1  # s to wait for a device whose torque was not read back: two rounds of slow reads
+
+
 @dataclass(eq=False)
 class PendingEStop:
     """One e-stop call: answered once the stop has begun, and with `more` again at its end."""
 
     command: link.EStop
     begin_reported: bool = False
+    ended_at: float | None = None  # s, when the stop ended with torque unknown of a device
 
 
 class EStopReplies:
@@ -40,15 +44,27 @@ class EStopReplies:
         """Answer the calls that have something to report; called after each exchange."""
         running = self._context.procedures.rank in STOPPING
         for waiting in list(self._waiting):
-            if not running:
+            if not running and self._is_settled(waiting):
                 live = self._context.condition.mode is Mode.LIVE
                 self._send_reply(waiting, done=not live or torque_off(self._context) is not None)
                 self._waiting.remove(waiting)
-            elif self._context.torque.stop_begun and not waiting.begin_reported:
+            elif running and self._context.torque.stop_begun and not waiting.begin_reported:
                 waiting.begin_reported = True
                 self._send_reply(waiting, done=False)
                 if not waiting.command.more:
                     self._waiting.remove(waiting)
+
+    def _is_settled(self, waiting: PendingEStop) -> bool:
+        """Check that torque is known of every device; if not, wait for the next round of slow reads.
+
+        A device whose reply came late while torque was read back is known again some 50 ms later.
+        """
+        context = self._context
+        if context.condition.mode is not Mode.LIVE or torque_off(context) is not None:
+            return True
+        now = context.clock.now()
+        waiting.ended_at = now if waiting.ended_at is None else waiting.ended_at
+        return not now - waiting.ended_at < KNOWN
 
     def _send_reply(self, waiting: PendingEStop, *, done: bool) -> None:
         context = self._context
