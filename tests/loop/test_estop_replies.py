@@ -102,7 +102,7 @@ def test_a_stop_is_done_once_torque_is_known_where_there_is_any(
     rig.ask(1)
     if not done:  # a late reply may still tell
         assert rig.answered() == []
-        rig.clock.sleep_until(rig.clock.now() + KNOWN)
+        rig.clock.sleep_until(rig.clock.now() + KNOWN + 0.001)
     assert rig.answered() == [(1, {"state": "armed", "torque_off": off, "done": done}, False)]
 
 
