@@ -71,7 +71,7 @@ class Graph:
             return next((each for each in self.results(number) if each["phase"] not in ("accepted",)), None)
 
         return until(
-            last, PATIENCE, f"command {number} ends: {self.peer.ask('heard', topic=RESULTS.name)[-3:]}"
+            last, PATIENCE, f"command {number} ends: {self.peer.ask('received', topic=RESULTS.name)[-3:]}"
         )
 
     def place(self) -> float:
