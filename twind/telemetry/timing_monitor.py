@@ -9,7 +9,8 @@ from twind.robot.joint_state import JointState
 from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
 from twind.telemetry.rolling_stats import RecentValues, RollingStats
 
-READING = ("request", "reply", "state", "twin")  # hops of a reading: sent, first byte, last byte, state, twin
+# hops of a reading: sent, first look at the reply, last byte, state, twin
+READING = ("request", "reply", "state", "twin")
 # hops of a command; the last is the whole but the moving
 COMMAND = ("received", "gated", "written", "moved", "command")
 LATENCY = 0.05  # s, a warning above it
@@ -21,7 +22,7 @@ class ExchangeTiming(Protocol):
 
     @property
     def hops(self) -> tuple[float, float]:
-        """Times from request to first byte, and from first to last byte, s; NaN: no device replied."""
+        """Times from request to first look at the reply, and to its last byte, s; NaN: no device replied."""
 
     @property
     def trips(self) -> Sequence[float]:

@@ -57,7 +57,8 @@ class Hardware:
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (RX_SHAPE)
         self.traffic = tuple(BusTraffic() for _ in self.ports)  # of the last exchange, bus by bus
-        self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
+        # s, of the last exchange: request to first look at the reply, then to its last byte
+        self.hops = (nan, nan)
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self.skew = nan  # s, of the last exchange: between the replies of the first and the last bus
         self.worst_skew = nan  # s, of the run
