@@ -8,6 +8,7 @@ from twind import link
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
 from twind.loop.procedures.torque_readback import torque_off
+from twind.robot.arrays import some
 from twind.robot.modes import Mode
 
 STOPPING = (Priority.ESTOP, Priority.CUT)
@@ -57,10 +58,13 @@ class EStopReplies:
     def _is_settled(self, waiting: PendingEStop) -> bool:
         """Check that torque is known of every device; if not, wait for the next round of slow reads.
 
-        A device whose reply came late while torque was read back is known again some 50 ms later.
+        A device whose reply came late while torque was read back is known again some 50 ms later. One on a
+        closed bus is not waited for.
         """
         context = self._context
         if context.condition.mode is not Mode.LIVE or torque_off(context) is not None:
+            return True
+        if not some((context.hardware.slow.torque < 0) & context.hardware.open):
             return True
         now = context.clock.now()
         waiting.ended_at = now if waiting.ended_at is None else waiting.ended_at
