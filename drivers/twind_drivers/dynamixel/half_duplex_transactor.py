@@ -79,7 +79,7 @@ class HalfDuplexTransactor:
         self.sent = self.received = self.deadline = -inf  # s
         # s, when the next look for a reply is worthwhile; -inf: a poll reports its arrival (no descriptor)
         self.earliest = -inf
-        # True: bytes are looked for at `earliest`. Off: behind a relay of bytes most exchanges failed with it.
+        # True: bytes are looked for at `earliest`. Off: behind a relay of bytes most exchanges failed.
         self.looks = False
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; the reader resets it when it reports them
