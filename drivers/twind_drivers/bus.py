@@ -296,10 +296,6 @@ class BusReader(Protocol):
     def earliest(self) -> float:
         """Time of the first `feed` that is worthwhile, s; -inf: unknown. An earlier one only costs time."""
 
-    @property
-    def looks(self) -> bool:
-        """True: bytes are looked for at `earliest`, without a poll. False: a wait reports them."""
-
     def request(self, now: float, latest: float = -inf) -> None:
         """Begin the cyclic reading: pending goals and the read request leave in one write.
 

@@ -127,11 +127,6 @@ class CanReader:
 
     # --------------------------------------------------------------------------- the cyclic reading
 
-    @property
-    def looks(self) -> bool:
-        """False: a wait reports frames."""
-        return False
-
     def request(self, now: float, latest: float = -inf) -> None:
         """Begin the cyclic reading: pending goals and requests leave together. Raises PortError.
 

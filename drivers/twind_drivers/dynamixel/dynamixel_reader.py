@@ -127,13 +127,8 @@ class DynamixelReader:
 
     @property
     def earliest(self) -> float:
-        """Time of the next look for a reply, s; -inf: a poll reports its arrival."""
-        return self.line.earliest
-
-    @property
-    def looks(self) -> bool:
-        """True on a port with a descriptor: replies are looked for at `earliest`, never polled."""
-        return self.line.looks
+        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
+        return -inf
 
     @property
     def fast(self) -> bool:
@@ -341,7 +336,6 @@ class DynamixelReader:
         ]
         if found:
             self.line.return_delay_s = max(self._described, 2e-6 * max(found))
-            self.line.shortest_delay_s = 2e-6 * max(found)
         if self._choose_fast:
             self.cyclic.fast = fast and len(devices) == len(self.ids)
         self.cyclic.hasten(self.fast and self._too_long)

@@ -15,11 +15,6 @@ from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
 
-# s beyond its wire time when a reply is looked for first, and s between two looks. No `poll`: on a tty it
-# waits for the kernel worker that carries the bytes, which has no priority, and so beyond its own timeout.
-FIRST_LOOK = 0.00015
-NEXT_LOOK = 0.00025
-
 
 @dataclass(frozen=True, slots=True)
 class SerialTransaction:
@@ -69,7 +64,6 @@ class HalfDuplexTransactor:
         self.transport = transport
         self.baud = baud
         self.slack = slack
-        self.shortest_delay_s = 0.0  # s, return delay of the devices as they are set; 0: not read yet
         self.return_delay_s = return_delay_s
         self.one_write = one_write
         self._sensors = frozenset(sensors)
@@ -77,10 +71,6 @@ class HalfDuplexTransactor:
         self.goals = b""
         self._leaving = b""  # urgent, written, and not yet known to have left the port
         self.sent = self.received = self.deadline = -inf  # s
-        # s, when the next look for a reply is worthwhile; -inf: a poll reports its arrival (no descriptor)
-        self.earliest = -inf
-        # True: bytes are looked for at `earliest`. Off: behind a relay of bytes most exchanges failed.
-        self.looks = False
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; the reader resets it when it reports them
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
@@ -153,10 +143,6 @@ class HalfDuplexTransactor:
         self.deadline = begin + self.span(exchange, len(lead))
         if not self._done:
             self.deadline = max(self.deadline + self.slack, latest)
-        if self.looks:
-            bare = wire(exchange.size + len(lead), self.baud) + exchange.extra
-            end = begin + bare + exchange.delays * self.shortest_delay_s
-            self.earliest = min(end + FIRST_LOOK, self.deadline)
 
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
@@ -164,14 +150,11 @@ class HalfDuplexTransactor:
         if self._done or reply is None:
             return True
         if self.echo and not self._past_echo(reply):
-            self.earliest = min(now + NEXT_LOOK, self.deadline) if self.looks else self.earliest
             return self._done
         count = self.transport.read_into(reply.receive_buffer())
         if count:
             self.received = now
             self._done = reply.take(count)
-        if self.looks and not self._done:
-            self.earliest = min(now + NEXT_LOOK, self.deadline)
         return self._done
 
     def end(self) -> SerialTransaction | None:

@@ -84,13 +84,7 @@ class SerialTransport:
             raise output_full(self.name, waiting, len(data))
 
     def read_into(self, buffer: memoryview) -> int:
-        """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST.
-
-        A read of an empty tty waits for the kernel's worker that carries bytes (n_tty_read), even without
-        blocking. So the kernel is asked first.
-        """
-        if not self._query_kernel(termios.FIONREAD, "read"):
-            return 0
+        """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
         try:
             count = os.readv(self._fd, (buffer,))
         except BlockingIOError:

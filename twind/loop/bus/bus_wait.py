@@ -26,8 +26,6 @@ def ripe(readers: Sequence[BusReader], clock: Clock) -> Collection[int]:
     earliest = [reader.earliest for reader in readers]
     due = [place for place, at in enumerate(earliest) if at <= now]
     begins = min([at for at in earliest if at > now], default=inf)
-    if looked := [place for place in due if readers[place].looks]:
-        return looked  # without a poll, which would wait for the worker of a tty
     if due and begins - now > TOGETHER:
         until = min(begins, min([readers[place].deadline for place in due]))
         found = clock.wait([readers[place].transport for place in due], until)
@@ -79,8 +77,8 @@ def collect(
 def _ripe_alone(reader: BusReader, clock: Clock) -> Collection[int]:
     """Wait for a single reader, as `ripe` does."""
     earliest = reader.earliest
-    if reader.looks or earliest > clock.now():
-        clock.sleep_until(earliest)  # passed already: the port is looked at without a poll
+    if earliest > clock.now():
+        clock.sleep_until(earliest)
         return (0,)
     return clock.wait((reader.transport,), reader.deadline)
 
