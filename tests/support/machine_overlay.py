@@ -26,11 +26,15 @@ ENTER = [
     "sh",
     "-euc",
 ]
-# $1: a folder for the upper layer; $2: what to run. At the end what it left is listed, directories aside.
+# $1: a folder for the layers; $2: what to run. At the end what it left is listed, directories aside. The layer
+# `hidden` takes out what a twind on the machine itself wrote: a device 0/0 hides a name of the layers below
+# (kernel documentation, overlayfs, "whiteouts").
 SCRIPT = """
 mount -t tmpfs -o size=1g,mode=755 tmpfs "$1"
-mkdir "$1/upper" "$1/work" "$1/top"
-mount -t overlay overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" "$1/top"
+mkdir -p "$1/upper" "$1/work" "$1/top" "$1/hidden/etc" "$1/hidden/var/lib"
+mknod "$1/hidden/etc/twind" c 0 0
+mknod "$1/hidden/var/lib/twind" c 0 0
+mount -t overlay overlay -o lowerdir="$1/hidden":/,upperdir="$1/upper",workdir="$1/work" "$1/top"
 mount -t proc proc "$1/top/proc"
 mount --rbind /dev "$1/top/dev"
 mount -t tmpfs -o mode=755 tmpfs "$1/top/run"
