@@ -26,9 +26,9 @@ ENTER = [
     "sh",
     "-euc",
 ]
-# $1: a folder for the layers; $2: what to run. At the end what it left is listed, directories aside. The layer
-# `hidden` takes out what a twind on the machine itself wrote: a device 0/0 hides a name of the layers below
-# (kernel documentation, overlayfs, "whiteouts").
+# $1: a folder for the layers; $2: what to run. At the end what it left is listed, directories aside.
+# The layer `hidden` takes out what a twind on the machine itself wrote: a device 0/0 hides a name of the
+# layers below (kernel documentation, overlayfs, "whiteouts").
 SCRIPT = """
 mount -t tmpfs -o size=1g,mode=755 tmpfs "$1"
 mkdir -p "$1/upper" "$1/work" "$1/top" "$1/hidden/etc" "$1/hidden/var/lib"
