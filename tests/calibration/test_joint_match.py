@@ -75,7 +75,10 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
     assert len({joint.sign for joint in robot.joints}) == (2 if kind == "h24" else 1)
     for name in ("hip_pitch", "shoulder_pitch"):
         found = matched(robot, "back", f"l_{name}", other=f"r_{name}")
-        assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.SIGN)
+        assert (found.judged.proof, found.judged.against) == (
+            SignProof.CONTRADICTED,
+            ContradictionKind.SIGN,
+        )
         assert robot.names.index(f"r_{name}") in found.like
         right = matched(robot, "back", f"l_{name}")
         assert right.judged.proof is SignProof.PROVED and not right.like
@@ -142,7 +145,10 @@ def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itsel
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.flipped(each, joint) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.OTHERS)
+    assert (found.judged.proof, found.judged.against) == (
+        SignProof.CONTRADICTED,
+        ContradictionKind.OTHERS,
+    )
     assert found.judged.misfit < 0.01, "its own load fits"
     loads[:, place("waist_pitch")] = 0.0  # propped
     alone = weigh(one, joint, measured_by(loads, poses), FRICTION)

@@ -33,7 +33,9 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("proof", [SignProof.PROVED, SignProof.PLAUSIBLE, SignProof.UNOBSERVABLE])
-def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does(proof: SignProof) -> None:
+def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does(
+    proof: SignProof,
+) -> None:
     assert verdict(proof).proof is proof
     assert verdict(proof, confirmed=True).proof is (
         proof if proof is SignProof.PROVED else SignProof.CONFIRMED

@@ -12,7 +12,7 @@ from tests.support.can_channels_rig import Terminal
 from tests.support.can_frames import cycle, messages_of, mixed, received_frames, same
 from twind_drivers.bus import PortError
 from twind_drivers.can import can_ports
-from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
+from twind_drivers.can.can_ports import CanPortName, open_channel, parse, present
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import frames
 from twind_drivers.can.python_can_channel import PythonCanChannel
@@ -224,15 +224,15 @@ def test_a_purged_channel_drops_old_frames_and_works(
 @pytest.mark.parametrize(
     ("port", "parts"),
     [
-        ("can:socketcan:can0", CanPort("socketcan", "can0")),
-        ("can:slcan:/dev/ttyACM0", CanPort("slcan", "/dev/ttyACM0")),
-        ("can:slcan:/dev/serial/by-path/pci-0:1:2", CanPort("slcan", "/dev/serial/by-path/pci-0:1:2")),
-        ("can:slcan:/dev/ttyUSB0@2000000", CanPort("slcan", "/dev/ttyUSB0", 2_000_000)),
-        ("can:udp_multicast:ff15:7079::1", CanPort("udp_multicast", "ff15:7079::1")),
-        ("can:virtual:a@b", CanPort("virtual", "a@b")),
+        ("can:socketcan:can0", CanPortName("socketcan", "can0")),
+        ("can:slcan:/dev/ttyACM0", CanPortName("slcan", "/dev/ttyACM0")),
+        ("can:slcan:/dev/serial/by-path/pci-0:1:2", CanPortName("slcan", "/dev/serial/by-path/pci-0:1:2")),
+        ("can:slcan:/dev/ttyUSB0@2000000", CanPortName("slcan", "/dev/ttyUSB0", 2_000_000)),
+        ("can:udp_multicast:ff15:7079::1", CanPortName("udp_multicast", "ff15:7079::1")),
+        ("can:virtual:a@b", CanPortName("virtual", "a@b")),
     ],
 )
-def test_a_port_name_gives_interface_and_channel(port: str, parts: CanPort) -> None:
+def test_a_port_name_gives_interface_and_channel(port: str, parts: CanPortName) -> None:
     assert can_ports.is_can(port)
     assert parse(port) == parts
 

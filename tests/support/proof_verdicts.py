@@ -3,7 +3,12 @@
 from twind.config.robot_file import load_robot
 from twind_calibration.proving.load_comparison import LoadComparison
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.sign_proof import ContradictionKind, LoadPrediction, LoadVerdict, SignProof
+from twind_calibration.proving.sign_proof import (
+    ContradictionKind,
+    LoadPrediction,
+    LoadVerdict,
+    SignProof,
+)
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse
 

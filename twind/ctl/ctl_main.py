@@ -90,10 +90,10 @@ def _sockets_gone(options: argparse.Namespace, error: NoDaemon) -> NoDaemon:
     """The error, or one that names the daemon which still serves the folder without its sockets."""
     if not error.absent or options.remote is not None:
         return error
-    from twind.ctl import socketless_daemon  # only a failed connection pays for it
+    from twind.ctl import lost_socket_daemon  # only a failed connection pays for it
 
-    found = socketless_daemon.find(socketless_daemon.folders(options.socket), patience=0.0)
-    return NoDaemon(socketless_daemon.described(found[0]), absent=True) if found else error
+    found = lost_socket_daemon.find(lost_socket_daemon.folders(options.socket), patience=0.0)
+    return NoDaemon(lost_socket_daemon.described(found[0]), absent=True) if found else error
 
 
 def _check_remote(verb: Verb, options: argparse.Namespace) -> None:

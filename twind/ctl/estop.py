@@ -41,13 +41,13 @@ def reset_after_estop(*, torque_off: bool | None) -> str:
 
 def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:
     """Have each daemon that still serves the folder lower its robot and end. Raises NoDaemon, Rejected."""
-    from twind.ctl import socketless_daemon  # a status or an ordinary e-stop does not pay for it
+    from twind.ctl import lost_socket_daemon  # a status or an ordinary e-stop does not pay for it
 
     signalled: dict[int, int] = {}
-    denied: socketless_daemon.SocketlessDaemon | None = None
-    for daemon in socketless_daemon.find(socketless_daemon.folders(options.socket)):
+    denied: lost_socket_daemon.LostSocketDaemon | None = None
+    for daemon in lost_socket_daemon.find(lost_socket_daemon.folders(options.socket)):
         try:
-            signalled[daemon.pid] = socketless_daemon.terminate(daemon)
+            signalled[daemon.pid] = lost_socket_daemon.terminate(daemon)
         except ProcessLookupError:  # it ended by itself
             continue
         except PermissionError:  # another one may be ours to end
@@ -57,7 +57,7 @@ def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:
             show(options, None, _signalled(daemon.folder, daemon.pid, cut=options.cut))
     if not signalled and denied is None:
         raise absent
-    remaining = [pid for pid, pidfd in signalled.items() if not socketless_daemon.ended(pidfd, LOWERING)]
+    remaining = [pid for pid, pidfd in signalled.items() if not lost_socket_daemon.ended(pidfd, LOWERING)]
     if remaining:
         listed = ", ".join(map(str, remaining))
         raise Rejected(

@@ -19,7 +19,7 @@ from twind.front.joint_naming import JointNames
 from twind.front.state_cache import encode
 from twind.front.trajectory_submission import TrajectoryMessage
 from twind.link import Submit
-from twind.loop.procedures.submission_tracker import of_the_path, plain, with_front
+from twind.loop.procedures.trajectory_submissions import of_the_path, plain, with_front
 from twind.protocol import CONTROL, SERVICE, load
 from twind.robot.arrays import Floats
 from twind.robot.finding import Verdict

@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from twind.motion.goal_options import JUMP, GoalTolerances, led_in
+from twind.motion.goal_conditions import JUMP, GoalTolerances, led_in
 from twind.motion.time_scaling import Stretch, TimeScaling, next_pace
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode

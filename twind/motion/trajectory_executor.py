@@ -10,7 +10,7 @@ from math import inf, isfinite
 
 import numpy as np
 
-from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
+from twind.motion.goal_conditions import GoalOutcome, GoalTolerances, off, without_past
 from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, displaced, overlay, without
 from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened

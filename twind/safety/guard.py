@@ -31,8 +31,8 @@ from twind.safety.guard_types import (
     RuleResult,
 )
 from twind.safety.heat_rules import HeatRules
+from twind.safety.joint_reading_rules import ReadingRules
 from twind.safety.power_rules import CurrentRules, VoltageRules
-from twind.safety.reading_rules import ReadingRules
 from twind.safety.stall_rules import HoldRules, TimeGapRules
 from twind.safety.state_machine import LATCHED
 from twind.safety.tracking_rules import TrackingRules

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from twind.exceptions import InvalidInput
-from twind.motion.goal_options import led_in
+from twind.motion.goal_conditions import led_in
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_limits import JointLimits

@@ -207,7 +207,10 @@ def _verdict(
             return SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
         if predicted.observable:
             return SignProof.PROVED, ContradictionKind.NOTHING
-        return SignProof.PLAUSIBLE if predicted.visible else SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
+        return (
+            SignProof.PLAUSIBLE if predicted.visible else SignProof.UNOBSERVABLE,
+            ContradictionKind.NOTHING,
+        )
     if near:
         return SignProof.CONTRADICTED, ContradictionKind.SIGN
     if (wide <= room).any():

@@ -17,7 +17,7 @@ BAUD = 115_200  # of a serial adapter; one with its own USB does not care
 FORM = "a CAN port is can:INTERFACE:CHANNEL, such as can:socketcan:can0 or can:slcan:/dev/ttyACM0"
 
 
-class CanPort(NamedTuple):
+class CanPortName(NamedTuple):
     """Parsed name of a CAN port."""
 
     interface: str  # socketcan, slcan, or another of python-can's
@@ -30,20 +30,20 @@ def is_can(port: str) -> bool:
     return port.startswith(PREFIX)
 
 
-def parse(port: str) -> CanPort:
+def parse(port: str) -> CanPortName:
     """The parts of a port's name. Raises InvalidInput."""
     _, _, rest = port.partition(":")
     interface, colon, channel = rest.partition(":")
     if not is_can(port) or not interface or not colon or not channel:
         raise InvalidInput(FORM, where=port)
     if interface != "slcan":
-        return CanPort(interface, channel)
+        return CanPortName(interface, channel)
     path, at, rate = channel.rpartition("@")
     if not at:
-        return CanPort(interface, channel)
+        return CanPortName(interface, channel)
     if not (path and rate.isascii() and rate.isdigit() and int(rate)):
         raise InvalidInput(f"after @ stands the adapter's baud rate, such as {channel}@{BAUD}", where=port)
-    return CanPort(interface, path, int(rate))
+    return CanPortName(interface, path, int(rate))
 
 
 def present(port: str) -> bool:

@@ -22,7 +22,7 @@ class ReplyBurst(NamedTuple):
     taken: int = 0  # bytes handed over already
 
 
-class ReplySegment(NamedTuple):
+class OutOfTurnBytes(NamedTuple):
     """Bytes on the wire apart from the order of answers; sorted by their end."""
 
     end: float  # s, when the last byte has come
@@ -43,7 +43,7 @@ class HalfDuplexWire:
         self.lag = 0.0  # s, added to every answer (a fault on order)
         self._free = -inf  # s, when the wire is silent
         self._bursts: deque[ReplyBurst] = deque()
-        self._loose: list[ReplySegment] = []  # out of turn, by their end
+        self._loose: list[OutOfTurnBytes] = []  # out of turn, by their end
 
     def span(self, size: int) -> float:
         """Return the seconds that `size` bytes take."""
@@ -108,7 +108,7 @@ class HalfDuplexWire:
     def interject(self, end: float, data: bytes) -> None:
         """Send bytes that delay no other sender; the last of them arrives at `end`, s."""
         if data:
-            insort(self._loose, ReplySegment(end, end - self.span(len(data)), data))
+            insort(self._loose, OutOfTurnBytes(end, end - self.span(len(data)), data))
 
     def collide(self, start: float, data: bytes) -> bytes | None:
         """Send bytes from `start` (s) on, over any other sender; return the bytes received from the overlap.

@@ -338,7 +338,7 @@ def test_an_e_stop_without_a_daemon_fails_at_once(sim: Daemon, tmp_path: Path) -
 
 AS_ANOTHER = """
 import argparse, os, sys
-import twind.ctl.socketless_daemon
+import twind.ctl.lost_socket_daemon
 from twind.ctl import estop
 from twind.command_line.verb import Rejected
 os.setgroups([])

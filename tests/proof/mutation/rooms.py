@@ -84,7 +84,7 @@ ROOMS = (
             "twind/safety/guard.py",
             "twind/safety/guard_types.py",
             "twind/safety/goal_rules.py",
-            "twind/safety/reading_rules.py",
+            "twind/safety/joint_reading_rules.py",
             "twind/safety/bus_rules.py",
             "twind/safety/device_rules.py",
             "twind/safety/plausibility_filter.py",

@@ -24,7 +24,7 @@ class DashboardNotice:
 
 
 @dataclass(frozen=True, slots=True)
-class DashboardEpisode:
+class MarkedEpisode:
     """A marked stretch of time; `end` None: it goes on."""
 
     task: str
@@ -59,7 +59,7 @@ class DashboardState:
     rates: Mapping[str, float] = field(default_factory=dict)  # exchanges a second, by bus
     refusals: Sequence[DashboardNotice] = ()  # the newest first
     events: Sequence[DashboardNotice] = ()
-    episodes: Sequence[DashboardEpisode] = ()
+    episodes: Sequence[MarkedEpisode] = ()
     lost: int = 0  # news that the daemon had to drop because this reader was slow
     news_at: float | None = None  # s, when the last news came
     patience: float = 1.5  # s without news that are no trouble
@@ -76,7 +76,7 @@ class MonitorCollector:
         self._now: dict[str, Any] = {}  # fields of the next view
         self._refusals: deque[DashboardNotice] = deque(maxlen=KEPT)
         self._events: deque[DashboardNotice] = deque(maxlen=KEPT)
-        self._episodes: deque[DashboardEpisode] = deque(maxlen=KEPT)
+        self._episodes: deque[MarkedEpisode] = deque(maxlen=KEPT)
         self._counted: dict[str, tuple[float, int]] = {}  # bus: since when, exchanges then
         self._rates: dict[str, float] = {}
         self._lost = 0
@@ -157,14 +157,14 @@ class MonitorCollector:
         """
         if self._episodes and self._episodes[-1].end is None:
             last = self._episodes.pop()
-            self._episodes.append(DashboardEpisode(last.task, last.begin, now, success))
+            self._episodes.append(MarkedEpisode(last.task, last.begin, now, success))
 
     def _event(self, event: Answer, now: float) -> None:
         marked = event.get("annotation")
         if marked and marked["kind"] in ("begin", "end"):
             self._end_episode(now, marked.get("success") if marked["kind"] == "end" else None)
         if marked and marked["kind"] == "begin":
-            self._episodes.append(DashboardEpisode(marked.get("task") or "episode", now))
+            self._episodes.append(MarkedEpisode(marked.get("task") or "episode", now))
         first = [_reason(finding) for finding in event["findings"][:1]]
         text = "; ".join(part for part in (event["message"], *first) if part)
         self._events.append(DashboardNotice(now, event["level"], f"{event['code']}: {text}"))

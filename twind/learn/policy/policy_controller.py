@@ -37,7 +37,7 @@ class ActionSource(Protocol):
         """Return the action (n,) in -1..1 for an observation (N,). Raises InvalidInput."""
 
 
-class ReadingSource(Protocol):
+class ReadingConverter(Protocol):
     """Converter of states to readings."""
 
     def reading(self, state: StateMessage) -> BodyReading:
@@ -86,7 +86,7 @@ class PolicyController:
     def __init__(
         self,
         policy: ActionSource,
-        seeing: ReadingSource,
+        seeing: ReadingConverter,
         fallen: Callable[[BodyReading], bool],
         phases: Floats,
         command: Floats,

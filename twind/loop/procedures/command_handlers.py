@@ -21,9 +21,9 @@ from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Ending, Priority, Procedure
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
-from twind.loop.procedures.submission_tracker import SubmissionTracker
 from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
 from twind.loop.procedures.torque_release import STOPS, TorqueRelease
+from twind.loop.procedures.trajectory_submissions import TrajectorySubmissions
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.event_codes import EventCode
@@ -57,7 +57,7 @@ class CommandHandlers:
         self._arming_client = 0  # client whose Arm is under way
         self.release = release
         self.stops = EStopReplies(context)
-        self.submissions = SubmissionTracker(context, parts, self.gate_input, figures)
+        self.submissions = TrajectorySubmissions(context, parts, self.gate_input, figures)
         self.homing = HomingProcedure(context, parts, self.gate_input, identity.verified)
         self.reloads = ReloadCoordinator(context, parts, self.gate_input, self.homing)
         devices = DeviceCommands(context, self.homing, self._calibrating)

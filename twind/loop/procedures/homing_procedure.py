@@ -19,7 +19,7 @@ from twind.loop.ipc.call_outcome import CallOutcome
 from twind.loop.procedures.gate_input import GateInput
 from twind.loop.procedures.homing_request import resolve_request, turns_between
 from twind.loop.procedures.homing_restore import (
-    HomingRestore,
+    EndstopSearchRecord,
     answer,
     clamped,
     give_back,
@@ -63,7 +63,7 @@ class HomingProcedure:
         self._guard = parts.guard
         self._gate_input = gate_input
         self._verified = verified
-        self.unrestored: HomingRestore | None = None
+        self.unrestored: EndstopSearchRecord | None = None
         self._last_report = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
@@ -86,7 +86,7 @@ class HomingProcedure:
             context.reports.refuse(command, found)
             return
         device = next(each for each in found.port.devices if each.id == found.id)
-        pending = HomingRestore(command, found, device)
+        pending = EndstopSearchRecord(command, found, device)
         end = partial(self._end, pending)
         try:
             context.procedures.own(Priority.HOME, lambda: self._search(pending), end)
@@ -114,7 +114,7 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- the search
 
-    def _search(self, pending: HomingRestore) -> Procedure:
+    def _search(self, pending: EndstopSearchRecord) -> Procedure:
         """Search, then switch torque off. The findings of `pending` are its result; `_end` processes it."""
         context = self._context
         self._lease.pin(pending.command.client, PIN)
@@ -124,7 +124,7 @@ class HomingProcedure:
             pending.findings += yield from self._switch_torque_off(pending)
         return None
 
-    def _end(self, pending: HomingRestore, outcome: CallOutcome | None) -> None:
+    def _end(self, pending: EndstopSearchRecord, outcome: CallOutcome | None) -> None:
         """Process the end of a search. An outcome is the reason why it was ended by force.
 
         The procedure that takes over switches torque off, as `energising` is set.
@@ -137,21 +137,21 @@ class HomingProcedure:
         if pending.kept is None:
             answer(self._context, pending)
 
-    def _finish(self, pending: HomingRestore) -> None:
+    def _finish(self, pending: EndstopSearchRecord) -> None:
         """End a search. A procedure that restores its servo goes on."""
         self._lease.unpin(pending.command.client, PIN)
         pending.over = True
         if pending.kept is None:  # no restoring procedure runs
             self._restored(pending)
 
-    def _restored(self, pending: HomingRestore) -> None:
+    def _restored(self, pending: EndstopSearchRecord) -> None:
         """End the obligation to restore; all devices on its bus are written to again."""
         if pending.request.port.writer is not None:
             pending.request.port.writer.end_single_device()
         self.unrestored = None
         self._verified.unrestored = None
 
-    def _outcome(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _outcome(self, pending: EndstopSearchRecord) -> Generator[None, float, tuple[Finding, ...]]:
         """Run the search and return the findings of its failure; empty: the stop was found."""
         context = self._context
         joint = pending.request.joint
@@ -171,7 +171,7 @@ class HomingProcedure:
             return (broken,)
         return ()
 
-    def _switch_torque_off(self, pending: HomingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _switch_torque_off(self, pending: EndstopSearchRecord) -> Generator[None, float, tuple[Finding, ...]]:
         """Switch torque off and read it back; return the findings of a failure."""
         context = self._context
         try:
@@ -183,7 +183,7 @@ class HomingProcedure:
         return ()
 
     @staticmethod
-    def _attach_joint(pending: HomingRestore, finding: Finding) -> Finding:
+    def _attach_joint(pending: EndstopSearchRecord, finding: Finding) -> Finding:
         """Return `finding` with the joint, where the search itself reported it."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
@@ -193,7 +193,7 @@ class HomingProcedure:
         )
         return replace(finding, joint=pending.request.joint) if finding.code in own else finding
 
-    def _run_search(self, pending: HomingRestore) -> Generator[None, float, None]:
+    def _run_search(self, pending: EndstopSearchRecord) -> Generator[None, float, None]:
         """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
         context = self._context
         aim = pending.request
@@ -221,7 +221,7 @@ class HomingProcedure:
         now = yield from self._energised(pending, alone, held)
         yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
 
-    def _quiet(self, pending: HomingRestore) -> Generator[None, float, None]:
+    def _quiet(self, pending: EndstopSearchRecord) -> Generator[None, float, None]:
         now = self._context.clock.now()
         self._report(pending, "waiting", 0.0, now)
         now = yield
@@ -233,7 +233,7 @@ class HomingProcedure:
             self._require(pending, now)
         pending.looked_after = True
 
-    def _newer(self, pending: HomingRestore) -> Generator[None, float, float]:
+    def _newer(self, pending: EndstopSearchRecord) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
         since = self._context.clock.now()
         passed = 0
@@ -245,7 +245,7 @@ class HomingProcedure:
         return now
 
     def _pinned(
-        self, pending: HomingRestore, alone: SingleDeviceControl, kept: Any
+        self, pending: EndstopSearchRecord, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
         """Enter the other mode, set goal := present and read it back.
 
@@ -272,7 +272,7 @@ class HomingProcedure:
         raise ProcedureFailed.measured(ReasonCode.STOP_NOT_FOUND, moved, AGREE, message)
 
     def _energised(
-        self, pending: HomingRestore, alone: SingleDeviceControl, held: int
+        self, pending: EndstopSearchRecord, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
         """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
         context = self._context
@@ -289,7 +289,7 @@ class HomingProcedure:
         return now
 
     def _course(
-        self, pending: HomingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
+        self, pending: EndstopSearchRecord, alone: SingleDeviceControl, course: EndstopSearch, now: float
     ) -> Generator[None, float, None]:
         pending.looked_after = False  # the search checks the age of readings itself
         while True:
@@ -306,12 +306,12 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- what ends it
 
-    def _require(self, pending: HomingRestore, now: float) -> None:
+    def _require(self, pending: EndstopSearchRecord, now: float) -> None:
         """Raises ProcedureFailed where a condition forbids to continue."""
         for finding in self._against(pending, now):
             raise ProcedureFailed(finding)
 
-    def _against(self, pending: HomingRestore, now: float) -> Generator[Finding, None, None]:
+    def _against(self, pending: EndstopSearchRecord, now: float) -> Generator[Finding, None, None]:
         context = self._context
         joint = pending.request.joint
         if context.condition.state is not RobotState.CALIBRATING or context.condition.latches:
@@ -353,7 +353,7 @@ class HomingProcedure:
             value = float(slow.fault[joint])
             yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
 
-    def _done(self, pending: HomingRestore, script: Script[T]) -> Generator[None, float, T]:
+    def _done(self, pending: EndstopSearchRecord, script: Script[T]) -> Generator[None, float, T]:
         """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
         task = pending.request.port.run(script, urgent=True)
         while not task.done:
@@ -365,7 +365,7 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- reports
 
-    def _report(self, pending: HomingRestore, phase: str, progress: float, now: float) -> None:
+    def _report(self, pending: EndstopSearchRecord, phase: str, progress: float, now: float) -> None:
         at, last = self._last_report
         if pending.command.more and (phase != last or not now - at < REPORT):
             self._last_report = (now, phase)
@@ -373,13 +373,13 @@ class HomingProcedure:
 
     # ------------------------------------------------------------------------------- readings
 
-    def _raw(self, pending: HomingRestore) -> int:
+    def _raw(self, pending: EndstopSearchRecord) -> int:
         return int(self._context.hardware.readings.raw.ticks[pending.request.joint])
 
-    def _count(self, pending: HomingRestore) -> int:
+    def _count(self, pending: EndstopSearchRecord) -> int:
         return self._raw(pending) + pending.shift
 
-    def _sample(self, pending: HomingRestore) -> HomingSample:
+    def _sample(self, pending: EndstopSearchRecord) -> HomingSample:
         raw = self._context.hardware.readings.raw
         joint = pending.request.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))

@@ -27,7 +27,7 @@ ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings that i
 
 
 @dataclass(eq=False)
-class HomingRestore:
+class EndstopSearchRecord:
     """One end-stop search: its request, the servo's settings before it, and its result."""
 
     command: link.FindStop
@@ -45,7 +45,9 @@ class HomingRestore:
     findings: tuple[Finding, ...] = ()
 
 
-def give_back(context: ProcedureContext, pending: HomingRestore, restored: Callable[[], None]) -> Procedure:
+def give_back(
+    context: ProcedureContext, pending: EndstopSearchRecord, restored: Callable[[], None]
+) -> Procedure:
     """Restore the servo once the search is over and torque is off, identify its bus anew, then reply.
 
     `restored` is called when it is done, or will never be.
@@ -66,7 +68,7 @@ def give_back(context: ProcedureContext, pending: HomingRestore, restored: Calla
 
 
 def _returned(
-    context: ProcedureContext, pending: HomingRestore, until: float
+    context: ProcedureContext, pending: EndstopSearchRecord, until: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
     """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
@@ -89,7 +91,7 @@ def _returned(
         yield from ticks(PAUSE)
 
 
-def _free(context: ProcedureContext, pending: HomingRestore) -> bool:
+def _free(context: ProcedureContext, pending: EndstopSearchRecord) -> bool:
     """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = pending.request.port
     calm = (
@@ -101,14 +103,14 @@ def _free(context: ProcedureContext, pending: HomingRestore) -> bool:
     return calm and identified and port.writer is not None and port.reader is not None and not port.full
 
 
-def _now(pending: HomingRestore) -> IdentifiedDevice | None:
+def _now(pending: EndstopSearchRecord) -> IdentifiedDevice | None:
     """Return the device with that id as last identified; None: no reply since the bus was opened."""
     aim = pending.request
     found = (each for each in aim.port.devices if each.id == aim.id and each.settings)
     return next(found, None)
 
 
-def _stranger(pending: HomingRestore) -> str | None:
+def _stranger(pending: EndstopSearchRecord) -> str | None:
     """Return the reason why the device with the id is not the one that was driven.
 
     None: no difference is known.
@@ -128,7 +130,7 @@ def _stranger(pending: HomingRestore) -> str | None:
     return None
 
 
-def _restored(pending: HomingRestore) -> Generator[None, float, Exception | None]:
+def _restored(pending: EndstopSearchRecord) -> Generator[None, float, Exception | None]:
     """Try once to write the old mode and settings back; return the error of the attempt, or None."""
     port = pending.request.port
     aim = pending.request
@@ -145,7 +147,7 @@ def _restored(pending: HomingRestore) -> Generator[None, float, Exception | None
     return task.error
 
 
-def report_pending_restore(context: ProcedureContext, pending: HomingRestore) -> None:
+def report_pending_restore(context: ProcedureContext, pending: EndstopSearchRecord) -> None:
     """Report that the daemon ends before mode and settings were written back."""
     why = unrestored(pending, "the daemon ends")
     _report_restore(context, pending, (why,))
@@ -155,7 +157,7 @@ def report_pending_restore(context: ProcedureContext, pending: HomingRestore) ->
 # ------------------------------------------------------------------------------------------- reports
 
 
-def answer(context: ProcedureContext, pending: HomingRestore, *more: Finding) -> None:
+def answer(context: ProcedureContext, pending: EndstopSearchRecord, *more: Finding) -> None:
     """Send the last reply: captures, or findings; with any finding no capture is reported."""
     if pending.answered:
         return
@@ -174,7 +176,9 @@ def answer(context: ProcedureContext, pending: HomingRestore, *more: Finding) ->
     context.reports.reply(pending.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _report_restore(context: ProcedureContext, pending: HomingRestore, why: tuple[Finding, ...]) -> None:
+def _report_restore(
+    context: ProcedureContext, pending: EndstopSearchRecord, why: tuple[Finding, ...]
+) -> None:
     """Report the result of the restoring as events, for a client answered before and for all others."""
     name = context.robot.joints.names[pending.request.joint]
     for finding in why:
@@ -183,13 +187,13 @@ def _report_restore(context: ProcedureContext, pending: HomingRestore, why: tupl
         context.reports.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
 
 
-def unrestored(pending: HomingRestore, why: str) -> Finding:
+def unrestored(pending: EndstopSearchRecord, why: str) -> Finding:
     """Build the finding of a servo that was not restored: what it is left with, and why."""
     message = f"its mode and settings are not as they were: {why}; it is left with {pending.left}"
     return Finding(ReasonCode.DEVICE_MISMATCH, pending.request.joint, message=message)
 
 
-def clamped(context: ProcedureContext, pending: HomingRestore, error: WireRangeError) -> Finding:
+def clamped(context: ProcedureContext, pending: EndstopSearchRecord, error: WireRangeError) -> Finding:
     """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
     finding = Finding(
         ReasonCode.WIRE_CLAMP, pending.request.joint, value=float(error.value), message=str(error)

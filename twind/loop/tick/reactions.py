@@ -13,7 +13,7 @@ from twind.loop.procedures.internal_faults import inhibit
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
 from twind.loop.procedures.torque_release import TorqueRelease
-from twind.loop.tick.blocking_contacts import with_contact
+from twind.loop.tick.contact_explanations import with_contact
 from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.arrays import Floats, spread_over_groups
 from twind.robot.event_codes import EventCode

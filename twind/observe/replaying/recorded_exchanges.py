@@ -59,7 +59,7 @@ class RecordedExchange:
     missed: tuple[int, ...]  # ids without a valid reply; unknown behind a gap
 
 
-class RecordedRequest:
+class RequestParser:
     """One request packet and the parser of its answers; kept, since the same request is sent repeatedly."""
 
     def __init__(self, packet: Packet) -> None:
@@ -125,7 +125,7 @@ def exchanges(entries: Iterable[FlightEntry]) -> list[RecordedExchange]:
 
     Entries before the first write are left out.
     """
-    questions: dict[bytes, RecordedRequest | None] = {}
+    questions: dict[bytes, RequestParser | None] = {}
     found: list[RecordedExchange] = []
     out: FlightEntry | None = None
     chunks: list[tuple[float, bytes]] = []
@@ -159,7 +159,7 @@ def asks(packet: bytes) -> bool:
 def _exchange(
     out: FlightEntry,
     chunks: list[tuple[float, bytes]],
-    questions: dict[bytes, RecordedRequest | None],
+    questions: dict[bytes, RequestParser | None],
     until: float | None,
 ) -> RecordedExchange:
     """`until`: s after it the next one left."""
@@ -185,10 +185,10 @@ def _exchange(
     return replace(bare, told=told, missed=missed, answers=answers, whole=not missed)
 
 
-def _question(packet: bytes) -> RecordedRequest | None:
+def _question(packet: bytes) -> RequestParser | None:
     for found in Framer(status=False).feed(packet):
         try:
-            return RecordedRequest(found)
+            return RequestParser(found)
         except ValueError:
             return None
     return None

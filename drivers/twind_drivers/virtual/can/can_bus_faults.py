@@ -1,6 +1,6 @@
 """Faults on order of one virtual CAN bus, by name; `docs/virtual.md` lists them."""
 
-from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.can_controller import VirtualHostController
 from twind_drivers.virtual.can.frame_faults import FrameFaults
 from twind_drivers.virtual.can.node_faults import NodeFaults
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
@@ -11,7 +11,7 @@ class CanFaults(FrameFaults, NodeFaults):
     """Faults of one bus: of replies, of nodes, of the line and the adapter."""
 
     def __init__(
-        self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController, text: SlcanText
+        self, bus: str, nodes: VirtualCanNodes, controller: VirtualHostController, text: SlcanText
     ) -> None:
         FrameFaults.__init__(self)
         NodeFaults.__init__(self, bus, nodes, controller)

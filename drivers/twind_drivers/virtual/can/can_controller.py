@@ -33,7 +33,7 @@ class CanAdapter:
     batch: float = 0.0  # s: text comes to the host at whole multiples, 1 ms over full-speed USB; 0: at once
 
 
-class VirtualCanController:
+class VirtualHostController:
     """Controller of the host. Times are s. Down until a channel is opened; then acknowledges all frames."""
 
     def __init__(

@@ -8,7 +8,7 @@ import numpy as np
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import Frames
 from twind_drivers.virtual.can.can_bus_faults import CanFaults
-from twind_drivers.virtual.can.can_controller import BROKEN, CanAdapter, VirtualCanController
+from twind_drivers.virtual.can.can_controller import BROKEN, CanAdapter, VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages
 from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
 from twind_drivers.virtual.can.can_wire import HOST, CanWire
@@ -45,7 +45,7 @@ class VirtualCanSegment:
         self.name = name
         self._now = now
         self.wire = CanWire(bitrate, self._may_send, timing=wire_timing)
-        self.controller = VirtualCanController(
+        self.controller = VirtualHostController(
             self.wire, adapter or CanAdapter(), bitrate, lambda: self._may_send(HOST)
         )
         self.nodes = VirtualCanNodes(nodes, muscles, now, self._queue_node_frame)

@@ -5,7 +5,7 @@ from math import inf, tau
 
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import EXTENDED
-from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.can_controller import VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node import VirtualCanNode
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
@@ -23,7 +23,7 @@ class NodeFaults(ShaftFaults):
     Unless named otherwise they outlast `clear`, as a node's state does.
     """
 
-    def __init__(self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController) -> None:
+    def __init__(self, bus: str, nodes: VirtualCanNodes, controller: VirtualHostController) -> None:
         self._nodes = nodes
         self._wire = controller
         self.now = 0.0  # s, kept by the bus

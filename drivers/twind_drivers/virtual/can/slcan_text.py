@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind_drivers.can.frame import BYTES, ERROR, EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
-from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.can_controller import VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage
 
 YES = b"\r"
@@ -26,7 +26,7 @@ KINDS = ("truncated", "shifted", "joined", "letter", "high", "long", "short")
 class SlcanText:
     """One adapter's text. Random, but the same for one seed."""
 
-    def __init__(self, controller: VirtualCanController, seed: int) -> None:
+    def __init__(self, controller: VirtualHostController, seed: int) -> None:
         self._controller = controller
         self._line = bytearray()
         self._deaf = False  # the rest of a line that was too long

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.gate_rig import at_rest, limits, path
-from twind.motion.goal_options import STOPPED, GoalTolerances, led_in, without_past
+from twind.motion.goal_conditions import STOPPED, GoalTolerances, led_in, without_past
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory

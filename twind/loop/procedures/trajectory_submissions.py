@@ -14,10 +14,10 @@ from twind.loop.ipc.call_outcome import CallOutcome, CallRefusal, CallReply
 from twind.loop.procedures.gate_input import GateInput
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure
-from twind.loop.tick.blocking_contacts import with_contact
+from twind.loop.tick.contact_explanations import with_contact
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
-from twind.motion.goal_options import led_in
+from twind.motion.goal_conditions import led_in
 from twind.motion.time_scaling import Stretch
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
 from twind.robot.arrays import Bools, Ints
@@ -54,7 +54,7 @@ ABOUT_NOW = frozenset(  # depend on the present state, not on the path
 )
 
 
-class SubmissionTracker:
+class TrajectorySubmissions:
     """The trajectory that is being judged, and those that are followed with `more`."""
 
     def __init__(

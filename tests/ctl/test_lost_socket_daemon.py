@@ -14,8 +14,8 @@ import pytest
 
 from twind.client import NoDaemon
 from twind.command_line.verb import Rejected
-from twind.ctl import estop, socketless_daemon
-from twind.ctl.socketless_daemon import SocketlessDaemon
+from twind.ctl import estop, lost_socket_daemon
+from twind.ctl.lost_socket_daemon import LostSocketDaemon
 
 FRONT = """
 import os, sys
@@ -64,8 +64,8 @@ def daemon(
 
 def test_a_daemon_is_found_by_the_socket_that_it_shares_with_its_front(tmp_path: Path) -> None:
     with daemon(tmp_path) as process:
-        assert socketless_daemon.find([str(tmp_path)], 0.0) == [
-            SocketlessDaemon(str(tmp_path), os.geteuid(), process.pid)
+        assert lost_socket_daemon.find([str(tmp_path)], 0.0) == [
+            LostSocketDaemon(str(tmp_path), os.geteuid(), process.pid)
         ]
 
 
@@ -74,36 +74,36 @@ def test_a_socket_of_any_user_whose_name_breaks_the_line_hides_no_daemon(tmp_pat
     with daemon(tmp_path) as process, socket.socket(socket.AF_UNIX) as odd:
         odd.bind(f"\0{os.getpid()} {name}")
         odd.listen()
-        assert [each.pid for each in socketless_daemon.find([str(tmp_path)], 0.0)] == [process.pid]
+        assert [each.pid for each in lost_socket_daemon.find([str(tmp_path)], 0.0)] == [process.pid]
 
 
 def test_a_parent_that_listens_on_another_socket_of_the_folder_is_no_daemon(tmp_path: Path) -> None:
     with daemon(tmp_path, own="observe", given="control"):
-        assert socketless_daemon.find([str(tmp_path)], 0.0) == []
+        assert lost_socket_daemon.find([str(tmp_path)], 0.0) == []
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can start a process of another user")
 def test_a_front_of_another_user_makes_no_process_a_daemon(tmp_path: Path) -> None:
     with daemon(tmp_path, user=65534):
-        assert socketless_daemon.find([str(tmp_path)], 0.0) == []
+        assert lost_socket_daemon.find([str(tmp_path)], 0.0) == []
 
 
 def test_a_daemon_that_ended_before_it_is_signalled_is_reported_as_ended(tmp_path: Path) -> None:
     with daemon(tmp_path) as process:
-        (found,) = socketless_daemon.find([str(tmp_path)], 0.0)
+        (found,) = lost_socket_daemon.find([str(tmp_path)], 0.0)
         process.kill()
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # its parent has not collected it yet
         with pytest.raises(ProcessLookupError):
-            socketless_daemon.terminate(found)
+            lost_socket_daemon.terminate(found)
 
 
 def test_a_daemon_that_may_not_be_signalled_keeps_no_other_one_from_being_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with daemon(tmp_path) as process:
-        (mine,) = socketless_daemon.find([str(tmp_path)], 0.0)
-        foreign = SocketlessDaemon(str(tmp_path), 65534)
-        monkeypatch.setattr(socketless_daemon, "find", lambda _folders: [foreign, mine])
+        (mine,) = lost_socket_daemon.find([str(tmp_path)], 0.0)
+        foreign = LostSocketDaemon(str(tmp_path), 65534)
+        monkeypatch.setattr(lost_socket_daemon, "find", lambda _folders: [foreign, mine])
         options = argparse.Namespace(socket=str(tmp_path), remote=None, json=False, cut=False, reason=None)
         with pytest.raises(Rejected, match="uid 65534 serves it, which this user may not signal"):
             estop.terminate_daemons(options, NoDaemon("no such socket", absent=True))

@@ -21,7 +21,7 @@ PATIENCE = 2.0  # s that a daemon may be without a front: it starts one again
 
 
 @dataclass(frozen=True, slots=True)
-class SocketlessDaemon:
+class LostSocketDaemon:
     """A daemon that listens in `folder`, though clients find no socket there."""
 
     folder: str
@@ -29,7 +29,7 @@ class SocketlessDaemon:
     pid: int = 0  # 0: this user may not see which process it is
 
 
-def find(folders: Sequence[str], patience: float = PATIENCE) -> list[SocketlessDaemon]:
+def find(folders: Sequence[str], patience: float = PATIENCE) -> list[LostSocketDaemon]:
     """Daemons that listen in the first of `folders` that has any; none where none has one.
 
     Waits up to `patience` s where a process still listens, but has no front.
@@ -53,7 +53,7 @@ def folders(place: str | None) -> Sequence[str]:
     return [os.path.dirname(place) or "."] if place.endswith(".sock") else [place]
 
 
-def described(serving: SocketlessDaemon) -> str:
+def described(serving: LostSocketDaemon) -> str:
     """The error for a client that finds no socket of a running daemon, with its remedy."""
     process = f"pid {serving.pid}" if serving.pid else f"uid {serving.uid}"
     remedy = (
@@ -62,7 +62,7 @@ def described(serving: SocketlessDaemon) -> str:
     return f"{serving.folder}: twind ({process}) runs, but its sockets are gone: try again, or {remedy}"
 
 
-def terminate(serving: SocketlessDaemon) -> int:
+def terminate(serving: LostSocketDaemon) -> int:
     """Send SIGTERM; a pidfd of the daemon, the caller's to close.
 
     Raises PermissionError, and ProcessLookupError where it has ended or no longer serves that folder.
@@ -105,7 +105,7 @@ def _fronts() -> Iterator[int]:
                     yield int(name)
 
 
-def _served(front: int, folder: str) -> SocketlessDaemon | None:
+def _served(front: int, folder: str) -> LostSocketDaemon | None:
     """The daemon of this front: its parent, of the same user, with the same socket that listens in `folder`.
 
     Any user can bind that path in a mount namespace of its own, and name any parent for its process.
@@ -120,9 +120,9 @@ def _served(front: int, folder: str) -> SocketlessDaemon | None:
             return None
         try:
             if any(_holds(front, {inode}) and _holds(daemon, {inode}) for inode in inodes):
-                return SocketlessDaemon(folder, uid, daemon)
+                return LostSocketDaemon(folder, uid, daemon)
         except PermissionError:
-            return SocketlessDaemon(folder, uid)
+            return LostSocketDaemon(folder, uid)
     return None
 
 
