@@ -18,7 +18,7 @@ SAMPLE ?=
 CHANGED ?=
 EXTRAS ?=
 
-.PHONY: all help demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
+.PHONY: all help demo test test-fast test-slow campaigns check computed lived format lint types imports bench coverage oracle fuzz \
 	mutate clean faults soak kills model cast pictures ros ros-if-here \
 	install uninstall deb extras docs FORCE
 
@@ -29,7 +29,8 @@ help:
 	@echo 'make                      install twind into $(VENV), editable'
 	@echo 'make demo                 start a virtual robot and its daemon, until Ctrl-C; SECONDS=60 ends it earlier'
 	@echo 'make test                 run all tests but the slow ones; make test-fast: without real processes'
-	@echo 'make check                run format, lint, types, documents and all tests'
+	@echo 'make check                run format, lint, types, documents, and all tests but the campaigns'
+	@echo 'make campaigns            run the long forms of tests'
 	@echo 'make extras EXTRAS=learn  add extras of pyproject.toml to $(VENV)'
 	@echo 'make docs                 build the documents as a site, in site/'
 	@echo 'make bench                measure this machine (docs/bench.md)'
@@ -53,7 +54,11 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m slow --ignore tests/end_to_end
 	$(BIN)/pytest -m slow tests/end_to_end
 
-# All tests, fast and slow together, so that they are collected no more often than they must. What learning needs, and
+# The long forms of claims that shorter tests make in `make check`: a trained policy, a thousand faults, minutes of a life.
+campaigns: $(VENV)/.learn
+	$(BIN)/pytest -n auto -m campaign --ignore tests/end_to_end
+
+# All tests but the campaigns, fast and slow together, so that they are collected no more often than they must. What learning needs, and
 # the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has
 # only what nobody else wants fills the time that real processes sleep; beside those that speak over pseudo-terminals
 # nobody computes, and whose claim is timing has the machine to itself. An end-to-end test that fails there runs once
@@ -70,7 +75,7 @@ TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 
 computed: $(VENV)/.ready
-	$(IDLE) $(BIN)/pytest -n auto --dist worksteal -m '' --ignore tests/end_to_end
+	$(IDLE) $(BIN)/pytest -n auto --dist worksteal -m 'not campaign' --ignore tests/end_to_end
 
 lived: $(VENV)/.ready
 	$(BIN)/python tools/second_run.py first tests/end_to_end/concurrent -n 2 --dist loadfile --no-loadscope-reorder

@@ -126,7 +126,7 @@ def learnt(request: pytest.FixtureRequest) -> Policy:
     return load(trained.policy(request.config))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_learnt_policy_stands_on_the_robot_and_is_never_refused(rig: StandingRig, learnt: Policy) -> None:
     pilot = rig.pilots(learnt)
     assert rig.drive(PATIENT) is None
@@ -134,7 +134,7 @@ def test_a_learnt_policy_stands_on_the_robot_and_is_never_refused(rig: StandingR
     assert not rig.base()["held"] and pilot.figures.most_tilt < 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_learnt_policy_stands_where_a_held_pose_falls(learnt: Policy, tmp_path: Path) -> None:
     """A constant lean does not fall there either: it is no proof of feedback."""
     stood = []

@@ -370,7 +370,7 @@ MARGIN = 1.2
 LEAN = -0.08  # of both ankle_pitch, always: the best of what sees nothing
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_stand_is_learnt_from_scratch_far_beyond_the_zero_policy(request: pytest.FixtureRequest) -> None:
     """The same file then stands on the virtual robot, over the bus and through the gate.
 

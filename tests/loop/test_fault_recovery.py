@@ -15,7 +15,7 @@ from twind.robot.modes import Mode, Motion
 from twind.safety.guard_types import Reaction
 
 JOINT = "l_shoulder_pitch"
-SAMPLE = ReasonCode.FOLLOW_ERR  # in every situation; the others in one each, in turn, where time allows
+SAMPLE = ReasonCode.FOLLOW_ERR  # in every situation; of the others each fourth in one, in turn
 
 
 def hold_still(rig: Rig) -> None:
@@ -66,7 +66,7 @@ def arm_half_way(rig: Rig) -> None:
 SITUATIONS = (hold_still, move, wait_for_a_start, stream, settle, connect, arm_half_way)
 CASES = [(SAMPLE, situation) for situation in SITUATIONS] + [
     pytest.param(code, SITUATIONS[number % len(SITUATIONS)], marks=pytest.mark.slow)
-    for number, code in enumerate(ReasonCode)
+    for number, code in enumerate(list(ReasonCode)[::4])
 ]
 
 

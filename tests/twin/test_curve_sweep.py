@@ -69,7 +69,7 @@ def test_nothing_is_accepted_that_comes_too_close() -> None:
     assert wrongly == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_nothing_is_accepted_that_comes_too_close_in_a_thousand_ways() -> None:
     accepted, refused, wrongly = against_the_oracle(12, 1000, 0.45)
     assert accepted > 300

@@ -36,7 +36,7 @@ def test_seven_seconds_without_a_fault_are_without_an_alarm() -> None:
     assert not found["wrong"], found
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_three_minutes_without_a_fault_are_without_an_alarm() -> None:
     """`make faults HOURS=1` makes it an hour."""
     found = quiet(0.05, 1)

@@ -30,7 +30,7 @@ MEMORY = 3 << 30  # bytes a child may map
 FEW = 20  # generated examples of a test at the first try: they nearly always kill what all of them kill
 QUIET = (
     *("-o", "addopts=", "-p", "no:terminal", "-p", "no:cacheprovider", "-s", "-x"),
-    *("-m", "not slow and not realtime", "-p", "tests.proof.mutation.calm"),
+    *("-m", "not slow and not campaign and not realtime", "-p", "tests.proof.mutation.calm"),
     "--noconftest",  # the fixtures import the whole daemon
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # what a session within a session imports again
 )

@@ -9,6 +9,13 @@ from twind.robot.modes import RobotState
 
 
 @pytest.mark.slow
+def test_a_minute_of_a_random_life_breaks_no_rule() -> None:
+    found = Life(2).live(1.0 / 60.0)
+    assert not found["wrong"], found
+    assert found["packets"] > 8_000
+
+
+@pytest.mark.campaign
 def test_six_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
     found = Life(2).live(0.1)
     assert not found["wrong"], found
