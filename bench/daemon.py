@@ -67,7 +67,8 @@ def twind(
     listener.bind(str(folder / "notify"))
     listener.settimeout(READY)
     line = [sys.executable, *command, "--socket", str(folder), *arguments]
-    variables = {**environment, "NOTIFY_SOCKET": str(folder / "notify")}
+    # Its flight records stay out of the state of this machine.
+    variables = {**environment, "NOTIFY_SOCKET": str(folder / "notify"), "STATE_DIRECTORY": str(folder)}
     log = folder / "twind.log"
     with listener, log.open("wb") as output:
         since = time.monotonic()
