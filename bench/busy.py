@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ class BusyCount:
     aborted: list[float] = field(default_factory=list)
     refused: list[float] = field(default_factory=list)
     unaccepted: int = 0  # motions that were refused, with a reason
+    faults: int = 0  # armings that found a fault latched, which was then reset
     ages: list[float] = field(default_factory=list)  # ms, of the oldest reading in each look
     codes: dict[str, int] = field(default_factory=dict)  # of what aborted or refused
     policy: str = ""
@@ -74,6 +75,7 @@ def _parted(times: Sequence[float], log: StallLog) -> tuple[int, int]:
 def _note(name: str, count: BusyCount, kind: str, stalled: int) -> str:
     whole = count.motions if kind == "aborted" else count.armings
     text = f"{name}: of {whole}, {stalled} in stalled seconds apart, {count.unaccepted} motions refused, "
+    text += f"{count.faults} faults reset, "
     ages = f"{quantile(count.ages, 0.99):.0f} ms" if count.ages else "—"
     text += f"readings' age p99 {ages}, policy {count.policy}"
     return text + f", {count.codes}" * bool(count.codes)
@@ -127,6 +129,12 @@ def _armed_once(client: Client, count: BusyCount, until: float) -> None:
         client.call("AcquireLease")
         client.call("Arm")
     except Refused as refusal:
+        if any(each["code"] == "FAULT_LATCHED" for each in refusal.findings):
+            # The abortion that latched it is counted already; an operator resets it and goes on.
+            count.armings -= 1
+            count.faults += 1
+            _reset(client)
+            return
         count.refused.append(time.monotonic())
         count.blame(refusal.findings)
         time.sleep(SHORT)
@@ -136,6 +144,14 @@ def _armed_once(client: Client, count: BusyCount, until: float) -> None:
     while time.monotonic() < min(until, begin + REARM):
         _move(client, path, count)
     client.call("Disarm")
+
+
+def _reset(client: Client) -> None:
+    """Switch torque off and reset what is latched."""
+    for method in ("Disarm", "Reset"):
+        with suppress(Refused):
+            client.call(method)
+    time.sleep(SHORT)
 
 
 def _shortened(path: dict[str, Any]) -> dict[str, Any]:
