@@ -330,7 +330,7 @@ class TrajectoryExecutor:
             layer.keep_pace(self._tick, self._pace, self.slowed_by, self.limits)
 
     def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
-        if self.stream is None and len(self.layers) == 1 and self.layers[0].whole:
+        if len(self.layers) == 1 and self.layers[0].whole:  # a stream takes its joints out of the layers
             return self.layers[0].reference_at(self._tick)
         reference = floor.step()
         if self.layers:

@@ -77,9 +77,13 @@ def living(case: Case) -> Any:
 
 def transplant(case: Case) -> None:
     """Puts the mutated code into the function that lives. Raises ValueError where it does not fit."""
-    code = next(_codes(compiled(case), case.mutant.scope), None)
+    codes = [
+        each for each in _codes(compiled(case), case.mutant.scope) if each.co_firstlineno <= case.mutant.line
+    ]
+    code = codes[-1] if codes else None  # getter and setter of a property have one name
     found = living(case)
-    found = found.fget if isinstance(found, property) else found
+    if isinstance(found, property):
+        found = next(each for each in (found.fget, found.fset) if _begins_at(each, code))
     if hasattr(found, "cache_clear"):
         found.cache_clear()
     while hasattr(found, "__wrapped__"):
@@ -88,6 +92,12 @@ def transplant(case: Case) -> None:
     if code is None or not hasattr(found, "__code__"):
         raise ValueError(case.name)
     found.__code__ = code
+
+
+def _begins_at(function: Any, code: CodeType | None) -> bool:
+    return (
+        function is not None and code is not None and function.__code__.co_firstlineno == code.co_firstlineno
+    )
 
 
 def _codes(code: CodeType, name: str) -> Iterator[CodeType]:

@@ -167,6 +167,7 @@ ROOMS = (
         ),
         (
             "tests/motion/test_trajectory_executor.py",
+            "tests/motion/test_executor_give_way.py",
             "tests/motion/test_executor_motion_end.py",
             "tests/motion/test_executor_time_scaling.py",
             "tests/motion/test_stop_profiles.py",
