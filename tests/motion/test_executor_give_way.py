@@ -370,3 +370,13 @@ def test_a_follower_with_one_joint_or_one_target_in_motion_has_not_arrived(movin
     assert not one.resting
     one = follower([0.0, 0.0], [0.0, 0.0])
     assert one.resting
+
+
+@pytest.mark.parametrize(("off", "arrived"), [(1e-12, True), (1.05e-12, False)])
+def test_a_follower_has_arrived_within_rounding(off: float, arrived: bool) -> None:
+    one = follower([0.0, 0.0], [0.0, 0.0])
+    one.set_target(np.array([off, 0.0]), np.zeros(2))
+    assert one.resting is arrived
+    one = follower([0.0, 0.0], [off, 0.0])
+    one.set_target(np.zeros(2), np.zeros(2))
+    assert one.resting is arrived
