@@ -25,8 +25,8 @@ from bench.harness import (
     responder_port,
     spread,
 )
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.frame import frames
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.frame import frames
 from twind_drivers.clock import MonotonicClock
 
 COUNT = 24

@@ -27,7 +27,7 @@ from bench.harness import (
     spread,
 )
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
-from twind_drivers.can.can_ports import open_channel
+from twind_drivers.ports.can_ports import open_channel
 from twind_drivers.can.can_units import COUNT as RADIAN
 from twind_drivers.can.can_units import EFFORT
 from twind_drivers.clock import MonotonicClock

@@ -19,7 +19,7 @@ from twind.client import Client
 from twind.config.actuator_types import CAN
 from twind.config.robot_file import load_robot
 from twind.loop.process.virtual_robot_process import VirtualRobotProcess
-from twind_drivers.can.can_ports import is_can
+from twind_drivers.ports.can_ports import is_can
 
 # s that they may take
 READY = 30.0

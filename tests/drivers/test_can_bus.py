@@ -14,7 +14,7 @@ from twind_drivers.bus import DeviceRefused, GroupWriteBatch, PortError, WireRan
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
 from twind_drivers.can.can_units import COUNT
-from twind_drivers.can.channel import CanErrorState
+from twind_drivers.ports.channel import CanErrorState
 from twind_drivers.can.register_access import ADDRESS, COMMAND, STATE, whole_command
 from twind_drivers.virtual.can.can_controller import CanAdapter
 

@@ -26,7 +26,7 @@ from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.channel import CanErrorState
+from twind_drivers.ports.channel import CanErrorState
 from twind_drivers.can.register_access import STATE
 from twind_drivers.run_script import perform
 

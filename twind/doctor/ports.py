@@ -23,7 +23,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector, PortHolder, is_daemon
 from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
-from twind_drivers.can import can_ports
+from twind_drivers.ports import can_ports
 
 BY_ID = ("twind", "serial/by-id")  # below /dev: names by twind's udev rule, then those of the system
 GUESSED = ("ttyUSB", "ttyACM")  # prefixes of names that are numbered in the order of plugging in

@@ -24,7 +24,7 @@ from twind_drivers.can.actuator_family import (
     RegisterReply,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, NOTHING, Frames
+from twind_drivers.ports.frame import BYTES, NOTHING, Frames
 from twind_drivers.can.id_lookup import row_of
 from twind_drivers.can.mit_codec import MitCodec
 from twind_drivers.can.mit_frame import unpack

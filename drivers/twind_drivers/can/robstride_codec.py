@@ -29,7 +29,7 @@ from twind_drivers.can.actuator_family import (
     RegisterType,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
+from twind_drivers.ports.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
 from twind_drivers.can.id_lookup import NONE, by_name, checked_ids, four, to_one, untold
 from twind_drivers.can.mit_frame import WIDE, FieldScale
 

@@ -17,11 +17,11 @@ from twind.robot.joint_map import JointBusMap, JointMap
 from twind_drivers.bus import BusReader, BusWriter
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
-from twind_drivers.can.can_ports import open_channel, present
-from twind_drivers.can.channel import CanChannel
+from twind_drivers.ports.can_ports import open_channel, present
+from twind_drivers.ports.channel import CanChannel
 from twind_drivers.dynamixel.control_tables import number_of
 from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter, RawGains
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from twind_drivers.can.frame import Frames
+from twind_drivers.ports.frame import Frames
 from twind_drivers.clock import WaitableSource
 
 
