@@ -15,9 +15,10 @@ import numpy as np
 from tests.support.can_loopback import CanLoopback
 from tests.support.slot_poses import joint_angles
 from twind import link, sealed_memfd
-from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import slot_angles, ticks_of
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.flight import FlightRing
@@ -193,7 +194,7 @@ class Rig:
         joints = self.made.joints(bus)
         pose = slot_angles(self.robot, {name: start.get(name, 0.0) for name in self.robot.names})
         ticks = [ticks_of(joint, self.zeros[joint.name], pose[joint.name]) for joint in joints]
-        if self.robot.bus(bus).kind == CAN:
+        if family(self.robot.bus(bus).kind).medium is Medium.CAN:
             shafts = unloaded(ticks, now=self.clock.now())
             fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
             rate = self.robot.bus(bus).baud
@@ -210,9 +211,8 @@ class Rig:
     def open_port(self, name: str) -> BusReader:
         if not self.virtual[name].is_plugged:
             raise PortError(f"virtual:{name}", "no such port")
-        if self.robot.bus(name).kind == CAN:
-            return self.buses.can_reader(name, CanLoopback(self.virtual[name], self.clock))
-        return self.buses.reader(name, Loopback(self.virtual[name], self.clock))
+        can = family(self.robot.bus(name).kind).medium is Medium.CAN
+        return self.buses.reader(name, (CanLoopback if can else Loopback)(self.virtual[name], self.clock))
 
     # ------------------------------------------------------------------------- time and calls
 
@@ -342,7 +342,7 @@ class Rig:
         bus = self.virtual[joint.bus]
         ticks = (
             bus.truth(self.clock.now())[row]["position"]
-            if bus.kind == CAN
+            if family(bus.kind).medium is Medium.CAN
             else bus.servos.muscles.position[row]
         )
         return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn

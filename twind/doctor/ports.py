@@ -8,7 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from twind.config.actuator_types import CAN
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.ctl.instance_paths import stop
 from twind.doctor import service
 from twind.doctor.check import (
@@ -98,7 +99,7 @@ def port_devices(context: CheckContext) -> list[PortDevice]:
     for name, port in context.ports.items():
         if port is None:
             continue
-        if robot.bus(name).kind != CAN:
+        if family(robot.bus(name).kind).medium is not Medium.CAN:
             found.append(PortDevice(name, port, robot.bus(name).baud))
             continue
         parts = can_ports.parse(port)
@@ -115,7 +116,7 @@ def can_interfaces(context: CheckContext) -> list[tuple[str, str]]:
     buses = [
         (name, can_ports.parse(port))
         for name, port in context.ports.items()
-        if port is not None and robot.bus(name).kind == CAN
+        if port is not None and family(robot.bus(name).kind).medium is Medium.CAN
     ]
     return [(name, port.channel) for name, port in buses if port.interface == "socketcan"]
 

@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from twind.config.can_type import MAX_ID, MAX_ODRIVE
 from twind.exceptions import InvalidInput
 from twind.virtual.can_node_setup import default_node, scattered
+from twind_drivers.can.can_keys import MAX_ID, MAX_ODRIVE
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.packet import LAST_ID

@@ -5,11 +5,11 @@ from math import isfinite
 
 import numpy as np
 
-from twind.config.actuator_types import TAKES_COMMANDS, CanType
-from twind.config.can_type import FEEDBACK
 from twind.config.robot_spec import JointSpec
 from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.can.can_keys import FEEDBACK
 from twind_drivers.can.can_models import MODELS, number_of
+from twind_drivers.can.can_type import TAKES_COMMANDS, CanType
 from twind_drivers.can.can_units import COUNT, counts
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twind.config.actuator_types import CanType, ServoType
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
 from twind.exceptions import InvalidInput
 from twind.virtual.robot_ground_truth import JointGroundTruth
+from twind_drivers.can.can_type import CanType
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.servo_type import ServoType
 from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_servos import ServoSpec, VirtualServos

@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from twind.config.actuator_types import CanType
 from twind.config.calibrated_device import Byte, Tag, Ticks
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.counts import ticks_of, turn_start
@@ -21,6 +20,7 @@ from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
 from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import ranges_of
+from twind_drivers.can.can_type import CanType
 from twind_drivers.dynamixel.control_tables import number_of, table
 
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # keys that a CAN actuator can have

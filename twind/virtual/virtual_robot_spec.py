@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from twind.config.actuator_types import CAN
 from twind.config.calibration_file import (
     Calibration,
     JointCalibration,
@@ -24,6 +23,8 @@ from twind.config.calibration_file import (
     turn_band,
 )
 from twind.config.counts import slot_angles, ticks_of, turn_start
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
@@ -48,7 +49,7 @@ from twind.virtual.joint_actuators import (
 from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import number_of, table
-from twind_drivers.dynamixel.register_sensor import SensorField
+from twind_drivers.register_sensor import SensorField
 from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics, FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.hinge import Hinge
@@ -116,7 +117,7 @@ def make_spec(
     nodes: dict[str, tuple[NodeSpec, ...]] = {}
     for bus in robot.buses:
         joints = made.joints(bus.name)
-        if bus.kind == CAN:
+        if family(bus.kind).medium is Medium.CAN:
             nodes[bus.name] = tuple(replace(node(joint), hinge=hinges[joint.name]) for joint in joints)
             continue
         base = settings(baud or bus.baud, return_delay_us)
@@ -226,7 +227,7 @@ def buses(
     line = line or BusTiming()
     virtual: dict[str, ServableBus] = {}
     for spec in made.robot.buses:
-        if spec.kind == CAN:
+        if family(spec.kind).medium is Medium.CAN:
             moved = _can_muscles(made, spec, body, now)
             virtual[spec.name] = can_bus(
                 spec.name, made.nodes[spec.name], moved, line, bitrate=spec.baud, now=now

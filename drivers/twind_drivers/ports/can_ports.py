@@ -9,8 +9,8 @@ from twind.exceptions import InvalidInput
 from twind_drivers.bus import PortError
 from twind_drivers.ports.can_interface_control import present as link_present
 from twind_drivers.ports.channel import CanChannel
-from twind_drivers.ports.slcan_channel import SlcanChannel
 from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.ports.slcan_channel import SlcanChannel
 
 PREFIX = "can:"
 BAUD = 115_200  # of a serial adapter; one with its own USB does not care
