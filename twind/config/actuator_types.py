@@ -84,6 +84,11 @@ class TypeSpec(ABC):
         return True
 
     @property
+    def winds(self) -> bool:
+        """True if its count may start off by whole turns, as no turn count survives power-off."""
+        return False
+
+    @property
     def finds_endstops(self) -> bool:
         """True if it can be driven alone against a stop with a capped current (`begin_single_device`)."""
         return False

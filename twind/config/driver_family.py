@@ -14,6 +14,7 @@ loop loads neither the doctor's rows nor virtual devices.
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -130,6 +131,7 @@ class DriverFamily:
 
     # Bus
     driver: FamilyPart[BusDriver]
+    virtual: FamilyPart[Any]  # a `twind.virtual.virtual_twin.VirtualTwin`
     takes_imu: bool = False  # an IMU with the family's protocol may be on its bus
     # Register that explains the alert bit of a reply, read at once; empty: no reply has such a bit.
     alert_register: str = ""
@@ -168,3 +170,21 @@ def family(kind: str) -> DriverFamily:
 def families() -> tuple[DriverFamily, ...]:
     """Return all installed families, imported."""
     return tuple(family(kind) for kind in kinds())
+
+
+def family_of(device: str, here: Sequence[DriverFamily] = ()) -> DriverFamily:
+    """Return the family that knows a device; else the one with the nearest name, whose parser will refuse it.
+
+    `here`: families to ask first, such as those of a file's buses.
+    """
+    for each in here:
+        if each.knows(device):
+            return each
+    others = families()
+    known = [each for each in others if each.knows(device)]
+    return known[0] if known else max((*here, *others), key=lambda each: _similarity(device, each))
+
+
+def _similarity(device: str, driver: DriverFamily) -> float:
+    """Similarity of a misspelt device to the nearest model of a family, 0 to 1."""
+    return max(SequenceMatcher(None, device.upper(), each.upper()).ratio() for each in driver.models())

@@ -6,16 +6,14 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import NAME
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
-from twind.config.driver_family import DriverFamily, SlotEntry, families, family
+from twind.config.driver_family import SlotEntry, family, family_of
 from twind.config.family_keys import Acceleration, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
@@ -89,7 +87,10 @@ class _SlotRegistry:
     def __init__(self, types: ConfigReader, lines: Mapping[str, str]) -> None:
         self._kinds = types.sections()
         here = [family(kind) for kind in dict.fromkeys(lines.values())]
-        self._types = {name: _type(name, each, here) for name, each in self._kinds.items()}
+        self._types = {
+            name: family_of(each.value("device", Text), here).read_type(name, each)
+            for name, each in self._kinds.items()
+        }
         self._lines = lines  # bus -> its kind
         self.taken: dict[str, ActuatorSlot] = {}
 
@@ -217,25 +218,6 @@ def _within_a_turn(slot: ActuatorSlot | JointSpec, travel: tuple[float, float], 
         raise entry.refuse(
             "limits_rad", f"the travel is {turns:.2f} turns of {name}: one turn at most without homing"
         )
-
-
-def _type(name: str, section: ConfigReader, here: Sequence[DriverFamily]) -> TypeSpec:
-    """By the family that knows its device. `here`: those with a bus in this file, which come first."""
-    device = section.value("device", Text)
-    for each in here:
-        if each.knows(device):
-            return each.read_type(name, section)
-    others = [each for each in families() if each not in here]
-    for each in others:
-        if each.knows(device):
-            return each.read_type(name, section)
-    nearest = max([*here, *others], key=lambda each: _similarity(device, each))
-    return nearest.read_type(name, section)  # which names its nearest models
-
-
-def _similarity(device: str, driver: DriverFamily) -> float:
-    """Similarity of a misspelt device to the model of a family that is nearest, 0 to 1."""
-    return max(SequenceMatcher(None, device.upper(), each.upper()).ratio() for each in driver.models())
 
 
 def _require_limits(entry: ConfigReader, lower: float, upper: float) -> None:

@@ -21,5 +21,6 @@ CAN = DriverFamily(
     refuse_clash=can_keys.refuse_clash,
     budget=can_budget,
     driver=FamilyPart("twind_drivers.can.can_bus:DRIVER"),
+    virtual=FamilyPart("twind_drivers.can.can_twin:TWIN"),
     alert_register="hardware_error_status",
 )

@@ -20,6 +20,7 @@ DYNAMIXEL = DriverFamily(
     read_slot=servo_keys.servo_slot,
     budget=servo_budget,
     driver=FamilyPart("twind_drivers.dynamixel.dynamixel_bus:DRIVER"),
+    virtual=FamilyPart("twind_drivers.dynamixel.servo_twin:TWIN"),
     takes_imu=True,
     alert_register="hardware_error_status",
 )

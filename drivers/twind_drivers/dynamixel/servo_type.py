@@ -98,6 +98,11 @@ class ServoType(TypeSpec):
         return math.floor(self.current_limit_a / self.current_lsb_a + 1e-9)  # 2.69 A is 1000 of 2.69 mA
 
     @property
+    def winds(self) -> bool:
+        """True: modes beside `position` count turns in RAM."""
+        return True
+
+    @property
     def finds_endstops(self) -> bool:
         """True: its output is capped by a register."""
         return True
