@@ -132,6 +132,7 @@ class DriverFamily:
     # Bus
     driver: FamilyPart[BusDriver]
     virtual: FamilyPart[Any]  # a `twind.virtual.virtual_twin.VirtualTwin`
+    doctor: FamilyPart[Any] | None = None  # a `twind.doctor.family_doctor.FamilyDoctor`
     takes_imu: bool = False  # an IMU with the family's protocol may be on its bus
     # Register that explains the alert bit of a reply, read at once; empty: no reply has such a bit.
     alert_register: str = ""

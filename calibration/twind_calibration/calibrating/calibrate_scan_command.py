@@ -8,13 +8,13 @@ from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, REFUSED, show
 from twind.ctl.command_hint import command_hint
 from twind.doctor import report, runner
-from twind.doctor.can_bus import ACTUATORS, CanSurvey
 from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.serial_bus import BUSES
-from twind.doctor.serial_bus_survey import SerialBusSurvey
-from twind.doctor.servo_settings import SERVOS
+from twind_drivers.can.doctor.can_bus_checks import ACTUATORS, CanSurvey
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.doctor.serial_bus import BUSES
+from twind_drivers.dynamixel.doctor.serial_bus_survey import SerialBusSurvey
+from twind_drivers.dynamixel.doctor.servo_settings import SERVOS
 
 LOOKS = (BUSES, SERVOS, ACTUATORS)
 # Register -> heading; what a calibration records of a device.
