@@ -19,7 +19,7 @@ from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.driver_family import family
 from twind.config.robot_file import RobotFile, load_robot
-from twind.config.robot_spec import BusSpec
+from twind.config.robot_spec import BusSpec, JointSpec
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.instance_paths import SERVICE, settings_of, sockets_of
 from twind.doctor.check import CheckNotApplicable, Devices, DoctorFinding

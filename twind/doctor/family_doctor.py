@@ -3,7 +3,8 @@
 A family's record names its `FamilyDoctor` (`DriverFamily.doctor`).
 """
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,27 @@ class InspectorRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class SurveyedDevice:
+    """A device that answered, as `twindctl calibrate scan` lists it."""
+
+    bus: str
+    id: int
+    joint: str | None  # None: the robot file has no such device
+    model: str | int | None
+    firmware: int | None  # None: it does not report it
+    values: Mapping[str, int]  # registers that were read, by name
+
+
+class DeviceSurvey(ABC):
+    """Survey of one bus by the doctor of its family."""
+
+    @property
+    @abstractmethod
+    def devices(self) -> tuple[SurveyedDevice, ...]:
+        """Devices that answered, in the order of the survey."""
+
+
+@dataclass(frozen=True, slots=True)
 class FamilyDoctor:
     """Inspections of the buses of one family.
 
@@ -36,6 +58,7 @@ class FamilyDoctor:
 
     subjects: Sequence[Any]
     inspector: Callable[[InspectorRequest], Any]
+    at_calibration: Collection[str]  # inspections (`Inspection.what`) that `twindctl calibrate scan` runs too
     # Wire time (s) of one plain reading; of families on serial buses.
     reading_time: Callable[[BusSpec, Sequence[JointSpec]], float] = lambda bus, joints: 0.0
 
@@ -47,7 +70,11 @@ def doctor_of(driver: DriverFamily) -> FamilyDoctor:
     return found
 
 
+def doctors() -> list[FamilyDoctor]:
+    """List the doctors of all installed families."""
+    return [doctor_of(each) for each in reversed(families()) if each.doctor is not None]
+
+
 def family_subjects() -> list[Any]:
     """List the subjects of all installed families."""
-    found = [doctor_of(each) for each in reversed(families()) if each.doctor is not None]
-    return [subject for each in found for subject in each.subjects]
+    return [subject for each in doctors() for subject in each.subjects]

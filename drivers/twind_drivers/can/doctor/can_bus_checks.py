@@ -18,6 +18,7 @@ from twind.doctor.check import (
     merge_findings,
 )
 from twind.doctor.check_context import CheckContext, Inspection, device_of, is_armed
+from twind.doctor.family_doctor import DeviceSurvey, SurveyedDevice
 from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
@@ -87,7 +88,7 @@ class SurveyedCanActuator:
 
 
 @dataclass(frozen=True, slots=True)
-class CanSurvey:
+class CanSurvey(DeviceSurvey):
     """One CAN bus."""
 
     spec: BusSpec
@@ -97,6 +98,16 @@ class CanSurvey:
     condition: str = ""  # error of the controller; "": none, or unknown
     masters: int = 0  # frames of another master
     strangers: int = 0  # frames of ids that are not in the robot file
+
+    @property
+    def devices(self) -> tuple[SurveyedDevice, ...]:
+        """All actuators that answered."""
+        return tuple(
+            SurveyedDevice(
+                node.bus, node.joint.id, node.joint.name, node.joint.type.device, None, node.values
+            )
+            for node in self.nodes
+        )
 
 
 def is_queried(joint: JointSpec) -> bool:

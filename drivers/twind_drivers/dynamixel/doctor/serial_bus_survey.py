@@ -14,6 +14,7 @@ from twind.client import CallError, Client, ClientError
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.doctor.check import Devices
 from twind.doctor.check_context import CheckContext
+from twind.doctor.family_doctor import DeviceSurvey, SurveyedDevice
 from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
@@ -77,7 +78,7 @@ class SurveyedImu:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SerialBusSurvey:
+class SerialBusSurvey(DeviceSurvey):
     """One serial bus."""
 
     spec: BusSpec
@@ -90,6 +91,21 @@ class SerialBusSurvey:
     garbled: int = 0  # of those: replies that were corrupt, or had bytes too many
     lost: int = 0  # of those: no reply
     imu: SurveyedImu | None = None  # None: the robot file describes none there
+
+    @property
+    def devices(self) -> tuple[SurveyedDevice, ...]:
+        """All servos that answered."""
+        return tuple(
+            SurveyedDevice(
+                servo.bus,
+                servo.id,
+                None if servo.joint is None else servo.joint.name,
+                servo.model_name or servo.model,
+                servo.firmware,
+                servo.values,
+            )
+            for servo in self.servos
+        )
 
     @property
     def described_servos(self) -> tuple[SurveyedServo, ...]:
