@@ -1,0 +1,249 @@
+"""Ids and baud rates at which a new servo may answer, and assignment of found servos to joints.
+
+A servo gets its settings at its factory id and rate, then its id, then the rate of the bus. After an
+interruption it is therefore at one of three locations, and each is recognised. The id is written first: most
+servos are delivered with id 1, which at the rate of the bus may be the id of a joint.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from twind.command_line.verb import Rejected
+from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind_calibration.rejection_hints import unknown_joint
+from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, ScanFaultKind, ScannedDevice, scan
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.servo_type import KIND, ServoType
+
+# Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
+RATES = (
+    *(9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000),
+    *(4_000_000, 4_500_000, 6_000_000, 10_500_000),
+)
+Heard = Mapping[str, Sequence[BaudRateScan]]  # by bus: what each rate that was looked at gave
+
+
+@dataclass(frozen=True, slots=True)
+class ServoLocation:
+    """Id and baud rate at which a servo answers."""
+
+    id: int
+    baud: int  # bit/s
+
+    def __str__(self) -> str:
+        return f"id {self.id} at {self.baud} baud"
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptionCandidate:
+    """A servo on the wire, and its intended joint."""
+
+    joint: JointSpec
+    bus: BusSpec
+    place: ServoLocation
+    found: ScannedDevice
+
+    @property
+    def home(self) -> ServoLocation:
+        """Id and rate of the servo after adoption."""
+        return ServoLocation(self.joint.id, self.bus.baud)
+
+
+def delivered(joint: JointSpec) -> ServoLocation:
+    """Return the factory id and baud rate of the servo model of this joint (`registers.rule`)."""
+    registers = table(number_of(joint.type.device))
+    id, rate = (registers[key].rule.default for key in ("id", "baud_rate"))
+    if id is None or rate is None:
+        raise Rejected(
+            f"{registers.model}: where it answers as delivered is not known: give it its id by hand"
+        )
+    return ServoLocation(id, RATES[rate])
+
+
+def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
+    """Return every location of the new servo of `joint`: factory settings, intermediate, final.
+
+    Excluded are the locations of other joints, and id 1 at the rate of the bus where a joint has id 1.
+    """
+    fresh = delivered(joint)
+    baud = robot.bus(joint.bus).baud
+    others = {each.id for each in robot.joints if each.bus == joint.bus and each.name != joint.name}
+    places = [
+        fresh,
+        ServoLocation(joint.id, fresh.baud),
+        ServoLocation(fresh.id, baud),
+        ServoLocation(joint.id, baud),
+    ]
+    return tuple(dict.fromkeys(each for each in places if each.baud != baud or each.id not in others))
+
+
+def search_plan(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
+    """Map each rate to the ids to search: the joints' ids at the bus's rate, all ids at factory rates."""
+    fresh = [delivered(joint) for joint in robot.joints if joint.bus == bus.name]
+    ids = [joint.id for joint in robot.joints if joint.bus == bus.name]
+    known = range(max([*ids, *(each.id for each in fresh)], default=0) + 1)
+    return {bus.baud: known} | {each.baud: IDS for each in fresh}
+
+
+def look(at: Callable[[int], PortProber], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
+    """Scan a bus at the rates and ids of its `search_plan`. Writes nothing. Raises PortError."""
+    return [each for baud, ids in search_plan(robot, bus).items() for each in scan(at, [baud], ids)]
+
+
+def joint_of(robot: RobotFile, name: str) -> JointSpec:
+    """Return the joint of that name, or the joint of the actuator of that name.
+
+    Raises Rejected: no such joint (the message names the nearest), or a joint without serial servo.
+    """
+    joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
+    if joint is None:
+        raise unknown_joint(robot.name, name, robot.names)
+    if not isinstance(joint.type, ServoType):
+        answers = "" if joint.feedback_id is None else f", and {joint.feedback_id} to answer with"
+        raise Rejected(
+            f"{name} is a {joint.type.device} on CAN bus {joint.bus}: adopt sets up serial servos only. Give "
+            f"it id {joint.id}{answers} at {robot.bus(joint.bus).baud} bit/s with its maker's tool; then "
+            f"`twindctl scan {joint.bus}` with the daemon in mode mirror shows whether it answers"
+        )
+    return joint
+
+
+def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
+    """Return the buses that support adoption. Raises Rejected where there is none."""
+    found = tuple(bus for bus in robot.buses if bus.kind == KIND)
+    if not found:
+        raise Rejected(
+            f"{robot.name} has CAN buses only, and adopt sets up serial servos: name a JOINT for what to do"
+        )
+    return found
+
+
+def choose(robot: RobotFile, responding: Heard, name: str | None) -> AdoptionCandidate | None:
+    """Choose the new servo and its joint; None: every joint of these buses has its servo.
+
+    `responding` is the result of `look`. `name`: the joint; without it, the missing one. Raises Rejected with
+    cause and remedy: several joints missing, two new servos or none, another model, torque on, a hardware
+    error, an id that answers twice.
+    """
+    for bus, lines in responding.items():
+        _require_quiet(bus, lines)
+    absent = missing(robot, responding)
+    if name is not None:
+        joint = joint_of(robot, name)
+    elif not absent:
+        return None
+    elif len(absent) > 1:
+        shown = ", ".join(f"{each.name} ({each.bus} id {each.id})" for each in absent)
+        raise Rejected(f"{len(absent)} joints have no servo: {shown}. Say which: `twindctl adopt JOINT`")
+    else:
+        [joint] = absent
+    wire = robot.bus(joint.bus)
+    found = {ServoLocation(each.id, each.baud): each for line in responding[wire.name] for each in line.found}
+    place = _only(robot, joint, found)
+    _require_fit(joint, place, found[place])
+    return AdoptionCandidate(joint, wire, place, found[place])
+
+
+def missing(robot: RobotFile, responding: Heard) -> list[JointSpec]:
+    """Return the joints of these buses whose servos do not answer at the bus's rate, in order."""
+    there = {
+        (bus, each.id, each.baud)
+        for bus, lines in responding.items()
+        for line in lines
+        for each in line.found
+    }
+    return [
+        joint
+        for joint in robot.joints
+        if joint.bus in responding and (joint.bus, joint.id, robot.bus(joint.bus).baud) not in there
+    ]
+
+
+def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
+    for line in lines:
+        for trouble in line.troubles:
+            if trouble.kind is ScanFaultKind.TALK:
+                raise Rejected(f"bus {bus}, {line.baud} baud: {trouble}; end it first")
+
+
+def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation:
+    """Return the location of the only candidate servo."""
+    bus = robot.bus(joint.bus)
+    fresh = delivered(joint)
+    home = ServoLocation(joint.id, bus.baud)
+    candidates = [each for each in ways(robot, joint) if each in found]
+    strangers = [each for each in found if each.baud != bus.baud and each not in candidates]
+    if len(candidates) + len(strangers) > 1 and home in found:
+        others = _format_list([each for each in [*candidates, *strangers] if each != home])
+        raise Rejected(
+            f"{joint.name} has a servo already, {home}, and there is a new one, {others}: take one of them "
+            "off the bus, or name the joint that is missing"
+        )
+    if len(candidates) + len(strangers) > 1:
+        raise Rejected(
+            f"bus {bus.name} has several new servos: {_format_list([*candidates, *strangers])}; "
+            f"connect one new servo at a time{_unfinished(robot, joint, strangers)}"
+        )
+    if strangers:
+        raise Rejected(
+            f"bus {bus.name}: {strangers[0]} is no place of a new {joint.type.device}, which is {fresh}: set "
+            f"it back to factory settings, or take it off the bus{_unfinished(robot, joint, strangers)}"
+        )
+    if not candidates:
+        raise Rejected(f"no new servo on bus {bus.name}: {' '.join(_silence(robot, joint))}")
+    return candidates[0]
+
+
+def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
+    bus = robot.bus(joint.bus)
+    fresh = delivered(joint)
+    yield f"a {joint.type.device} as delivered is {fresh}, and no device answers there."
+    owner = [each.name for each in robot.joints if each.bus == bus.name and each.id == fresh.id]
+    if fresh.baud == bus.baud and owner and owner[0] != joint.name:
+        yield (
+            f"The servo that answers there is {owner[0]}'s: with the new one alone on the port give it "
+            f"id {joint.id} by the vendor's tool, then `twindctl adopt {joint.name}` does the rest."
+        )
+        return
+    yield "Is it powered, and its data line connected? With other settings than the factory's it is found by"
+    yield "`twindctl scan --port PORT`: set it back to factory settings."
+
+
+def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[ServoLocation]) -> str:
+    """Return a hint that names another joint whose adoption was started and not completed.
+
+    One of the unexpected locations shows it. Empty where there is none.
+    """
+    begun = [
+        each.name
+        for each in robot.joints
+        if each.bus == joint.bus and isinstance(each.type, ServoType) and each.name != joint.name
+        for place in strangers
+        if place == ServoLocation(each.id, delivered(each).baud)
+    ]
+    return "" if not begun else f"; one may be begun for {begun[0]}: `twindctl adopt {begun[0]}` ends that"
+
+
+def _format_list(places: Sequence[ServoLocation]) -> str:
+    return ", ".join(str(each) for each in sorted(places, key=lambda each: (each.baud, each.id)))
+
+
+def _require_fit(joint: JointSpec, place: ServoLocation, found: ScannedDevice) -> None:
+    """Raises Rejected: what answers there is no servo that may be written to."""
+    wanted = table(number_of(joint.type.device))
+    if found.trouble:
+        raise Rejected(f"{place}: {found.trouble}")
+    if found.model != wanted.number:
+        model = found.model_name or f"a model that is in no table ({found.model})"
+        raise Rejected(f"{place} is {model}; {joint.name} needs {wanted.model}: connect one of those")
+    if found.torque is not False:
+        state = "on" if found.torque else "unknown (status return level?)"
+        raise Rejected(
+            f"{place}: its torque is {state}: take its power away and give it back, then try again"
+        )
+    if found.hardware_error is None or found.hardware_error:
+        error = "unknown" if found.hardware_error is None else f"{found.hardware_error:#04x}"
+        raise Rejected(
+            f"{place}: its hardware error (register 70) is {error}: find the cause, then restart it"
+        )

@@ -1,0 +1,138 @@
+"""Writes to one servo on an exclusively opened port, each verified. Blocks.
+
+An answer to a write is no proof: one that changes id or rate may be given anywhere, and answers get lost. So
+every write is judged by what is read afterwards, where the servo then stands.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from twind.command_line.verb import Rejected
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation
+from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
+from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
+from twind_drivers.dynamixel.packet import StatusErrorCode
+from twind_drivers.dynamixel.prober import PortProber, ProbeWindow
+
+TRIES = 3  # writes of one register
+PINGED = 3  # bytes of an answer to a ping: model number 2, firmware 1
+
+
+class WritableProber(PortProber):
+    """A prober that can write too."""
+
+    def write(self, id: int, address: int, data: bytes) -> ProbeWindow:
+        """`data` to `address` of one device; what came back."""
+        return self._exchange(packet.write(id, address, data), 0)
+
+
+class ServoConfigurator:
+    """One servo of a known model. Every method may raise PortError; Rejected: it did not do it."""
+
+    def __init__(
+        self, at: Callable[[int], WritableProber], table: ControlTable, place: ServoLocation
+    ) -> None:
+        """`at` sets the port to a rate."""
+        self._at = at
+        self.table = table
+        self.place = place
+        self._setter = at(place.baud)
+
+    def is_free(self, place: ServoLocation) -> bool:
+        """Return whether no device answers there, not even garbled, in several attempts."""
+        setter = self._at(place.baud)
+        heard = [setter.ping(place.id) for _ in range(PROBES)]
+        self._setter = self._at(self.place.baud)
+        return not any(each.raw for each in heard)
+
+    def read(self, names: Sequence[str]) -> dict[str, int]:
+        """Registers by name, whatever kind of memory they are in."""
+        values: dict[str, int] = {}
+        fields = [self.table[name] for name in names]
+        for kind in (True, False):
+            some = [field for field in fields if field.eeprom is kind]
+            values |= self._block(some) if some else {}
+        return {name: values[name] for name in names}
+
+    def write(self, name: str, value: int) -> None:
+        """One register, read back. The servo stays where it is: not for its id or its rate."""
+        field = self.table[name]
+        refused = ""
+        for _ in range(TRIES):
+            heard = self._setter.write(self.place.id, field.address, field.encode(value))
+            refused = _refusal(heard, self.place.id) or refused
+            if self.read([name])[name] == value:
+                return
+        why = refused or f"it reads {self.read([name])[name]}"
+        raise Rejected(f"{self.place}: {name} ({field.address}) = {value}: {why}")
+
+    def move(self, to: ServoLocation) -> None:
+        """Its id, then its rate. Interrupted, it stands at `place`, at the new id, or at `to`."""
+        if to.id != self.place.id:
+            self._move("id", to.id, ServoLocation(to.id, self.place.baud))
+        if to.baud != self.place.baud:
+            self._move("baud_rate", RATES.index(to.baud), to)
+
+    def _move(self, name: str, value: int, to: ServoLocation) -> None:
+        field = self.table[name]
+        before = self.place
+        refused = ""
+        field.check(value)
+        for _ in range(TRIES):
+            heard = self._setter.write(before.id, field.address, field.encode(value))
+            refused = _refusal(heard, before.id) or refused
+            if self._stands(to):
+                return
+            if not self._stands(before):
+                break
+        raise Rejected(
+            f"{before} was told to be {to}, and {refused or 'does not answer there'}: is its power on? "
+            "The same command once more looks for it at both places"
+        )
+
+    def _stands(self, place: ServoLocation) -> bool:
+        """Return whether one servo of this model answers there; then that becomes its place."""
+        setter = self._setter if place.baud == self._setter.baud else self._at(place.baud)
+        for _ in range(PROBES):
+            heard = setter.ping(place.id)
+            sound = _sound(heard, place.id, PINGED)
+            if (
+                len(sound) == 1
+                and not heard.strays
+                and int.from_bytes(sound[0][:2], "little") == self.table.number
+            ):
+                self.place = place
+                self._setter = setter
+                return True
+        self._setter = self._at(self.place.baud)
+        return False
+
+    def _block(self, fields: Sequence[TableRegister]) -> Mapping[str, int]:
+        """The values of registers of one memory, by the smallest block that holds them."""
+        first = min(each.address for each in fields)
+        end = max(each.end for each in fields)
+        several = False
+        for _ in range(PROBES):
+            heard = self._setter.read(self.place.id, first, end - first)
+            sound = _sound(heard, self.place.id, end - first)
+            several |= len(sound) > 1
+            if len(sound) == 1 and not heard.strays:
+                return {each.key: each.decode(sound[0][each.address - first :]) for each in fields}
+        why = f"two devices answer: {REMEDY}" if several else "no clear answer to a read: is its power on?"
+        raise Rejected(f"{self.place}: {why}")
+
+
+def _sound(reply: ProbeWindow, id: int, size: int) -> list[bytes]:
+    return [each.data for each in reply.statuses if each.id == id and len(each.data) == size]
+
+
+def _refusal(reply: ProbeWindow, id: int) -> str:
+    """Return the reason why the servo refused a write; empty: it did not refuse, or sent no status."""
+    for each in reply.statuses:
+        number = each.error & 0x7F
+        if each.id == id and number not in (
+            StatusErrorCode.NONE,
+            StatusErrorCode.CRC,
+        ):  # CRC: the packet broke on its way
+            return packet.explain(each.error)
+    return ""
