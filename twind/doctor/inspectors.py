@@ -23,10 +23,10 @@ from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.prober import LONGEST_DELAY, PortProber
 from twind_drivers.dynamixel.replies import StatusReply
 from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 
 PATIENCE = 2.0  # s for one reply: a daemon in trouble must not block its diagnosis
 SCAN_PATIENCE = 65.0  # s for one reply of an operator's connection: a scan of a slow bus
@@ -160,7 +160,12 @@ class BusProbe:
         self._transport = transport
         self._clock = clock
         self._line = HalfDuplexTransactor(
-            transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=REPLY_SLACK + timer
+            transport.name,
+            transport,
+            baud=baud,
+            return_delay_s=LONGEST_DELAY,
+            slack=REPLY_SLACK + timer,
+            find_packets=packet.find_packets,
         )
 
     def ping(self, id: int) -> ProbeReply:
