@@ -35,6 +35,7 @@ from twind_drivers.dynamixel.serial_cycle_budget import (
 )
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.half_duplex.serial_reader import SerialReader
 from twind_drivers.slow_read_rate import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
@@ -55,7 +56,7 @@ class DynamixelReader(SerialReader):
     that one transaction of a script may take.
     """
 
-    overhead = STATUS_OVERHEAD
+    overhead = packet.STATUS_OVERHEAD
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ ADAPTER = 0.001  # s that a USB adapter adds to each single read of a chain
 def group_transaction(
     ids: Sequence[int], address: int, size: int, grouped: Callable[[int], bool]
 ) -> SerialTransaction:
-    """Return the read of one block of several devices: sync read for those that have it, then single reads."""
+    """Return the read of one block of several devices: sync read where it exists, then single reads."""
     together = [id for id in ids if grouped(id)]
     alone = [id for id in ids if not grouped(id)]
     if len(together) == 1 or len(ids) == 1:

@@ -32,7 +32,7 @@ class Instruction(IntEnum):
     SYNC_WRITE = 0x83
 
 
-# Bits of the error byte: the state of the servo now, not the result of an instruction. Bit 4 is contradictory.
+# Bits of the error byte: the state of the servo now, not the result of an instruction.
 FAULTS: Mapping[int, str] = {
     0x01: "supply voltage",
     0x02: "encoder",
@@ -99,7 +99,11 @@ class Packet(NamedTuple):
     id: int
     code: int  # instruction, or error byte
     data: bytes
-    is_status = True  # it may be one: only the request decides
+
+    @property
+    def is_status(self) -> bool:
+        """Return True: it may be one, only the request decides."""
+        return True
 
     @property
     def octets(self) -> int:

@@ -206,7 +206,7 @@ class FeetechReader(SerialReader):
         return {id: self.maps[id].values(address, data) for id, data in raw.items()}
 
     def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """Read one register by its name. Raises NoReply, KeyError (id), InvalidInput (lists similar names)."""
+        """Read one register by its name. Raises NoReply, KeyError, InvalidInput (lists similar names)."""
         field = self.table(id)[name]
         data = yield from self.collect((id,), field.address, field.size)
         return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eprom)

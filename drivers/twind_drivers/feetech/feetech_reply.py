@@ -17,7 +17,7 @@ class FeetechReply:
     """One status of `size` data bytes per device (`PendingReply`): to a sync read or to single reads.
 
     A status is accepted once, of an id of this request, with exactly its length. An error byte beside data is
-    the state of the servo; the data are valid. A packet equal to one of `requests` is its echo, never a reply.
+    the state of the servo; the data are valid. A packet equal to one of `requests` is its echo.
     """
 
     def __init__(self, ids: Sequence[int], size: int, requests: Sequence[bytes] = ()) -> None:

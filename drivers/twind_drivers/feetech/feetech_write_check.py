@@ -13,7 +13,7 @@ SHADOWED = (21, 22, 23)  # gains: while the lock is on, a write changes the RAM 
 
 
 class FeetechWriteCheck:
-    """Permitted writes of one bus. `goals`: smallest and largest goal by id; `unlocked`: id whose EPROM is open."""
+    """Permitted writes of one bus. `goals`: range by id; `unlocked`: id whose EPROM is open."""
 
     def __init__(
         self, name: str, maps: Mapping[int, RegisterMap], goals: Mapping[int, tuple[int, int]]
@@ -60,7 +60,7 @@ class FeetechWriteCheck:
 
 
 def _rows(found: Packet) -> list[tuple[int, int, bytes]]:
-    """Return (id, address, data) of each write; an instruction that no order makes counts as one to all ids."""
+    """Return (id, address, data) of each write; an unknown instruction counts as one to all ids."""
     data = found.data
     if found.code == Instruction.REBOOT:
         return [(found.id, 0, b"")]

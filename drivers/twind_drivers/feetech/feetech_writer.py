@@ -2,7 +2,7 @@
 
 A Feetech servo has no watchdog: it holds its last goal when its master dies. Its errors do not latch, a write
 of a bad value is ignored without a word, and EPROM can be written under torque. So every write is read back,
-settings are checked before torque, and EPROM is written with torque off alone: unlock, write, read back, lock.
+settings are checked before torque, and EPROM is written with torque off: unlock, write, read back, lock.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -54,8 +54,11 @@ class PendingReply(Protocol):
     answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
     whole: bool  # `heard` of all devices
     strays: int  # received bytes that are no part of the reply
-    unasked: Sequence[LinePacket]  # whole sound packets among those
     first: bytes  # first bytes of an irregular reply (an echo of the request begins there)
+
+    @property
+    def unasked(self) -> Sequence[LinePacket]:
+        """Whole sound packets among the strays."""
 
     def start(self) -> None:
         """Discard the previous reply."""

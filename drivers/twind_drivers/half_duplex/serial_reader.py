@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import (
+    Bools,
     BusSample,
     DeviceRefused,
     NoReply,
@@ -57,6 +58,7 @@ class SerialReader:
     registers: SlowRegisterValues
     slice: float  # s, bus time that one transaction of a script may take
     overhead: int  # bytes of a status without data
+    _requested: Bools  # (m,) devices that the slices of slow registers are made for
     _query: Query | None  # the query of the rare transaction under way
 
     @property
