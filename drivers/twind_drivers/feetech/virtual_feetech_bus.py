@@ -178,6 +178,7 @@ class VirtualFeetechBus:
         if code == Instruction.PING:
             return b""
         if code == Instruction.READ and len(data) == 2:
+            self.servos.refresh()
             return self._read(row, *data)
         if code == Instruction.WRITE and len(data) > 1:
             servos.write(row, data[0], data[1:])
@@ -198,6 +199,7 @@ class VirtualFeetechBus:
         return b""
 
     def _sync_read(self, data: bytes) -> None:
+        self.servos.refresh()
         replies = []
         for id in data[2:]:
             rows = [row for row in self._rows(id, self.servos.now) if self._knows_groups(row)]
@@ -210,7 +212,6 @@ class VirtualFeetechBus:
         return self.servos.specs[row].sync_read and self.servos.maps[row].sync_read
 
     def _read(self, row: int, address: int, size: int) -> bytes:
-        self.servos.refresh()
         return bytes(self.servos.ram[row][address : address + size]).ljust(size, b"\0")
 
     def _rows(self, id: int, at: float) -> list[int]:

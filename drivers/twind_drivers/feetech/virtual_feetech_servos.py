@@ -1,7 +1,7 @@
-"""Virtual Feetech servos of one bus: registers, torque, goals, protection, supply and time.
+"""Virtual Feetech servos of one bus: registers, torque, goals, protection, supply, time.
 
-No packets here (`virtual_feetech_bus`), no physics (`muscles`). Where sources disagree on a servo's behaviour,
-`FeetechServoSpec` chooses. Positions of the motor are encoder counts, continuous over turns.
+No packets here (`virtual_feetech_bus`), no physics (`muscles`). Where sources disagree on the behaviour of a
+servo, `FeetechServoSpec` chooses. Positions of the motor are encoder counts, continuous over turns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,8 +60,8 @@ class FeetechServoSpec:
     """One servo: id, model, and the EPROM settings that are not factory ones.
 
     `firmware`: major, minor, END; None: that of its map. `sync_read`: it answers sync reads. `volts`: its
-    supply. `goal_arms`: a goal switches torque on. `boots_armed`: torque is on after power-up. `latches`: only
-    power-off ends an overload. `hinge`: the joint that it turns.
+    supply. `goal_arms`: a goal switches torque on. `boots_armed`: torque is on after power-up. `latches`:
+    only power-off ends an overload. `hinge`: its joint.
     """
 
     id: int

@@ -13,6 +13,7 @@ from twind_drivers.byte_transport import ByteTransport, output_full
 from twind_drivers.half_duplex.late_replies import LateReplies
 from twind_drivers.half_duplex.pending_reply import LinePacket, PacketFramer, PendingReply, wire
 
+PATIENCE = 2  # silent devices that a chain goes past: each costs the slack
 ECHO_START = 4  # first bytes of an echo that are enough to know it
 
 
@@ -20,7 +21,8 @@ ECHO_START = 4  # first bytes of an echo that are enough to know it
 class SerialTransaction:
     """Request and its expected reply.
 
-    `then`: further requests for devices without group reads; each leaves when so many replies are in.
+    `then`: further requests for devices without group reads; each leaves when so many replies are in, or when
+    the one before has had its time. Two silent devices end the chain.
     """
 
     packet: bytes
@@ -74,6 +76,7 @@ class HalfDuplexTransactor:
         self.one_write = one_write
         self._find_packets = find_packets
         self._sent_after = 0  # requests of the chain that have left, behind the first
+        self._passed = 0  # silent devices that the chain went past
         self._sensors = frozenset(sensors)
         self.urgent = b""
         self.goals = b""
@@ -135,6 +138,7 @@ class HalfDuplexTransactor:
         self.sent = now
         self._out = (lead, exchange.packet)
         self._sent_after = 0
+        self._passed = 0
         if self.echo:
             self._echoed.clear()
         if lead and not self.one_write:
@@ -149,7 +153,10 @@ class HalfDuplexTransactor:
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
         # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
-        self.deadline = begin + self.span(exchange, len(lead))
+        if exchange.then:
+            self.deadline = begin + wire(len(lead), self.baud) + self._step(exchange, 0)
+        else:
+            self.deadline = begin + self.span(exchange, len(lead))
         if not self._done:
             self.deadline = max(self.deadline + self.slack, latest)
 
@@ -165,18 +172,32 @@ class HalfDuplexTransactor:
         if count:
             self.received = now
             self._done = reply.take(count)
-            if exchange.then and not self._done:
-                self._go_on(exchange, reply)
+        if exchange.then and not self._done:
+            self._go_on(exchange, reply, now)
         return self._done
 
-    def _go_on(self, exchange: SerialTransaction, reply: PendingReply) -> None:
-        """Send the next request of a chain once the reply to the last one is in."""
+    def _go_on(self, exchange: SerialTransaction, reply: PendingReply, now: float) -> None:
+        """Send the next request of a chain once the reply to the last one is in, or late."""
         after = self._sent_after
-        if after < len(exchange.then) and reply.answered.sum() >= exchange.then[after][0]:
-            self._sent_after = after + 1
-            self._out = (b"", exchange.then[after][1])
-            self._echoed.clear()
-            self.transport.write(exchange.then[after][1])
+        if after == len(exchange.then):
+            return
+        missing = exchange.then[after][0] - int(reply.answered.sum()) - self._passed
+        if missing > 0 and (now < self.deadline or self._passed + missing > PATIENCE):
+            return
+        self._passed += max(missing, 0)
+        self._sent_after = after + 1
+        self._out = (b"", exchange.then[after][1])
+        self._echoed.clear()
+        self.transport.write(exchange.then[after][1])
+        self.deadline = now + self._step(exchange, after + 1) + self.slack
+
+    def _step(self, exchange: SerialTransaction, place: int) -> float:
+        """Return the bus time (s) of one request of a chain and its replies."""
+        needed = [0, *(count for count, _ in exchange.then), exchange.delays]
+        count = needed[place + 1] - needed[place]
+        requests = (exchange.packet, *(each for _, each in exchange.then))
+        size = len(requests[place]) + count * (exchange.size - sum(map(len, requests))) // exchange.delays
+        return wire(size, self.baud) + count * self.return_delay_s + exchange.extra / len(exchange.then)
 
     def end(self) -> SerialTransaction | None:
         """End the transaction; its result stays in the exchange's reply until the next one."""
