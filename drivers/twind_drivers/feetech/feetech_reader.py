@@ -130,6 +130,7 @@ class FeetechReader(SerialReader):
     def _schedule(self) -> None:
         """Make the slices of slow registers of the devices that are not parked."""
         self._requested = requested = self.cyclic.attendance.asked
+        self.registers.expire_torque(~requested)  # who was silent so long may have lost its supply
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         slots = max(1, int(self._upkeep_hz / ROUNDS_HZ + 1e-9))
         slices = self.slow.schedule(ids, slots, self.slice_count(BLOCK[1]))

@@ -112,13 +112,15 @@ class FeetechWriter:
     def goals(self, ticks: Ints) -> None:
         """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
 
-        A servo whose torque reads off has lost its supply: it gets no goal, which could switch torque on.
+        A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
+        which could switch torque on.
         """
         self._line.goals = b""
         registers = self._reader.registers
         if registers.version != self._version:
             self._version = registers.version
-            chosen = self._led & self._on & (registers.torque != 0)
+            self._on &= registers.torque != 0
+            chosen = self._led & self._on & (registers.torque == 1)
             if np.flatnonzero(chosen).tolist() != self._goals.places:
                 self._goals.choose(chosen)
         self._line.goals = self._goals.encode(ticks)
