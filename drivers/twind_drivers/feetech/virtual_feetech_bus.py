@@ -125,6 +125,7 @@ class VirtualFeetechBus:
             at = self.wire.schedule_request(packet.octets, now)
             self.servos.advance(at)
             self._carry_out(packet, at)
+            self.servos.settle()
 
     def _next_packet(self) -> Packet | None:
         """Take the first whole packet out of the bytes received; None: more must come."""
@@ -160,7 +161,7 @@ class VirtualFeetechBus:
             return
         replies: list[tuple[int, int, bytes]] = []  # row, id, data
         for row in self._rows(packet.id, at):
-            id = self.servos.ids()[row]
+            id = self.servos.ram[row][5]
             quiet = not self.servos.get(row, "status_return_level")
             answer = self._single(row, code, data, at)
             told = code in (Instruction.PING, Instruction.READ)
@@ -218,8 +219,8 @@ class VirtualFeetechBus:
         """Return the servos that hear this id at the line's rate."""
         found = [
             row
-            for row, own in enumerate(self.servos.ids())
-            if id in (own, BROADCAST) and self.servos.listening(row) and self._at_rate(row)
+            for row, own in enumerate(self.servos.ram)
+            if id in (own[5], BROADCAST) and self.servos.listening(row) and self._at_rate(row)
         ]
         for row in found:
             self.servos.heard_at[row] = at

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from twind_drivers.feetech.feetech_goals import GOAL
 from twind_drivers.feetech.feetech_models import AMPERE, FeetechModel, model
 from twind_drivers.feetech.feetech_registers import EPROM_END, RegisterMap, register_map
 from twind_drivers.virtual.hinge import Hinge
@@ -18,6 +19,7 @@ from twind_drivers.virtual.servo_physics import FASTEST, RPM, DriveState, ServoP
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 BOOT = 0.8  # s in the boot loader after each reset
+CHECK = 0.01  # s between two checks of the load, the unit of the protection time
 NEVER = 1e18  # s: the end of a boot that waits for power
 GAIN = 25.0  # P 32, the factory value, holds as an XM430 does at 800 (assumed: no page gives the law)
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
@@ -30,7 +32,7 @@ FIRMWARE: Mapping[str, tuple[int, int, int]] = {
     "hls": (3, 43, 0),
     "scs": (0, 20, 1),
 }
-DEFAULTS: Mapping[str, int] = {
+DEFAULTS: dict[str, int] = {
     "baud_rate": 0,
     "status_return_level": 1,
     "max_position_limit": 4095,
@@ -100,6 +102,8 @@ class VirtualFeetechServos:
         self._overloaded = [False] * count
         self._load_since: list[float | None] = [None] * count
         self._shift = [0.0] * count  # encoder counts at register position 0
+        self._checked_at = now
+        self._redrive = self._retarget = False
         self._blocked = np.zeros(count, np.bool_)
         self._hand = np.full(count, np.nan)
         self._reach = np.zeros(count)
@@ -143,12 +147,15 @@ class VirtualFeetechServos:
 
     def get(self, row: int, name: str) -> int:
         """Return a register's value."""
-        field = self.maps[row][name]
-        return field.decode(bytes(self.ram[row][field.address : field.address + field.size]))
+        field = self.maps[row].registers[name]
+        data = self.ram[row]
+        if field.size == 1:
+            return data[field.address]
+        return field.decode(data[field.address : field.address + 2])
 
     def put(self, row: int, name: str, value: int) -> None:
         """Set a register's value, without any effect."""
-        field = self.maps[row][name]
+        field = self.maps[row].registers[name]
         self.ram[row][field.address : field.address + field.size] = field.encode(value)
 
     def ids(self) -> list[int]:
@@ -177,16 +184,28 @@ class VirtualFeetechServos:
                     continue
                 if not self._effect(row, field.name, value):
                     continue
+            if at == GOAL[0]:
+                self._retarget = True
+            else:
+                self._redrive = True
             self.ram[row][at : at + size] = raw
             if stored and at < EPROM_END:
                 self.eprom[row][at : at + size] = raw
-        self.drive()
+
+    def settle(self) -> None:
+        """Let the motors follow what was written since the last call."""
+        if self._redrive:
+            self.drive()
+        elif self._retarget:
+            self._set_goals()
+        self._redrive = self._retarget = False
 
     def _effect(self, row: int, name: str, value: int) -> bool:
         """Carry out what a write causes beside the register; return False where that does not change."""
         if name == "torque_enable":
             if value == 128:
                 self.calibrate(row, MIDDLE)
+                self._redrive = True
                 return False
             if value == 0 and not self.specs[row].latches:
                 self._overloaded[row] = False
@@ -197,6 +216,7 @@ class VirtualFeetechServos:
                 return False
             if self.specs[row].goal_arms:
                 self.put(row, "torque_enable", 1)
+                self._redrive = True
         return True
 
     def calibrate(self, row: int, to: int) -> None:
@@ -206,6 +226,7 @@ class VirtualFeetechServos:
             offset = min(max((offset + 2048) % 4096 - 2048, -2047), 2047)
             self.put(row, "homing_offset", offset)
             self._settle_turn(row)
+            self._redrive = True
 
     def _offset(self, row: int) -> int:
         return self.get(row, "homing_offset") if "homing_offset" in self.maps[row] else 0
@@ -251,7 +272,9 @@ class VirtualFeetechServos:
         if now > self.now:
             self.now = now
             self.muscles.advance(now)
-            self._protect()
+            if now >= self._checked_at + CHECK:
+                self._checked_at = now
+                self._protect()
 
     def _protect(self) -> None:
         changed = False
@@ -305,7 +328,10 @@ class VirtualFeetechServos:
                 60.0 / turn,
             )
         )
-        self.muscles.set_goals(np.array([self._goal(row) for row in rows], np.float64))
+        self._set_goals()
+
+    def _set_goals(self) -> None:
+        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self.maps))], np.float64))
 
     def listening_power(self, row: int) -> bool:
         """Return True if the servo has power and has booted."""
