@@ -27,9 +27,10 @@ from bench.harness import (
 )
 from bench.peers import ControlCycle
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.serial_cycle_budget import budget
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 COUNT = 24
 MODEL = 1020

@@ -25,9 +25,9 @@ from bench.harness import (
     responder_port,
     spread,
 )
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.frame import frames
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.frame import frames
 
 COUNT = 24
 # of one round; before it, uncounted

@@ -26,11 +26,13 @@ from bench.harness import (
     responder_port,
     spread,
 )
-from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
-from twind_drivers.can.can_ports import open_channel
+from twind_drivers.can.actuator import CanActuatorIdentity
+from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_units import COUNT as RADIAN
 from twind_drivers.can.can_units import EFFORT
+from twind_drivers.can.can_writer import CanWriter
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.ports.can_ports import open_channel
 
 MODEL = "DM4340"
 # what its fields span

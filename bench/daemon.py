@@ -16,10 +16,11 @@ from pathlib import Path
 
 from bench.harness import MeasurementUnavailable
 from twind.client import Client
-from twind.config.actuator_types import CAN
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.config.robot_file import load_robot
 from twind.loop.process.virtual_robot_process import VirtualRobotProcess
-from twind_drivers.can.can_ports import is_can
+from twind_drivers.ports.can_ports import is_can
 
 # s that they may take
 READY = 30.0
@@ -120,7 +121,7 @@ def live(
     `apart`: one process per bus; the joints of each bus then move independently of the other buses.
     """
     buses = load_robot(robot).buses
-    adapters = {bus.name for bus in buses if bus.kind == CAN}
+    adapters = {bus.name for bus in buses if family(bus.kind).medium is Medium.CAN}
     with ExitStack() as stack:
         if apart:
             alone = [("--muscles", "first-order", "--bus", bus.name) for bus in buses]

@@ -14,6 +14,7 @@ from types import FrameType
 from twind.briefing import fingerprint
 from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack
 from twind.config.daemon_settings import DaemonSettings
+from twind.config.driver_family import family
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
@@ -366,7 +367,10 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))
     write_line(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
-    ports = [f"{name}={virtual_port(robot.bus(name).kind, path)}" for name, path in child.ports.items()]
+    ports = [
+        f"{name}={virtual_port(family(robot.bus(name).kind).medium, path)}"
+        for name, path in child.ports.items()
+    ]
     return replace(sources, calibration=str(child.calibration), ports=tuple(ports))
 
 

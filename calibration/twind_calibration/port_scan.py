@@ -13,7 +13,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan
 from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 # Bits of register 70 (e-manual, "Hardware Error Status").
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}

@@ -16,7 +16,6 @@ from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_file import load_robot
-from twind.config.servo_check import MAX_OFFSET
 from twind.config.yaml_tree import ConfigError
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_conversion import (
@@ -29,6 +28,7 @@ from twind_calibration.calibrating.calibration_conversion import (
 )
 from twind_calibration.calibrating.lerobot_file import FIELDS, LeRobotMotor, read
 from twind_calibration.calibrating.motor_matching import matched, read_map
+from twind_drivers.dynamixel.servo_check import MAX_OFFSET
 
 ROBOT = load_robot("h24")
 SLOTS = slots(ROBOT)

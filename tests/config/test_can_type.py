@@ -6,14 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.actuator_types import CanType, ServoType
-from twind.config.can_type import MUTE, TELL_VOLTAGE
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
+from twind_drivers.can.can_keys import MUTE, TELL_VOLTAGE
 from twind_drivers.can.can_models import MODELS
+from twind_drivers.can.can_type import CanType
 from twind_drivers.can.can_units import COUNT, EFFORT, TURN
 from twind_drivers.can.codec_factory import make, ranges_of
+from twind_drivers.dynamixel.servo_type import ServoType
 
 LEG = """\
 format: twind-robot/1
@@ -179,7 +180,7 @@ def test_families_with_29_bit_ids_conflict_with_none_and_others_by_their_frames(
             "buses.leg.port: /dev/ttyACM0: a bus of kind can needs can:INTERFA",
         ),
         ("{kind: can, port: 'can:can0'}", "can:can0: a CAN port is can:INTERFACE:CHANNEL"),
-        ("{kind: canopen}", "'canopen' is none of dynamixel2, can"),
+        ("{kind: canopen}", "'canopen' is none of can, dynamixel2"),
     ],
 )
 def test_an_invalid_can_bus_is_refused(tmp_path: Path, bus: str, message: str) -> None:

@@ -4,11 +4,11 @@ from math import nan, pi
 
 import pytest
 
-from twind.config.actuator_types import ServoType
 from twind.config.config_reader import ConfigReader
-from twind.config.servo_type import servo_type
 from twind.config.yaml_tree import ConfigError, parse
 from twind_drivers.dynamixel.control_tables import models, number_of, table
+from twind_drivers.dynamixel.servo_keys import servo_type
+from twind_drivers.dynamixel.servo_type import ServoType
 
 
 def of(device: str, *lines: str) -> ServoType:

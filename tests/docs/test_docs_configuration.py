@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.support.doc_pages_text import ROOT, table
-from twind.config.actuator_types import CanType
 from twind.config.collision_config import Clearance
 from twind.config.robot_file import read_robot
 from twind.config.write_keys_page import renew_page
+from twind_drivers.can.can_type import CanType
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
 ROBOT = table(TEXT.partition("\n## Robot file\n")[2].partition("\n## ")[0], "key", "value", "default", "what")

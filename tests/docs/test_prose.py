@@ -27,10 +27,10 @@ ALLOWED = {
     ("twind/front/flight_folder.py", "write"): "a name of the flight recorder's own, not a sentence",
     ("twind/doctor/robot_files.py", "check_model"): SHOWN,
     ("drivers/twind_drivers/can/can_bringup.py", "_warn"): SHOWN,
-    ("drivers/twind_drivers/can/python_can_channel.py", "_warn"): SHOWN,
-    ("drivers/twind_drivers/can/python_can_channel.py", "_is_queue_full"): FOREIGN,
-    ("drivers/twind_drivers/dynamixel/serial_port.py", "_open"): FOREIGN,
-    ("drivers/twind_drivers/dynamixel/serial_port.py", "_reason"): FOREIGN,
+    ("drivers/twind_drivers/ports/python_can_channel.py", "_warn"): SHOWN,
+    ("drivers/twind_drivers/ports/python_can_channel.py", "_is_queue_full"): FOREIGN,
+    ("drivers/twind_drivers/ports/serial_port.py", "_open"): FOREIGN,
+    ("drivers/twind_drivers/ports/serial_port.py", "_reason"): FOREIGN,
 }
 
 

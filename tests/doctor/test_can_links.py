@@ -10,7 +10,7 @@ from twind.doctor import runner
 from twind.doctor.can_links import CanNetworkInterface, judge_link, read_link, with_details
 from twind.doctor.check import Severity, severity_of
 from twind.doctor.host_inspector import HostInspector
-from twind_drivers.can.can_interface_control import CAN_TYPE
+from twind_drivers.ports.can_interface_control import CAN_TYPE
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 from tests.support.doctor_surveys import (
     printed,
 )
-from twind.config.actuator_types import CanType
 from twind.config.robot_file import load_robot
 from twind.doctor.can_bus import is_queried
 from twind.doctor.check import (
     DoctorFinding,
 )
+from twind_drivers.can.can_type import CanType
 
 
 def test_actuator_that_replies_to_commands_alone_is_not_queried() -> None:

@@ -11,11 +11,13 @@ from tests.support.can_driver_rig import EDGE, CanRig
 from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
 from twind_drivers.bus import DeviceRefused, GroupWriteBatch, PortError, WireRangeError, WriteRequest
+from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
-from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
+from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_units import COUNT
-from twind_drivers.can.channel import CanErrorState
+from twind_drivers.can.can_writer import CanWriter
 from twind_drivers.can.register_access import ADDRESS, COMMAND, STATE, whole_command
+from twind_drivers.ports.channel import CanErrorState
 from twind_drivers.virtual.can.can_controller import CanAdapter
 
 MODELS = ("DM4310", "DM4340", "DM8009")

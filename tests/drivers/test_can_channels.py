@@ -11,15 +11,15 @@ import pytest
 from tests.support.can_channels_rig import Terminal
 from tests.support.can_frames import cycle, messages_of, mixed, received_frames, same
 from twind_drivers.bus import PortError
-from twind_drivers.can import can_ports
-from twind_drivers.can.can_ports import CanPortName, open_channel, parse, present
-from twind_drivers.can.channel import CanErrorState
-from twind_drivers.can.frame import frames
-from twind_drivers.can.python_can_channel import PythonCanChannel
-from twind_drivers.can.slcan_channel import SlcanChannel
-from twind_drivers.can.slcan_codec import encode
 from twind_drivers.clock import FakeClock, MonotonicClock
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports import can_ports
+from twind_drivers.ports.can_ports import CanPortName, open_channel, parse, present
+from twind_drivers.ports.channel import CanErrorState
+from twind_drivers.ports.frame import frames
+from twind_drivers.ports.python_can_channel import PythonCanChannel
+from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.ports.slcan_channel import SlcanChannel
+from twind_drivers.ports.slcan_codec import encode
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus

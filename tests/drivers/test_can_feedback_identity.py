@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.support.can_driver_rig import CanRig
 from twind_drivers.bus import ReadRequest
-from twind_drivers.can.can_bus import CanWriter
+from twind_drivers.can.can_writer import CanWriter
 from twind_drivers.virtual.can.can_message import CanMessage
 
 MODELS = ("DM4310", "DM4340", "DM8009")

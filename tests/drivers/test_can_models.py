@@ -12,8 +12,8 @@ from twind_drivers.can.actuator_family import ActuatorFamily, ValuelessCommand
 from twind_drivers.can.can_models import MODELS, model, number_of
 from twind_drivers.can.codec_factory import FAMILIES, apart, make, ranges_of
 from twind_drivers.can.damiao_codec import DamiaoCodec
-from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
 from twind_drivers.can.odrive_codec import ODriveCodec
+from twind_drivers.ports.frame import EXTENDED, STANDARD_MASK
 
 # As the project's facts have them: rad, rad/s, N·m.
 TABLE = {

@@ -1,7 +1,7 @@
 """A RobStride tells the number of its processor: two of one model with one id are told apart by it."""
 
 from tests.support.can_driver_rig import CanRig
-from twind.virtual.can_node_setup import default_node, device
+from twind_drivers.can.can_twin import default_node, identity
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 
@@ -16,8 +16,8 @@ def test_an_actuator_that_reports_a_chip_number_has_it_as_its_unique_id() -> Non
 
 def test_the_unique_id_in_a_fitting_calibration_equals_the_one_on_the_wire() -> None:
     rig = CanRig(("RS01",))
-    assert device(default_node(1, "RS01")).unique_id == rig.identify()[0].unique_id
-    assert device(default_node(1, "DM4310")).unique_id is None
+    assert identity(default_node(1, "RS01")).unique_id == rig.identify()[0].unique_id
+    assert identity(default_node(1, "DM4310")).unique_id is None
 
 
 def test_a_replacement_actuator_has_a_different_unique_id() -> None:

@@ -7,7 +7,7 @@ from tests.support.can_codec_frames import column, frame, ranges, wire
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.cubemars_codec import CubeMarsCodec
-from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
+from twind_drivers.ports.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS = (1, 0x68)
 MIDDLE = "7F FF 7F F7 FF"

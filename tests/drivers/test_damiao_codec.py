@@ -13,7 +13,7 @@ from twind_drivers.bus import WireRangeError
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.damiao_codec import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
-from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
+from twind_drivers.ports.frame import ERROR, EXTENDED, REMOTE, Frames
 
 # the third shares a master id, not a low nibble
 IDS = (1, 2, 0x15)

@@ -10,7 +10,8 @@ from tests.support.driver_contract_claims import DriverContract
 from tests.support.driver_rig import DriverRig, both
 from tests.support.feetech_rig import Counted, FeetechRig
 from tests.support.virtual_serial_host import Host
-from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
 
 

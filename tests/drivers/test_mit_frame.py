@@ -12,8 +12,8 @@ from tests.support.can_codec_frames import column, frame, ranges
 from tests.support.examples import examples
 from twind_drivers.bus import Floats, WireRangeError
 from twind_drivers.can.can_models import MODELS
-from twind_drivers.can.frame import Octets
 from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, is_special_frame, unpack
+from twind_drivers.ports.frame import Octets
 
 TOLD = (16, 12, 12)
 # Ranges 12.5, 30, 10: position, velocity, kp, kd, torque -> bytes, worked out from the layout in the manual.

@@ -13,8 +13,8 @@ from tests.support.examples import examples
 from twind_drivers.bus import WireRangeError
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, ValuelessCommand
-from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 from twind_drivers.can.odrive_codec import PARAMETERS, ODriveCodec
+from twind_drivers.ports.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS = (3, 0x3F)
 TURN = 2.0 * math.pi

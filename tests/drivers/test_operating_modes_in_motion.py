@@ -5,7 +5,8 @@ import pytest
 
 from twind_drivers.bus import BusSample, DeviceRefused
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.run_script import perform
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics

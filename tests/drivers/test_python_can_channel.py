@@ -16,11 +16,11 @@ from tests.support.can_frames import cycle, mixed
 from tests.support.driver_rig import is_output_full
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
 from twind_drivers.bus import PortError
-from twind_drivers.can import can_interface_control, python_can_channel
-from twind_drivers.can.can_interface_lock import owners
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.channel import CanErrorState
-from twind_drivers.can.frame import REMOTE, payload
+from twind_drivers.ports import can_interface_control, python_can_channel
+from twind_drivers.ports.can_interface_lock import owners
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.channel import CanErrorState
+from twind_drivers.ports.frame import REMOTE, payload
 
 # The kernel's own CAN is not to be had everywhere, so here its socket alone is another: the code path of
 # python-can's socketcan and ours are the real ones.

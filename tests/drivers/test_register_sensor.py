@@ -8,7 +8,7 @@ import pytest
 
 from twind_drivers.bus import ReadRequest, RequestReply
 from twind_drivers.device_presence import MISSES, PROBE
-from twind_drivers.dynamixel.register_sensor import PROOFS, RAREST, WINDOW, Sensor, SensorField
+from twind_drivers.register_sensor import PROOFS, RAREST, WINDOW, Sensor, SensorField
 
 FIELDS = (SensorField(22, "<i2", 3), SensorField(16, "<i2", 3), SensorField(28, "<f4", 1))
 WHOLE = ReadRequest((200,), 16, 16)

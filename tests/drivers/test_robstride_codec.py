@@ -12,7 +12,6 @@ from tests.support.can_codec_frames import column, frame, ranges, wire
 from tests.support.examples import examples
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import RegisterType, ValuelessCommand
-from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 from twind_drivers.can.robstride_codec import (
     IDENTITY,
     PARAMETERS,
@@ -21,6 +20,7 @@ from twind_drivers.can.robstride_codec import (
     VELOCITY,
     RobStrideCodec,
 )
+from twind_drivers.ports.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS = (0x7F, 1)
 HOST = 0xFD

@@ -16,9 +16,9 @@ import pytest
 from tests.support.driver_rig import is_output_full
 from tests.support.serial_port_rig import Terminal
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel import serial_port
-from twind_drivers.dynamixel.port_holder import command, holder
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports import serial_port
+from twind_drivers.ports.port_holder import command, holder
+from twind_drivers.ports.serial_port import SerialTransport
 
 
 @pytest.fixture
@@ -152,7 +152,7 @@ def test_no_permission_names_the_group_and_the_remedy(terminal: Terminal) -> Non
     os.chmod(terminal.path, 0)
     code = (
         "import os, sys\n"
-        "from twind_drivers.dynamixel.serial_port import PortError, SerialTransport\n"
+        "from twind_drivers.ports.serial_port import PortError, SerialTransport\n"
         "if os.geteuid() == 0: os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
         "try: SerialTransport(sys.argv[1], 57600)\n"
         "except PortError as error: print(error)"

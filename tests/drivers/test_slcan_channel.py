@@ -13,11 +13,11 @@ from tests.support.driver_rig import is_output_full
 from tests.support.examples import examples
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full
-from twind_drivers.can.channel import CanErrorState
-from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
-from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening
-from twind_drivers.can.slcan_codec import PATIENCE, SlcanDecoder, encode
-from twind_drivers.can.transmit_stall import TransmitStall
+from twind_drivers.ports.channel import CanErrorState
+from twind_drivers.ports.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
+from twind_drivers.ports.slcan_channel import RATES, SlcanChannel, opening
+from twind_drivers.ports.slcan_codec import PATIENCE, SlcanDecoder, encode
+from twind_drivers.ports.transmit_stall import TransmitStall
 
 MANY = examples(100)
 

@@ -13,8 +13,8 @@ from twind.config.robot_file import load_robot
 from twind.loop.bus.bus_opener import BusOpener
 from twind.twin.binding import bind
 from twind_drivers.bus import PortError, WireRangeError
-from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.ports.serial_port import SerialTransport
 
 ROBOT = load_robot("h24-split")
 JOINTS = bind(ROBOT, None).joint_map

@@ -15,9 +15,9 @@ from twind.loop.bus.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, T
 from twind.robot.modes import Mode
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full
-from twind_drivers.can.frame import FRAME
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import HEADER
+from twind_drivers.ports.frame import FRAME
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import pytest
 from tests.support.described_robot import redescribe
 from tests.support.homing_rig import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 from twind import link
-from twind.config.actuator_types import CAN
 from twind.config.counts import ticks_of
 from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
@@ -187,7 +186,7 @@ def test_a_leg_of_a_robot_that_stands_freely_is_refused() -> None:
 
 @pytest.mark.parametrize("robot", ["h24-mixed"])
 def test_a_can_actuator_is_refused_by_its_name(robot: str) -> None:
-    name = next(joint.name for joint in load_robot(robot).joints if joint.type.BUS == CAN)
+    name = next(joint.name for joint in load_robot(robot).joints if joint.type.BUS == "can")
     with homed(joint=name, robot=robot, start={}) as made:
         made.connect()
         made.lease()

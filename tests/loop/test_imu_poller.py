@@ -21,7 +21,7 @@ from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
 from twind.twin.base_pose import BASES
 from twind.virtual.virtual_robot_spec import body_for, buses, sensor_of
-from twind_drivers.dynamixel.register_sensor import decoded
+from twind_drivers.register_sensor import decoded
 
 ODD = st.sampled_from([inf, -inf, nan, 3e38, -3e38, 0.0, 9.8, 1e-38, 0.5])
 

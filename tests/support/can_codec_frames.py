@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from twind_drivers.bus import Floats
 from twind_drivers.can.actuator_family import ActuatorFamily, FieldRanges
-from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, payload
+from twind_drivers.ports.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, payload
 
 GAINS = (500.0, 5.0)
 

@@ -7,11 +7,13 @@ import numpy as np
 from tests.support.can_loopback import CanLoopback
 from tests.support.driver_rig import DriverRig
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.can.can_bus import CanActuatorIdentity, CanReader, CanWriter
+from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.can_models import model
+from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_units import COUNT, TURN
-from twind_drivers.can.frame import Frames
+from twind_drivers.can.can_writer import CanWriter
 from twind_drivers.clock import FakeClock
+from twind_drivers.ports.frame import Frames
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
 from twind_drivers.virtual.can.node_spec import NodeSpec

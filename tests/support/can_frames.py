@@ -3,9 +3,9 @@
 import can
 import numpy as np
 
-from twind_drivers.can.channel import CanChannel
-from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.ports.channel import CanChannel
+from twind_drivers.ports.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
 
 
 def cycle(count: int) -> Frames:

@@ -6,9 +6,9 @@ leave when a node acknowledges again.
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full
-from twind_drivers.can.channel import CanChannelStatus, CanErrorState
-from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
+from twind_drivers.ports.channel import CanChannelStatus, CanErrorState
+from twind_drivers.ports.frame import ERROR, NOTHING, Frames
 from twind_drivers.virtual.can.can_controller import CONTROLLER, OFF, PASSIVE, RESTARTED
 from twind_drivers.virtual.can.can_segment import VirtualCanSegment
 

@@ -15,9 +15,10 @@ import numpy as np
 from tests.support.can_loopback import CanLoopback
 from tests.support.slot_poses import joint_angles
 from twind import link, sealed_memfd
-from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import slot_angles, ticks_of
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.flight import FlightRing
@@ -32,15 +33,14 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
-from twind.virtual.bench_servos import BusTiming, can_bus
-from twind.virtual.can_node_setup import unloaded
+from twind.virtual.joint_actuators import fence
 from twind.virtual.robot_ground_truth import RobotGroundTruth
-from twind.virtual.virtual_robot_spec import VirtualRobotSpec, calibration, fence, make_spec, sensor_of
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, calibration, make_spec, sensor_of
+from twind.virtual.virtual_twin import BusTiming, PhysicsRequest, VirtualBusRequest, twin_of
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
-from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 CLIENT = 7
 MakeRig = Callable[..., Any]  # the fixture `make_rig`: arguments as for `Rig`
@@ -193,26 +193,25 @@ class Rig:
         joints = self.made.joints(bus)
         pose = slot_angles(self.robot, {name: start.get(name, 0.0) for name in self.robot.names})
         ticks = [ticks_of(joint, self.zeros[joint.name], pose[joint.name]) for joint in joints]
-        if self.robot.bus(bus).kind == CAN:
-            shafts = unloaded(ticks, now=self.clock.now())
-            fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
-            rate = self.robot.bus(bus).baud
-            nodes = self.made.nodes[bus]
-            return can_bus(bus, nodes, shafts, BusTiming(), bitrate=rate, now=self.clock.now())
-        muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
-        if self._stops:  # a body of MuJoCo has its own
-            fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
-        baud = self.robot.bus(bus).baud
+        described = self.robot.bus(bus)
+        twin = twin_of(family(described.kind))
+        devices = self.made.devices[bus]
+        hinges = [device.hinge for device in devices]
         now = self.clock.now()
+        if family(described.kind).medium is Medium.CAN:
+            moved = twin.physics(PhysicsRequest(None, (), ticks, hinges, now))
+        else:
+            moved = self._muscles(np.array(ticks, np.float64), now=now)
+            if self._stops:  # a body of MuJoCo has its own
+                fence(moved, hinges)
         sensor = sensor_of(self.robot, bus, None)
-        return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
+        return twin.bus(VirtualBusRequest(bus, devices, moved, BusTiming(), described.baud, now, sensor))
 
     def open_port(self, name: str) -> BusReader:
         if not self.virtual[name].is_plugged:
             raise PortError(f"virtual:{name}", "no such port")
-        if self.robot.bus(name).kind == CAN:
-            return self.buses.can_reader(name, CanLoopback(self.virtual[name], self.clock))
-        return self.buses.reader(name, Loopback(self.virtual[name], self.clock))
+        can = family(self.robot.bus(name).kind).medium is Medium.CAN
+        return self.buses.reader(name, (CanLoopback if can else Loopback)(self.virtual[name], self.clock))
 
     # ------------------------------------------------------------------------- time and calls
 
@@ -342,7 +341,7 @@ class Rig:
         bus = self.virtual[joint.bus]
         ticks = (
             bus.truth(self.clock.now())[row]["position"]
-            if bus.kind == CAN
+            if family(bus.kind).medium is Medium.CAN
             else bus.servos.muscles.position[row]
         )
         return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn

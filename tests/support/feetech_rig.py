@@ -7,7 +7,8 @@ import numpy as np
 
 from tests.support.driver_rig import DriverRig
 from twind_drivers.clock import FakeClock
-from twind_drivers.feetech.feetech_bus import FeetechReader, FeetechWriter
+from twind_drivers.feetech.feetech_reader import FeetechReader
+from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_bus import VirtualFeetechBus
 from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
 from twind_drivers.virtual.serial_loopback import Loopback

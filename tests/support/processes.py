@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from twind.client import Client, ClientError, Refused
+from twind.config.driver_family import family
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 
@@ -322,7 +323,7 @@ def daemon(
     options = ["--mode", mode, "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     kinds = {bus.name: bus.kind for bus in load_robot(virtual.robot).buses}
     for bus in virtual.ports:
-        port = virtual_port(kinds[bus], str(virtual.folder / "ports" / bus))
+        port = virtual_port(family(kinds[bus]).medium, str(virtual.folder / "ports" / bus))
         options += ["--port", f"{bus}={port}"]
     running = Daemon(folder / "run", *options, *more, stderr=stderr)
     try:

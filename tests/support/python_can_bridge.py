@@ -6,7 +6,7 @@ user calls `step` often enough; there is no thread and no blocking.
 
 import can
 
-from twind_drivers.can.frame import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
+from twind_drivers.ports.frame import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages
 from twind_drivers.virtual.can.can_segment import VirtualCanSegment
 

@@ -5,8 +5,8 @@ import os
 import socket
 import struct
 
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.python_can_channel import PythonCanChannel
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.python_can_channel import PythonCanChannel
 
 # An interface that no machine has: 8 characters, so the kernel looks for it; of each process its own, as one
 # owns it.

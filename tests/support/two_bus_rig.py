@@ -12,7 +12,8 @@ from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState
 from twind_drivers.bus import BusReader, BusWriter, PortError
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus

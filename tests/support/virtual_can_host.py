@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.can.frame import ERROR
 from twind_drivers.clock import FakeClock
+from twind_drivers.ports.frame import ERROR
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages
 from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics

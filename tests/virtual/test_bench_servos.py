@@ -4,11 +4,13 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
-from twind.virtual.bench_servos import BusTiming, bench, by_bus, servo, settings
+from twind.virtual.bench_servos import bench, by_bus, servo
 from twind.virtual.virtual_main import main
 from twind.virtual.virtual_robot_spec import buses, make_spec
+from twind.virtual.virtual_twin import BusTiming, DeviceOptions
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
+from twind_drivers.dynamixel.servo_twin import settings
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
@@ -16,7 +18,7 @@ from twind_drivers.virtual.virtual_servos import ServoSpec
 def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
     assert servo("arm:3:XL330-M288") == ("arm", ServoSpec(3, "XL330-M288", {}, 47))
     assert servo("arm:3:XM430-W350:44") == ("arm", ServoSpec(3, "XM430-W350", {}, 44))
-    assert servo("arm:3:XM430-W350", firmware=42)[1].firmware == 42
+    assert servo("arm:3:XM430-W350", DeviceOptions(firmware=42))[1].firmware == 42
 
 
 @pytest.mark.parametrize(
@@ -138,7 +140,7 @@ def test_a_can_actuator_is_named_as_a_servo_is() -> None:
         (["leg:128:DM4340"], "id 128 is not one of 0..127"),
         (["leg:64:ODrive"], "id 64 is not one of 0..63"),
         (["leg:1:DM4340:2"], "has no firmware to choose"),
-        (["leg:1:DM4340", "leg:2:XM430-W350"], "bus leg: XM430-W350 and DM4340 cannot share a wire"),
+        (["leg:1:DM4340", "leg:2:XM430-W350"], "bus leg: DM4340 and XM430-W350 cannot share a wire"),
     ],
 )
 def test_a_can_actuator_that_cannot_be_is_refused(texts: list[str], message: str) -> None:

@@ -13,10 +13,11 @@ from tests.support.can_loopback import CanLoopback
 from tests.support.driver_rig import is_output_full
 from tests.support.virtual_can_host import LIMP, CanHost, mit
 from twind.exceptions import InvalidInput
-from twind.virtual.fault_commands import CAN_FAULTS, arguments
+from twind.virtual.fault_commands import arguments
 from twind_drivers.bus import PortError
-from twind_drivers.can.channel import CanErrorState
-from twind_drivers.can.frame import ERROR
+from twind_drivers.can.can_twin import CAN_FAULTS
+from twind_drivers.ports.channel import CanErrorState
+from twind_drivers.ports.frame import ERROR
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames
 from twind_drivers.virtual.can.node_spec import NodeSpec

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.virtual_can_host import LIMP, CanHost, mit
-from twind_drivers.can.frame import EXTENDED, REMOTE
+from twind_drivers.ports.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames, bits, messages, rank
 from twind_drivers.virtual.can.node_spec import NodeSpec

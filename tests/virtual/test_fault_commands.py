@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from twind.exceptions import InvalidInput
-from twind.virtual.fault_commands import BODY_FAULTS, CAN_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
+from twind.virtual.fault_commands import BODY_FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.virtual_main import parser
+from twind_drivers.can.can_twin import CAN_FAULTS
+from twind_drivers.dynamixel.servo_twin import FAULTS
 from twind_drivers.virtual.can.can_bus_faults import CanFaults
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 
@@ -32,13 +34,13 @@ from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 )
 def test_an_invalid_fault_command_is_refused_with_the_expected_form(order: Order, says: str) -> None:
     with pytest.raises(InvalidInput, match=says):
-        arguments(order)
+        arguments(order, FAULTS)
 
 
 def test_right_orders_give_their_arguments() -> None:
-    assert arguments({"fault": "silence", "bus": "main", "id": 12}) == ("silence", {"id": 12})
-    assert arguments({"fault": "delay", "seconds": 1}) == ("delay", {"seconds": 1})
-    assert arguments({"fault": "clear"}) == ("clear", {})
+    assert arguments({"fault": "silence", "bus": "main", "id": 12}, FAULTS) == ("silence", {"id": 12})
+    assert arguments({"fault": "delay", "seconds": 1}, FAULTS) == ("delay", {"seconds": 1})
+    assert arguments({"fault": "clear"}, FAULTS) == ("clear", {})
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.virtual_can_host import LIMP, CanHost, mit
-from twind_drivers.can.frame import EXTENDED, REMOTE
+from twind_drivers.ports.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.bit_fields import fraction, mit_command, mit_state, pack, unpack
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node_spec import NodeSpec

@@ -130,9 +130,7 @@ def test_a_servo_only_ground_truth_is_refused_for_a_can_actuator() -> None:
         mixed,
         truth=RobotGroundTruth({"l_knee": JointGroundTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}),
     )
-    with pytest.raises(
-        InvalidInput, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
-    ):
+    with pytest.raises(InvalidInput, match="l_knee: a DM4310 has no turns; it has zero_ticks"):
         make_spec(mixed, truth=RobotGroundTruth({"l_knee": JointGroundTruth(turns=1)}))
 
 

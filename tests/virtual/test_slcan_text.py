@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.virtual_can_host import CanHost
-from twind_drivers.can.frame import EXTENDED, REMOTE
+from twind_drivers.ports.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.can_controller import CanAdapter
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node_spec import NodeSpec

@@ -108,7 +108,7 @@ def test_servos_cannot_hang_on_a_can_bus() -> None:
     made = make_spec(load_robot("h24-mixed"))
     bus, spec = servo("l_leg:9:XM430-W350")
     assert isinstance(spec, ServoSpec)
-    with pytest.raises(InvalidInput, match="l_leg is a CAN bus: only a serial one takes servos"):
+    with pytest.raises(InvalidInput, match="l_leg is a bus of kind can: it takes no further devices"):
         buses(made, physics=False, extra={bus: [spec]})
 
 

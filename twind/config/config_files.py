@@ -13,6 +13,7 @@ from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.cycle_budget import require_rate
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.doc_pages import CALIBRATION, page
+from twind.config.driver_family import family
 from twind.config.file_changes import fingerprints
 from twind.config.port_names import wrong_port
 from twind.config.robot_file import RobotFile, load_robot
@@ -120,7 +121,8 @@ def bus_ports(
 def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
     """Raises UsageError for a serial port of a CAN bus, or the other way round."""
     for name, port in ports.items():
-        wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
+        kind = robot.bus(name).kind
+        wrong = None if port is None else wrong_port(family(kind).medium, port, kind)
         if wrong is not None:
             raise InvalidInput(f"port of bus {name}: {wrong}")
 

@@ -5,25 +5,15 @@ Registers are compared and named, never written. An unknown value refuses, witho
 
 from collections.abc import Iterator, Mapping
 
-from twind.config import servo_check
-from twind.config.actuator_types import TAKES_COMMANDS, CanType, ServoType
 from twind.config.calibrated_device import STAMPED, DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.servo_check import ServoWarning
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind_drivers.bus import IdentifiedDevice
 
 Devices = Mapping[tuple[str, int], IdentifiedDevice]
 
-# setting of a CAN device, its range in thousandths -> key of the robot file, unit
-RANGES = {
-    "pmax_milli": ("position_rad", "rad"),
-    "vmax_milli": ("velocity_rad_s", "rad/s"),
-    "tmax_milli": ("torque_nm", "N·m"),
-}
-SAME_RANGE = 1  # thousandths: how far a range may be off by rounding
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
 # register in `Device.settings` -> field of the record
@@ -47,9 +37,9 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
             refusals.append(Finding(ReasonCode.DEVICE_MISSING, place, message=message))
         else:
             where = f"id {joint.id} on bus {joint.bus}"
-            unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
+            unfit = [f"{where}: {why}" for why in joint.type.unfit(joint, device)]
             refusals.extend(Finding(ReasonCode.DEVICE_MISMATCH, place, message=text) for text in unfit)
-            doubts = _doubts(joint, device)
+            doubts = joint.type.doubts(joint, device)
             warnings.extend(Finding(ReasonCode.DEVICE_MISMATCH, place, **doubt._asdict()) for doubt in doubts)
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
@@ -75,45 +65,6 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
             refusals.extend(_find_differences(place, joint, entry.device, device))
             warnings.extend(_firmware(place, joint, entry.device, device))
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
-
-
-def _unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
-    """Yield the reasons why this actuator is unusable for this joint, whatever the calibration."""
-    if isinstance(joint.type, CanType):
-        return _find_can_faults(joint.type, device)
-    return servo_check.unfit(joint, device)
-
-
-def _find_can_faults(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
-    """Yield the reasons why a CAN actuator is unusable for a joint of `kind`.
-
-    Many cannot report their model; their ranges are compared instead. A wrong range is a wrong position.
-    """
-    if device.model_name is not None and device.model_name != kind.device:
-        number = f"model number {device.model_number}"
-        yield f"is {device.model_name} ({number}), the robot file says {kind.device}"
-    mode = device.settings.get("operating_mode")
-    if mode != TAKES_COMMANDS:
-        yield (
-            f"its operating mode is {mode}: it does not take the commands of the {kind.family} family; "
-            "set that mode by the vendor's tool, or by its register with torque off"
-        )
-    for setting, (key, unit) in RANGES.items():
-        value = device.settings.get(setting)
-        described = getattr(kind.ranges, key)
-        if value is not None and abs(value - round(1e3 * described)) > SAME_RANGE:
-            yield (
-                f"its frames span {value / 1e3:g} {unit}, the robot file says {described:g}: "
-                f"a wrong range is a wrong reading; correct ranges.{key} of type {kind.name}, "
-                "or the register of the device"
-            )
-
-
-def _doubts(joint: JointSpec, device: IdentifiedDevice) -> Iterator[ServoWarning]:
-    """Yield warnings about settings that work."""
-    if isinstance(joint.type, ServoType):
-        return servo_check.doubts(joint, joint.type, device)
-    return iter(())
 
 
 def _find_differences(

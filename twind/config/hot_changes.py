@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
 from typing import Any
 
-from twind.config.actuator_types import MOST_GAIN, GainSettings, Impedance, ServoType, TypeSpec
+from twind.config.actuator_types import TypeSpec
 from twind.config.daemon_settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, DaemonSettings
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN, of_robot
 from twind.config.robot_spec import JointSpec, RobotFile
@@ -245,17 +245,14 @@ def _narrowed(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mappin
 
 
 def _driven(kind: TypeSpec, key: str, value: Any) -> TypeSpec:
-    known = _gains(kind)
+    known = kind.gain_limits
     if not isinstance(value, Mapping) or set(value) != set(known):
         raise InvalidInput(f"{value!r}: expected {', '.join(known)}", where=key)
     numbers = {name: _number(f"{key}.{name}", value[name]) for name in known}
-    most = MOST_GAIN if isinstance(kind, ServoType) else float("inf")
-    for name, number in numbers.items():
-        if not 0.0 <= number <= most:
+    for name, most in kind.gain_limits.items():
+        if not 0.0 <= (number := numbers[name]) <= most:
             raise InvalidInput(f"{number:g} is outside 0 to {most:g}", where=f"{key}.{name}")
-    if isinstance(kind, ServoType):
-        return replace(kind, gains=GainSettings(**{name: int(number) for name, number in numbers.items()}))
-    return replace(kind, gains=Impedance(**numbers))  # type: ignore[call-arg]  # of a CanType
+    return kind.with_gains(numbers)
 
 
 def _number(key: str, value: Any) -> float:

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from twind.config.actuator_types import SERIAL
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.driver_family import families, family
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RegistersSpec
 
 TYPES = {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "float32": 4}  # bytes, little-endian
@@ -108,8 +108,9 @@ def _require_place(
     """Raises ConfigError unless it is on a bus of servos, under an id of its own."""
     name = section.choice("bus", [each.name for each in wires])
     bus = next(each for each in wires if each.name == name)
-    if bus.kind != SERIAL:
-        raise section.refuse("bus", f"{name} is of kind {bus.kind}: an IMU is read on a {SERIAL} bus")
+    if not family(bus.kind).takes_imu:
+        takers = " or ".join(each.kind for each in families() if each.takes_imu)
+        raise section.refuse("bus", f"{name} is of kind {bus.kind}: an IMU is read on a {takers} bus")
     for joint in joints:
         if (joint.bus, joint.id) == (name, given.id):
             raise section.refuse("id", f"{given.id} on bus {name} is that of joint {joint.name}")

@@ -6,32 +6,19 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from twind.config.actuator_types import CanType, ServoType, TypeSpec
 from twind.config.bus_config import NAME
-from twind.config.can_type import CanSlotKeys, can_type, refuse_clash, require_can_ids
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.driver_family import SlotEntry, family, family_of
+from twind.config.family_keys import Acceleration, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
-from twind.config.servo_type import (
-    Acceleration,
-    ServoSlotKeys,
-    SlotKeys,
-    Speed,
-    read_mode,
-    read_registers,
-    require_mode,
-    servo_type,
-)
 from twind.config.transmission_config import transmissions
 from twind.robot.transmission import back, fair, span
-from twind_drivers.can.can_models import MODELS as CAN_MODELS
-from twind_drivers.dynamixel.control_tables import number_of, table
 
 SPEED = "velocity_limit_rad_s"
 PULL = "acceleration_limit_rad_s2"
@@ -99,7 +86,11 @@ class _SlotRegistry:
 
     def __init__(self, types: ConfigReader, lines: Mapping[str, str]) -> None:
         self._kinds = types.sections()
-        self._types = {name: _type(name, each) for name, each in self._kinds.items()}
+        here = [family(kind) for kind in dict.fromkeys(lines.values())]
+        self._types = {
+            name: family_of(each.value("device", Text), here).read_type(name, each)
+            for name, each in self._kinds.items()
+        }
         self._lines = lines  # bus -> its kind
         self.taken: dict[str, ActuatorSlot] = {}
 
@@ -111,27 +102,19 @@ class _SlotRegistry:
         for other in self.taken.values():
             if (other.bus, other.id) == (slot.bus, slot.id):
                 raise entry.refuse("id", f"id {slot.id} on bus {slot.bus} is that of {other.name} already")
-        refuse_clash(slot, list(self.taken.values()), entry)
+        family(slot.type.BUS).refuse_clash(slot, list(self.taken.values()), entry)
         self.taken[name] = slot
         return slot
 
     def _read(self, name: str, entry: ConfigReader, beside: tuple[type, ...]) -> ActuatorSlot:
-        entry.read(SlotKeys, ServoSlotKeys, CanSlotKeys, *beside)  # a misspelt key before a missing one
+        shapes = [family(kind).slot_keys for kind in self._lines.values()]
+        entry.read(SlotKeys, *shapes, *beside)  # a misspelt key before a missing one
         kind = self._types[entry.choice("type", self._types)]
         bus = entry.choice("bus", self._lines)
         if self._lines[bus] != kind.BUS:
             device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
             raise entry.refuse("bus", f"{device}; bus {bus} is of kind {self._lines[bus]}")
-        if isinstance(kind, CanType):
-            can = entry.read(CanSlotKeys, *beside)
-            feedback = require_can_ids(entry, can, kind)
-            return ActuatorSlot(name, bus, can.id, kind, can.sign, can.ratio, {}, can.mode, feedback)
-        assert isinstance(kind, ServoType)
-        given = entry.read(ServoSlotKeys, *beside)
-        mode = read_mode(entry, kind.mode)
-        require_mode(entry, mode, kind, self._kinds[kind.name])
-        registers = {**kind.registers, **read_registers(given.registers, table(number_of(kind.device)))}
-        return ActuatorSlot(name, bus, given.id, kind, given.sign, given.ratio, registers, mode, None)
+        return family(kind.BUS).read_slot(SlotEntry(name, bus, entry, self._kinds[kind.name], beside), kind)
 
 
 def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots: _SlotRegistry) -> JointSpec:
@@ -141,7 +124,7 @@ def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots
         given = entry.read(JointKeys)
     else:
         slot = slots.add(name, entry, JointKeys)
-        given = entry.read(JointKeys, CanSlotKeys if isinstance(slot.type, CanType) else ServoSlotKeys)
+        given = entry.read(JointKeys, family(slot.type.BUS).slot_keys)
     lower, upper = given.limits_rad
     _require_limits(entry, lower, upper)
     if seat is None:
@@ -235,24 +218,6 @@ def _within_a_turn(slot: ActuatorSlot | JointSpec, travel: tuple[float, float], 
         raise entry.refuse(
             "limits_rad", f"the travel is {turns:.2f} turns of {name}: one turn at most without homing"
         )
-
-
-def _type(name: str, section: ConfigReader) -> TypeSpec:
-    """By its device: a model of one of the CAN families, else a serial servo."""
-    device = section.value("device", Text)
-    if device in CAN_MODELS:
-        return can_type(name, section)
-    near = get_close_matches(device, CAN_MODELS, 1, 0.75)
-    if near and device.lower() != near[0].lower() and not _is_servo(device):
-        raise section.refuse("device", f"no CAN actuator {device!r}; nearest: {near[0]}")
-    return servo_type(name, section)
-
-
-def _is_servo(device: str) -> bool:
-    try:
-        return number_of(device) > 0
-    except KeyError:
-        return False
 
 
 def _require_limits(entry: ConfigReader, lower: float, upper: float) -> None:

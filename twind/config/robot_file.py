@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from twind.config.actuator_types import GainSettings, TypeSpec
+from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import buses
 from twind.config.collision_config import clearance
 from twind.config.config_reader import ConfigReader, ConfigStruct, Name, Text, file_error
@@ -216,7 +216,6 @@ def _angle(pose: ConfigReader, joint: JointSpec) -> float:
 __all__ = [
     "BusSpec",
     "ConfigError",
-    "GainSettings",
     "GateSettings",
     "JointSpec",
     "RobotFile",

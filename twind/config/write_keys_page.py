@@ -15,26 +15,26 @@ from pathlib import Path
 from textwrap import dedent
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
-from twind.config.bus_config import CanBusKeys, SerialBusKeys
-from twind.config.can_type import CanSlotKeys, CanTypeKeys
 from twind.config.collision_config import CollisionKeys
 from twind.config.config_reader import ConfigReader, FileKey, keys_of, shape_of, type_parts
 from twind.config.daemon_settings import SettingsKeys
 from twind.config.doc_pages import renew_tables, rewrite_page
+from twind.config.driver_family import families
 from twind.config.imu_config import SensorKeys
 from twind.config.joint_config import OF_DEFAULTS, JointKeys
 from twind.config.robot_file import RobotKeys
-from twind.config.servo_type import ServoSlotKeys, ServoTypeKeys
 from twind.config.transmission_config import DifferentialKeys, LinkageKeys
 
 TABLES: Mapping[str, type] = {"keys of settings": SettingsKeys, "keys of the robot file": RobotKeys}
 HEAD = "| key | value | default | what |\n|---|---|---|---|"
 
+OWN = tuple(reversed(families()))  # of a key that several have, the last one's text stands
+
 # Sections whose entries are read one by one: what stands for an entry's name, and its shapes.
 _ENTRIES: Mapping[str, tuple[str, tuple[type, ...]]] = {
-    "buses": ("BUS.", (SerialBusKeys, CanBusKeys)),
-    "types": ("TYPE.", (ServoTypeKeys, CanTypeKeys)),
-    "joints": ("JOINT.", (ServoSlotKeys, CanSlotKeys, JointKeys)),
+    "buses": ("BUS.", tuple(each.bus_keys for each in OWN)),
+    "types": ("TYPE.", tuple(each.type_keys for each in OWN)),
+    "joints": ("JOINT.", (*(each.slot_keys for each in OWN), JointKeys)),
     "transmissions": ("TRANSMISSION.", (DifferentialKeys, LinkageKeys)),
     "collision": ("", (CollisionKeys,)),
     "sensors": ("", (SensorKeys,)),

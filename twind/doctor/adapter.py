@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from twind.config.actuator_types import CAN, ServoType
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.doctor.check import (
     UNPLUGGED,
     Check,
@@ -21,6 +22,7 @@ from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
+from twind_drivers.dynamixel.servo_type import ServoType
 
 HUBS = 2  # hubs in a row that do no harm
 # Highest rates by kernel driver, bit/s (data sheets: CP2102N 3 M, CH340 2 M, PL2303 6 M; FTDI's vary).
@@ -190,7 +192,7 @@ def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
     proves nothing: both make the check unavailable.
     """
     daemon = context.need_daemon()
-    serial = [bus for bus in context.need_robot().buses if bus.kind != CAN]
+    serial = [bus for bus in context.need_robot().buses if family(bus.kind).medium is not Medium.CAN]
     if not serial:
         raise CheckNotApplicable("no serial port")
     if context.sim:

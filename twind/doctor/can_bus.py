@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.doctor.check import (
     Check,
@@ -26,8 +25,9 @@ from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.channel import CanErrorState
+from twind_drivers.can.can_type import CanType
 from twind_drivers.can.register_access import STATE
+from twind_drivers.ports.channel import CanErrorState
 from twind_drivers.run_script import perform
 
 ACTUATORS = "CAN actuators"  # subject in the report

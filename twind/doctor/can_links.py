@@ -18,7 +18,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.ports import can_interfaces
 from twind.exceptions import OperationFailed
-from twind_drivers.can.can_interface_control import CAN_TYPE, LONG
+from twind_drivers.ports.can_interface_control import CAN_TYPE, LONG
 
 SHORT = 48  # frames: two cycles of 24 actuators
 RESTART_MS = 100

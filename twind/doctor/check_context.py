@@ -13,11 +13,12 @@ from typing import Any, TypeVar
 
 from twind.client import Client, NoDaemon
 from twind.command_line.verb import UsageError
-from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.robot_spec import BusSpec
 from twind.config.yaml_tree import ConfigError
@@ -112,7 +113,7 @@ class CheckContext:
         """
         if self.sim:
             raise CheckNotApplicable("mode sim opens no bus")
-        specs = [spec for spec in self.need_robot().buses if (spec.kind == CAN) is can]
+        specs = [spec for spec in self.need_robot().buses if (family(spec.kind).medium is Medium.CAN) is can]
         if not specs:
             raise CheckNotApplicable
         reasons = []
@@ -183,12 +184,12 @@ def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> C
         result.lines = {
             name: SerialBusInspector(port, robot.bus(name).baud, host, clock)
             for name, port in result.ports.items()
-            if port is not None and robot.bus(name).kind != CAN
+            if port is not None and family(robot.bus(name).kind).medium is not Medium.CAN
         }
         result.can_lines = {
             name: CanBusInspector(port, robot.bus(name), robot, host, clock, no_daemon)
             for name, port in result.ports.items()
-            if port is not None and robot.bus(name).kind == CAN
+            if port is not None and family(robot.bus(name).kind).medium is Medium.CAN
         }
     return result
 

@@ -25,7 +25,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import BOOTED, HostInspector, is_daemon
 from twind.exceptions import OperationFailed
 from twind.loop.process.realtime import LIMIT, PRIORITY
-from twind_drivers.dynamixel.port_holder import command
+from twind_drivers.ports.port_holder import command
 
 CORES = 2
 LOCKED = 1 << 30  # bytes: a daemon with its model is 0.2 to 0.5 GB

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
-from twind_drivers.can.can_interface_lock import owners
-from twind_drivers.dynamixel.port_holder import command
+from twind_drivers.ports.can_interface_lock import owners
+from twind_drivers.ports.port_holder import command
 
 PATIENCE = 5.0  # s for a program
 BOOTED = Path("/run/systemd/system")  # sd_booted(3): exists only where systemd is the init system

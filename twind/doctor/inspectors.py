@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from twind.client import CallError, Client, ClientError, NoDaemon
-from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, RobotFile
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
@@ -18,15 +17,16 @@ from twind.protocol.messages import JointMessage, StatusMessage
 from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.can.actuator import CanActuatorIdentity
-from twind_drivers.can.can_ports import open_channel, parse
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.channel import CanChannel
+from twind_drivers.can.can_type import CanType
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import LONGEST_DELAY, PortProber
 from twind_drivers.dynamixel.replies import StatusReply
-from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.ports.can_ports import open_channel, parse
+from twind_drivers.ports.channel import CanChannel
+from twind_drivers.ports.serial_port import SerialTransport
 
 PATIENCE = 2.0  # s for one reply: a daemon in trouble must not block its diagnosis
 SCAN_PATIENCE = 65.0  # s for one reply of an operator's connection: a scan of a slow bus

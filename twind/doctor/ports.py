@@ -8,7 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from twind.config.actuator_types import CAN
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.ctl.instance_paths import stop
 from twind.doctor import service
 from twind.doctor.check import (
@@ -23,7 +24,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import HostInspector, PortHolder, is_daemon
 from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
-from twind_drivers.can import can_ports
+from twind_drivers.ports import can_ports
 
 BY_ID = ("twind", "serial/by-id")  # below /dev: names by twind's udev rule, then those of the system
 GUESSED = ("ttyUSB", "ttyACM")  # prefixes of names that are numbered in the order of plugging in
@@ -98,7 +99,7 @@ def port_devices(context: CheckContext) -> list[PortDevice]:
     for name, port in context.ports.items():
         if port is None:
             continue
-        if robot.bus(name).kind != CAN:
+        if family(robot.bus(name).kind).medium is not Medium.CAN:
             found.append(PortDevice(name, port, robot.bus(name).baud))
             continue
         parts = can_ports.parse(port)
@@ -115,7 +116,7 @@ def can_interfaces(context: CheckContext) -> list[tuple[str, str]]:
     buses = [
         (name, can_ports.parse(port))
         for name, port in context.ports.items()
-        if port is not None and robot.bus(name).kind == CAN
+        if port is not None and family(robot.bus(name).kind).medium is Medium.CAN
     ]
     return [(name, port.channel) for name, port in buses if port.interface == "socketcan"]
 

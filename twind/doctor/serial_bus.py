@@ -6,7 +6,6 @@ Rows that a CAN bus shares are here; its checks are in `can_bus.py`. Each check 
 from collections.abc import Iterator
 from statistics import median
 
-from twind.config.actuator_types import ServoType
 from twind.ctl.instance_paths import stop
 from twind.doctor import register_fix
 from twind.doctor.check import (
@@ -32,6 +31,7 @@ from twind_drivers.dynamixel.control_tables import ControlTable, number_of, tabl
 from twind_drivers.dynamixel.device_layout import layout_of
 from twind_drivers.dynamixel.dynamixel_identification import supports_fast
 from twind_drivers.dynamixel.serial_cycle_budget import budget
+from twind_drivers.dynamixel.servo_type import ServoType
 from twind_drivers.slow_read_rate import upkeep_stride
 
 BUSES = "serial buses"  # subject in the report

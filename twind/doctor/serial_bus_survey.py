@@ -22,7 +22,7 @@ from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevic
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
 from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.register_sensor import decoded
+from twind_drivers.register_sensor import decoded
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
 RAM = (

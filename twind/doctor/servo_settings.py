@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 
-from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
@@ -11,6 +10,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.register_fix import format_command, offer_fix
 from twind.doctor.serial_bus_survey import SurveyedServo, expected_servos
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.servo_type import ServoType
 
 SERVOS = "servos"  # subject in the report
 # Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).

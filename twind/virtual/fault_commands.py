@@ -20,8 +20,8 @@ NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count"
 Order = dict[str, Any]
 FaultArguments = Mapping[str, Mapping[str, type | tuple[type, ...]]]
 REAL = (int, float)
-# Arguments of each fault and their kinds, as the methods of a bus's `faults`; those ending in ? are optional.
-_SHARED: FaultArguments = {
+# Arguments of the faults that families share, as methods of a bus's `faults`; those ending in ? are optional.
+SHARED_FAULTS: FaultArguments = {
     "drop": {"count": int, "id?": int},
     "foreign": {"count": int, "id?": int},
     "duplicate": {"count": int, "id?": int},
@@ -44,38 +44,6 @@ _SHARED: FaultArguments = {
     "replug": {"renamed?": bool},
     "clear": {},
 }
-FAULTS: FaultArguments = {
-    **_SHARED,
-    "corrupt": {"count": int, "id?": int, "bits?": int},
-    "forge": {"count": int, "id?": int},
-    "cut": {"count": int, "bytes": int, "id?": int},
-    "noise": {"seconds": REAL, "count?": int, "id?": int},
-    "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
-    "mangle": {"count": int, "bits?": int, "bytes?": int},
-    "babble": {"on?": bool},
-    "split": {"bytes": int},
-    "latency": {"seconds": REAL, "payload?": int},
-    "collide": {"on?": bool},
-    "garble": {"on?": bool},
-    "power": {"on": bool},
-    "sag": {"id": int, "volts": REAL},
-    "spike": {"id": int, "celsius": REAL, "seconds": REAL},
-}
-# Of a bus of CAN actuators.
-CAN_FAULTS: FaultArguments = {
-    **_SHARED,
-    "corrupt": {"count": int, "kind?": str},
-    "unacknowledged": {"on?": bool},
-    "bus_off": {"on?": bool},
-    "passive": {"on?": bool},
-    "error_frames": {"count": int},
-    "ranges": {"id": int, "position": REAL, "velocity": REAL, "torque": REAL},
-    "zero_lost": {"id": int, "radians": REAL},
-    "wrap": {"id": int, "turns?": int},
-    "twin": {"id": int, "on?": bool},
-    "master": {"id": int, "on?": bool},
-    "power": {"on": bool, "id?": int},
-}
 # Of the body that all buses move, as the methods of `BaseSupport`; `imu` as `VirtualSensor.err`.
 BODY_FAULTS: FaultArguments = {
     "hold": {"on?": bool},
@@ -84,7 +52,7 @@ BODY_FAULTS: FaultArguments = {
 }
 
 
-def arguments(order: Order, faults: FaultArguments = FAULTS) -> tuple[str, dict[str, Any]]:
+def arguments(order: Order, faults: FaultArguments) -> tuple[str, dict[str, Any]]:
     """Fault and its arguments, of those of one kind of bus. Raises InvalidInput."""
     if "fault" not in order:
         raise InvalidInput('an order names a fault or a query, as {"fault": "drop", "count": 3}')

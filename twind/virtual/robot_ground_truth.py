@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from twind.config.actuator_types import CanType
 from twind.config.calibrated_device import Byte, Tag, Ticks
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.counts import ticks_of, turn_start
@@ -21,9 +20,7 @@ from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
 from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import ranges_of
-from twind_drivers.dynamixel.control_tables import number_of, table
 
-OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # keys that a CAN actuator can have
 LOOSE = (0.02, 0.08)  # rad, how far beyond the limits the stops of a random specimen are
 # N·m; ticks; turns either way
 RUBBING = (0.03, 0.1)
@@ -113,15 +110,11 @@ def _joint(section: ConfigReader) -> JointGroundTruth:
 
 
 def refuse_impossible(robot: RobotFile, truth: RobotGroundTruth) -> None:
-    """Raises InvalidInput: no such joint, what a CAN actuator has not, servos that cannot be exchanged."""
+    """Raises InvalidInput: no such joint, or devices that cannot be exchanged."""
     specs = {joint.name: joint for joint in robot.joints}
     for name, each in truth.joints.items():
         if name not in specs:
             raise InvalidInput(f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}")
-        strange = [key for key in each.non_default_keys() if key not in OF_CAN]
-        if isinstance(specs[name].type, CanType) and strange:
-            why = f"{strange[0]} is of serial servos; a CAN actuator has {', '.join(OF_CAN)}"
-            raise InvalidInput(f"truth: {name}: {why}")
         other = specs.get(each.swapped_with or name)
         if other is None or other.bus != specs[name].bus or each.swapped_with == name:
             raise InvalidInput(
@@ -131,19 +124,6 @@ def refuse_impossible(robot: RobotFile, truth: RobotGroundTruth) -> None:
             truth.holder(each.swapped_with) != name or truth.holder(name) != other.name
         ):
             raise InvalidInput(f"truth: {name}: swapped_with {other.name}, which is swapped with another one")
-        _refuse_registers(specs[name], each)
-
-
-def _refuse_registers(joint: JointSpec, each: JointGroundTruth) -> None:
-    if not each.eeprom():
-        return
-    registers = table(number_of(joint.type.device))
-    for key, value in each.eeprom().items():
-        if key not in registers or not registers[key].eeprom:
-            raise InvalidInput(f"truth: {joint.name}: {registers.model} has no EEPROM register {key!r}")
-        if not registers[key].takes(value):
-            low, high = registers[key].bounds
-            raise InvalidInput(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
 
 
 def mechanical_stops(robot: RobotFile, truth: RobotGroundTruth) -> Mapping[str, tuple[float, float]]:
@@ -173,18 +153,18 @@ def _random(joint: JointSpec, random: np.random.Generator) -> JointGroundTruth:
     turn = joint.type.ticks_per_turn
     start = turn_start(joint.type)
     low, high = sorted(ticks_of(joint, 0, stop) for stop in stops)
-    one_turn = isinstance(joint.type, CanType) or joint.operating_mode == 3
+    one_turn = not joint.type.winds or joint.type.fenced(joint.mode)
     if one_turn and high - low < turn - 2 * CLEAR:
         zero = int(random.integers(start + CLEAR - low, start + turn - CLEAR - high))
     else:
         zero = int(random.integers(start, start + turn))
     friction = float(random.uniform(*RUBBING))
     ends = None if joint.transmission else stops  # its actuators end where their joints do
-    if isinstance(joint.type, CanType):
+    if not joint.type.winds:
         return JointGroundTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
     play = float(random.uniform(0.0, PLAY))
     turns = int(random.integers(-WOUND, WOUND + 1))
-    if joint.operating_mode == 3 and not isinstance(joint.type, CanType):
+    if one_turn:
         turns = 0  # it wakes up on one turn
     return JointGroundTruth(
         zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns

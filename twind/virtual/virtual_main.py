@@ -10,10 +10,10 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -22,17 +22,16 @@ from twind.exceptions import InvalidInput
 from twind.loop.process import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
-from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo, settings
+from twind.virtual.bench_servos import bench, by_bus, servo
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.robot_ground_truth import RobotGroundTruth, load_truth, random_truth
 from twind.virtual.virtual_robot_spec import body_for, buses, make_spec, save
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
+from twind.virtual.virtual_twin import BusTiming, DeviceOptions
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.virtual.can.node_spec import NodeSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.servable_bus import ServableBus
-from twind_drivers.virtual.virtual_servos import ServoSpec
 
 PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 
@@ -62,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         "--baud", type=int, metavar="N", help="baud rate of every servo, instead of the robot file's"
     )
     parser.add_argument("--return-delay", type=int, metavar="US", help="return delay of every servo, µs")
-    parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="firmware of every servo")
+    parser.add_argument("--firmware", type=int, metavar="N", help="firmware of every servo")
     parser.add_argument(
         "--latency-timer", type=float, default=0.0, metavar="MS", help="latency timer of the adapter"
     )
@@ -119,7 +118,7 @@ def _check(options: argparse.Namespace) -> None:
     """Raises InvalidInput: a number that no adapter or servo can have."""
     if not 0.0 <= options.latency_timer <= 255.0:
         raise InvalidInput(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
-    if not 0 <= options.firmware <= 255:
+    if not 0 <= (options.firmware or 0) <= 255:
         raise InvalidInput(f"--firmware {options.firmware}: it is 0..255")
     if options.bus and options.robot is None and options.servo:
         raise InvalidInput("--bus needs --robot: servos alone have the buses that they name")
@@ -141,13 +140,9 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
         adapter=SerialAdapter(echo=options.echo, latency=options.latency_timer * 1e-3),
         seed=options.seed,
     )
-    named = [servo(text, firmware=options.firmware) for text in options.servo]
-    if named and options.robot is None:
-        made = [
-            (bus, _set(spec, options, options.baud) if isinstance(spec, ServoSpec) else spec)
-            for bus, spec in named
-        ]
-        return bench(made, line, baud=options.baud, now=now), None
+    if options.servo and options.robot is None:
+        named = [_servo(text, options, {}) for text in options.servo]
+        return bench(named, line, baud=options.baud, now=now), None
     robot = load_robot(options.robot or "h24")
     one = make_spec(
         robot,
@@ -157,7 +152,7 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
         truth=_truth(robot, options),
     )
     rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
-    extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
+    extra = by_bus([_servo(text, options, rates) for text in options.servo])
     body = None
     if options.muscles == "mujoco":
         body = body_for(one, base=options.base_pose, hold=options.hold, now=now)
@@ -184,15 +179,10 @@ def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dic
     return {name: bus for name, bus in virtual.items() if not options.bus or name in options.bus}
 
 
-def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
-    """Return the servo that hangs beside a robot's own. Raises InvalidInput for a CAN actuator."""
-    if isinstance(spec, NodeSpec):
-        raise InvalidInput(f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated")
-    return spec
-
-
-def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> ServoSpec:
-    return replace(spec, settings=settings(baud, options.return_delay))
+def _servo(text: str, options: argparse.Namespace, rates: Mapping[str, int]) -> tuple[str, Any]:
+    """Bus and device of `--servo`, at the rate of its bus. Raises InvalidInput."""
+    rate = rates.get(text.partition(":")[0], options.baud)
+    return servo(text, DeviceOptions(options.firmware, rate, options.return_delay))
 
 
 def _serve(

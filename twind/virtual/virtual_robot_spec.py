@@ -1,4 +1,4 @@
-"""Specification of one virtual robot: its servos' zeros, their EEPROM, the calibration that fits.
+"""Specification of one virtual robot: the zeros of its devices, their settings, the calibration that fits.
 
 Runs in `twind-virtual`. The zeros differ from servo to servo, so that a missing or wrong calibration shows.
 """
@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from twind.config.actuator_types import CAN
 from twind.config.calibration_file import (
     Calibration,
     JointCalibration,
@@ -24,6 +24,7 @@ from twind.config.calibration_file import (
     turn_band,
 )
 from twind.config.counts import slot_angles, ticks_of, turn_start
+from twind.config.driver_family import family, family_of
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
@@ -34,28 +35,23 @@ from twind.twin.base_support import BY_TORQUE
 from twind.twin.imu_model import mount_of, still
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.version import __version__
-from twind.virtual.bench_servos import FIRMWARE, BusTiming, can_bus, laid_out, settings, virtual_bus
-from twind.virtual.can_node_setup import device, node, unloaded
-from twind.virtual.joint_actuators import (
-    EncoderFrame,
-    fenced,
-    frames_of,
-    hinge_of,
-    margined,
-    servo_of,
-    zero_of,
-)
+from twind.virtual.joint_actuators import hinge_of, margined, zero_of
 from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
-from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.dynamixel.control_tables import number_of, table
-from twind_drivers.dynamixel.register_sensor import SensorField
-from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics, FirstOrderCanPhysics
-from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind.virtual.virtual_twin import (
+    BusTiming,
+    DeviceOptions,
+    EncoderFrame,
+    JointDevice,
+    PhysicsRequest,
+    RobotBusRequest,
+    VirtualBusRequest,
+    VirtualTwin,
+    twin_of,
+)
+from twind_drivers.register_sensor import SensorField
 from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.servable_bus import ServableBus
-from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
 from twind_drivers.virtual.virtual_sensor import SensorRegisters, VirtualSensor
-from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec
 
 
 @dataclass(frozen=True)
@@ -64,8 +60,7 @@ class VirtualRobotSpec:
 
     robot: RobotFile  # as described
     zeros: Mapping[str, int]  # of the bare encoder at joint angle 0, by joint
-    servos: Mapping[str, tuple[ServoSpec, ...]]  # by serial bus, in joint order
-    nodes: Mapping[str, tuple[NodeSpec, ...]] = field(default_factory=dict)  # by CAN bus, likewise
+    devices: Mapping[str, tuple[Any, ...]]  # by bus, in joint order: a `VirtualDevice` of its family
     frames: Mapping[str, EncoderFrame] = field(default_factory=dict)  # by joint
     truth: RobotGroundTruth = field(default_factory=RobotGroundTruth)
 
@@ -81,8 +76,7 @@ class VirtualRobotSpec:
 
     def hinge(self, joint: str) -> Hinge:
         """Return the hinge of a joint, by joint name."""
-        every = [spec.hinge for on in self.servos.values() for spec in on]
-        every += [spec.hinge for on in self.nodes.values() for spec in on]
+        every: list[Hinge | None] = [device.hinge for on in self.devices.values() for device in on]
         return next(hinge for hinge in every if hinge is not None and hinge.joint == joint)
 
     @property
@@ -96,48 +90,54 @@ def make_spec(
     *,
     baud: int | None = None,
     return_delay_us: int | None = None,
-    firmware: int = FIRMWARE,
+    firmware: int | None = None,
     truth: RobotGroundTruth | None = None,
 ) -> VirtualRobotSpec:
-    """Servos that a robot file describes. Raises InvalidInput: rate, delay, travel or truth that cannot be.
+    """Devices that a robot file describes. Raises InvalidInput: rate, delay, travel or truth that cannot be.
 
     `truth`: deviations from the file; with it every shaft has mechanical stops. None: no deviations.
     """
     known = truth or RobotGroundTruth()
     refuse_impossible(robot, known)
+    _refuse_unknown_keys(robot, known)
     ends = {} if truth is None else mechanical_stops(robot, known)
-    wired = tuple(replace(joint, sign=_sign(joint, known)) for joint in robot.joints)
+    wired = [replace(joint, sign=_sign(joint, known)) for joint in robot.joints]
     zeros = {joint.name: zero_of(robot.name, joint, known.joint_truth(joint.name)) for joint in wired}
-    hinges = {joint.name: hinge_of(joint, zeros[joint.name], ends) for joint in wired}
-    made = VirtualRobotSpec(robot, zeros, {}, truth=known)
     ids = {joint.name: joint.id for joint in robot.joints}
-    frames = {name: EncoderFrame() for name in robot.names}
-    servos: dict[str, tuple[ServoSpec, ...]] = {}
-    nodes: dict[str, tuple[NodeSpec, ...]] = {}
+    made = VirtualRobotSpec(robot, zeros, {}, truth=known)
+    options = DeviceOptions(firmware, baud, return_delay_us)
+    devices: dict[str, tuple[Any, ...]] = {}
+    frames: dict[str, EncoderFrame] = {}
     for bus in robot.buses:
+        twin = twin_of(family(bus.kind))
         joints = made.joints(bus.name)
-        if bus.kind == CAN:
-            nodes[bus.name] = tuple(replace(node(joint), hinge=hinges[joint.name]) for joint in joints)
-            continue
-        base = settings(baud or bus.baud, return_delay_us)
-        bare = [
-            servo_of(
+        wanted = [
+            JointDevice(
                 joint,
-                hinges[joint.name],
-                known.joint_truth(joint.name),
                 ids[known.holder(joint.name)],
-                base,
-                firmware,
+                zeros[joint.name],
+                hinge_of(joint, zeros[joint.name], ends, twin.place_unit),
+                known.joint_truth(joint.name),
+                start,
             )
-            for joint in joints
+            for joint, start in zip(joints, _start(made, bus), strict=True)
         ]
-        found = frames_of(bus.name, bare, _start(made, bus))
-        frames |= {joint.name: frame for joint, frame in zip(joints, found, strict=True)}
-        servos[bus.name] = tuple(
-            fenced(spec, joint, zeros[joint.name], frame)
-            for joint, frame, spec in zip(joints, found, bare, strict=True)
-        )
-    return VirtualRobotSpec(robot, zeros, servos, nodes, frames, known)
+        found = twin.robot_devices(RobotBusRequest(bus, wanted, options))
+        devices[bus.name] = tuple(device for device, _ in found)
+        frames |= {joint.name: frame for joint, (_, frame) in zip(joints, found, strict=True)}
+    return VirtualRobotSpec(robot, zeros, devices, frames, known)
+
+
+def _refuse_unknown_keys(robot: RobotFile, truth: RobotGroundTruth) -> None:
+    """Raises InvalidInput for a key of the truth, or a register, that a joint's device has not."""
+    for joint in robot.joints:
+        twin = twin_of(family(joint.type.BUS))
+        each = truth.joint_truth(joint.name)
+        strange = [key for key in each.non_default_keys() if twin.truth_keys and key not in twin.truth_keys]
+        if strange:
+            why = f"a {joint.type.device} has no {strange[0]}; it has {', '.join(twin.truth_keys)}"
+            raise InvalidInput(f"truth: {joint.name}: {why}")
+        twin.refuse_truth(joint, each)
 
 
 def _sign(joint: JointSpec, truth: RobotGroundTruth) -> int:
@@ -150,8 +150,11 @@ def calibration(made: VirtualRobotSpec) -> Calibration:
     It has the robot file's signs, right or wrong: only a proof shows that. Where ids are exchanged it has for
     each joint the values of the servo with its id.
     """
-    devices = {(bus, servo.id): _device(servo) for bus, servos in made.servos.items() for servo in servos}
-    devices |= {(bus, each.id): device(each) for bus, nodes in made.nodes.items() for each in nodes}
+    devices = {
+        (bus.name, each.id): twin_of(family(bus.kind)).identity(each)
+        for bus in made.robot.buses
+        for each in made.devices[bus.name]
+    }
     created = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     holders = {name: made.truth.holder(name) for name in made.robot.names}
     zeros = {name: made.shown[holder] for name, holder in holders.items()}
@@ -188,14 +191,6 @@ def save(made: VirtualRobotSpec, path: Path) -> None:
     save_calibration(calibration(made), path.parent, path.stem)
 
 
-def _device(servo: ServoSpec) -> IdentifiedDevice:
-    number = number_of(servo.model)
-    registers = table(number, servo.firmware)
-    keys = ("homing_offset", "drive_mode", "operating_mode", "min_position_limit", "max_position_limit")
-    settings = {key: registers[key].rule.default or 0 for key in keys} | dict(servo.settings)
-    return IdentifiedDevice(servo.id, number, registers.model, servo.firmware, settings)
-
-
 def buses(
     made: VirtualRobotSpec,
     *,
@@ -203,44 +198,48 @@ def buses(
     body: MujocoPhysics | None = None,
     now: float = 0.0,
     line: BusTiming | None = None,
-    extra: Mapping[str, Sequence[ServoSpec]] | None = None,
+    extra: Mapping[str, Sequence[Any]] | None = None,
 ) -> dict[str, ServableBus]:
     """Make the buses of a virtual robot, in its rest pose with torque off. One body moves all of them.
 
     `body`: that one, else with `physics` one is made, held upright.
-    `extra`: servos beside those of the robot, by serial bus.
-    Raises InvalidInput for a bus that the robot has not, or, with `physics`, for `extra` on a body's bus.
+    `extra`: devices beside those of the robot, by bus.
+    Raises InvalidInput for a bus that cannot take them, or, with `physics`, for `extra` on a body's bus.
     """
     extra = extra or {}
-    strange = sorted(set(extra) - set(made.servos))
-    if strange:
-        why = (
-            "is a CAN bus: only a serial one takes servos beside its own" if strange[0] in made.nodes else ""
-        )
-        known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
-        raise InvalidInput(f"{strange[0]} {why}" if why else known)
+    _require_takers(made.robot, extra)
     if physics and body is None:
         body = body_for(made, now=now)
     if extra and body is not None:
         raise InvalidInput("servos beside those of a robot have no body: say --muscles first-order")
     line = line or BusTiming()
     virtual: dict[str, ServableBus] = {}
-    for spec in made.robot.buses:
-        if spec.kind == CAN:
-            moved = _can_muscles(made, spec, body, now)
-            virtual[spec.name] = can_bus(
-                spec.name, made.nodes[spec.name], moved, line, bitrate=spec.baud, now=now
-            )
-            continue
-        own = made.servos[spec.name]
-        beside, stand = laid_out(extra.get(spec.name, ()), line.seed)
-        baud = BAUDS[own[0].settings["baud_rate"]] if own else spec.baud
-        muscles = _muscles(made, spec, body, now, stand)
-        sensor = sensor_of(made.robot, spec.name, body)
-        virtual[spec.name] = virtual_bus(
-            spec.name, [*own, *beside], muscles, line, baud=baud, now=now, sensor=sensor
-        )
+    for bus in made.robot.buses:
+        own = made.devices[bus.name]
+        beside, stand = _twin(bus).laid_out(extra.get(bus.name, ()), line.seed)
+        moved = _moved(made, bus, body, now, stand)
+        sensor = sensor_of(made.robot, bus.name, body)
+        request = VirtualBusRequest(bus.name, [*own, *beside], moved, line, bus.baud, now, sensor)
+        virtual[bus.name] = _twin(bus).bus(request)
     return virtual
+
+
+def _require_takers(robot: RobotFile, extra: Mapping[str, Sequence[Any]]) -> None:
+    """Raises InvalidInput for devices beside the robot's own where no bus takes them."""
+    kinds = {bus.name: bus.kind for bus in robot.buses}
+    takers = {bus.name: bus for bus in robot.buses if _twin(bus).takes_more}
+    for name, devices in extra.items():
+        if name in kinds and name not in takers:
+            raise InvalidInput(f"{name} is a bus of kind {kinds[name]}: it takes no further devices")
+        if name not in takers:
+            raise InvalidInput(f"no bus {name!r}; {robot.name} has {', '.join(takers)}")
+        for device in devices:
+            if (kind := family_of(device.model).kind) != takers[name].kind:
+                raise InvalidInput(f"{device.model} {device.id} is of kind {kind}: bus {name} is of another")
+
+
+def _twin(bus: BusSpec) -> VirtualTwin:
+    return twin_of(family(bus.kind))
 
 
 def body_for(
@@ -256,32 +255,13 @@ def body_for(
     return body_of(made.wired, made.zeros, friction=friction, stops=stops, base=base, hold=hold, now=now)
 
 
-def _muscles(
+def _moved(
     made: VirtualRobotSpec, bus: BusSpec, body: MujocoPhysics | None, now: float, beside: list[float]
-) -> ServoPhysics:
-    """Build the servo physics of one bus; `beside`: ticks of the servos that belong to no joint."""
-    if body is not None:
-        return body.part(_places(made, bus))
-    muscles = FirstOrderPhysics(np.array([*map(float, _start(made, bus)), *beside]), now=now)
-    fence(muscles, [spec.hinge for spec in made.servos[bus.name]] + [None] * len(beside))
-    return muscles
-
-
-def _can_muscles(
-    made: VirtualRobotSpec, bus: BusSpec, body: MujocoPhysics | None, now: float
-) -> CanMotorPhysics:
-    if body is not None:
-        return body.impedance(_places(made, bus))
-    shafts = unloaded(_start(made, bus), now=now)
-    fence(shafts, [spec.hinge for spec in made.nodes[bus.name]])
-    return shafts
-
-
-def fence(muscles: FirstOrderPhysics | FirstOrderCanPhysics, hinges: Sequence[Hinge | None]) -> None:
-    """Joints without load end where their hinges do."""
-    ends = [(-math.inf, math.inf) if hinge is None else hinge.ends() for hinge in hinges]
-    lower, upper = np.array(ends, np.float64).reshape(-1, 2).T
-    muscles.set_endstops(lower, upper)
+) -> Any:
+    """Build the physics of one bus; `beside`: counts of the devices that belong to no joint."""
+    hinges = [device.hinge for device in made.devices[bus.name]] + [None] * len(beside)
+    start = [*map(float, _start(made, bus)), *beside]
+    return _twin(bus).physics(PhysicsRequest(body, _places(made, bus), start, hinges, now))
 
 
 def _places(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:

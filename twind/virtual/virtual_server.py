@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from twind.config.driver_family import family
+from twind.config.port_names import Medium
 from twind.exceptions import InvalidInput
 from twind.twin.base_support import BaseSupport
-from twind.virtual.fault_commands import BODY_FAULTS, CAN_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
+from twind.virtual.fault_commands import BODY_FAULTS, SHARED_FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.virtual_twin import twin_of
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.servable_bus import ServableBus
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
-from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 STEP = 0.002  # s between two steps of physics and watchdogs, with or without traffic
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
@@ -64,6 +66,7 @@ class VirtualBusServer:
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses = buses
+        self._batched = {bus.name for bus in buses.values() if family(bus.kind).medium is Medium.CAN}
         self._ports = ports
         self._clock = clock
         self._on_plugged = on_plugged
@@ -108,7 +111,7 @@ class VirtualBusServer:
         late = next_step  # s; what comes in batches of an adapter may come as late as a timer is
         soon = np.inf
         for bus, _ in self._pairs:
-            if bus.kind == "can":
+            if bus.name in self._batched:
                 late = min(late, bus.next_output_time())
             else:
                 soon = min(soon, bus.next_output_time())
@@ -138,7 +141,7 @@ class VirtualBusServer:
         if order.get("fault") in BODY_FAULTS:
             return self._body(order)
         bus, port = self._chosen(order.get("bus"))
-        name, given = arguments(order, CAN_FAULTS if bus.kind == "can" else FAULTS)
+        name, given = arguments(order, twin_of(family(bus.kind)).faults)
         bus.advance(self._clock.now())
         getattr(bus.faults, name)(**given)
         if name == "unplug":
@@ -150,7 +153,7 @@ class VirtualBusServer:
 
     def _hands(self, order: Order) -> Order:
         """Apply hand positions to all buses: a pose is split among them, `off` without an id is for all."""
-        _, given = arguments(order)
+        _, given = arguments(order, SHARED_FAULTS)
         pose = given.pop("pose", {})
         if "id" in given or not (pose or given.get("off")):
             self._chosen(None)  # raises with the names of the buses
@@ -180,7 +183,7 @@ class VirtualBusServer:
 
     def _sensor(self) -> VirtualSensor:
         """Return the inertial sensor of the robot. Raises InvalidInput: it has none."""
-        found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
+        found = [bus.sensor for bus, _ in self._pairs if bus.sensor is not None]
         if not found:
             raise InvalidInput("imu: this robot has none: `sensors` in its robot file")
         return found[0]

@@ -21,7 +21,7 @@ from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock, MonotonicClock
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
 PATIENCE = 5.0  # s for an answer of a daemon

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from twind.command_line.verb import Rejected
-from twind.config.actuator_types import ServoType
 from twind.config.robot_spec import JointSpec
-from twind.config.servo_check import SECONDARY, unfit
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import ControlTable
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS
+from twind_drivers.dynamixel.servo_check import SECONDARY, unfit
+from twind_drivers.dynamixel.servo_type import ServoType
 
 REPORTS = ("torque_enable", "hardware_error_status")  # never written here
 ANSWERS_ALL = 2  # status return level (68): pings, reads and writes are answered

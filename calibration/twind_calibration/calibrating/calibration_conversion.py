@@ -7,16 +7,16 @@ positions that the servo reports with it. A Feetech servo has the opposite sign,
 
 from dataclasses import dataclass, replace
 
-from twind.config.actuator_types import ServoType
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration, turn_band
-from twind.config.servo_check import MAX_OFFSET
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
 from twind_calibration.calibrating.lerobot_file import LeRobotMotor
 from twind_calibration.calibrating.sweep_tracker import describe_mismatch
 from twind_calibration.calibrating.travel_verdict import judge
 from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
+from twind_drivers.dynamixel.servo_check import MAX_OFFSET
+from twind_drivers.dynamixel.servo_type import ServoType
 
 REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
 DYNAMIXEL = "dynamixel"

@@ -11,7 +11,6 @@ from statistics import fmean, pstdev
 from twind.client import Client
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, operator
-from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
@@ -43,9 +42,8 @@ class EndstopPlan:
     def describe(self, at: float | None) -> str:
         """Describe the motion: joint, target and strength. `at`: present angle (rad)."""
         kind = self.slot.joint.type
-        assert isinstance(kind, ServoType)
         share = USUAL_SHARE if self.share is None else self.share
-        most = share * kind.current_limit_a
+        most = share * kind.full_current_a
         pull = share * kind.effort_limit_nm
         strength = f"{share:.0%} of its current limit" + (f", {most:.2f} A" if isfinite(most) else "")
         strength += f", about {pull:.2f} N·m" if isfinite(pull) else ""
@@ -101,16 +99,16 @@ def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPla
     side = asked or next(iter(ends))
     if side not in ends:
         raise Rejected(f"{name}: {place.robot.path} describes no {side} stop of it (`stop_rad`)")
-    if not isinstance(joint.type, ServoType):
-        raise Rejected(f"{name} is a {joint.type.device}: only serial servos are driven against a stop")
+    if not joint.type.finds_endstops:
+        raise Rejected(f"{name} is a {joint.type.device}: it cannot be driven against a stop")
     homing = joint.homing
     current = options.current if options.current is not None or homing is None else homing.current_a
     speed = options.speed if options.speed is not None or homing is None else homing.speed
-    if current is not None and isnan(joint.type.current_limit_a):
+    if current is not None and isnan(joint.type.full_current_a):
         raise Rejected(
             f"type {joint.type.name} has no current_limit_a: the share of {current:g} A is unknown"
         )
-    share = None if current is None else current / joint.type.current_limit_a
+    share = None if current is None else current / joint.type.full_current_a
     return EndstopPlan(slot, side, ends[side], share, speed, options.times)
 
 

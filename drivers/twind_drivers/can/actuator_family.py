@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import NamedTuple, Protocol
 
 from twind_drivers.bus import Bools, Floats, Ints
-from twind_drivers.can.frame import NOTHING, Frames
+from twind_drivers.ports.frame import NOTHING, Frames
 
 # The contract's bits of a hardware error, as those of a serial servo's register 70 where they mean the same.
 VOLTAGE, UNCALIBRATED, HEAT, ENCODER, ELECTRICAL, OVERLOAD, SILENCE, UNKNOWN = (1 << bit for bit in range(8))

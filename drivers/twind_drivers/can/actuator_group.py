@@ -21,7 +21,7 @@ from twind_drivers.can.actuator_family import (
     RegisterReply,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import EXTENDED, FRAME, NOTHING, Frames
+from twind_drivers.ports.frame import EXTENDED, FRAME, NOTHING, Frames
 
 T = TypeVar("T", bound=np.generic)
 _RAW = np.dtype((np.void, FRAME.itemsize))

@@ -18,8 +18,8 @@ from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joine
 from twind_drivers.can.can_transaction import CanTransaction
 from twind_drivers.can.can_transactor import DEAD, CanTransactor
 from twind_drivers.can.can_units import COUNT, EFFORT
-from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.device_presence import DevicePresence
+from twind_drivers.ports.frame import NOTHING, Frames
 
 SURE = 3  # requests in a row with exactly their replies that clear a suspect; fewer could all be late ones
 ALERT = np.uint8(0x80)  # of a sample's error byte: the actuator has a fault

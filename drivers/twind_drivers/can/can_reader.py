@@ -37,7 +37,6 @@ from twind_drivers.can.can_models import model
 from twind_drivers.can.can_slow_registers import CanSlowRegisters
 from twind_drivers.can.can_transaction import CanTransaction
 from twind_drivers.can.can_transactor import CanTransactor
-from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.codec_factory import apart, make, ranges_of
 from twind_drivers.can.register_access import (
     STATE,
@@ -50,6 +49,7 @@ from twind_drivers.can.register_access import (
     rows_of,
     state,
 )
+from twind_drivers.ports.channel import CanChannel
 from twind_drivers.slow_read_rate import upkeep_stride
 
 # s that a reply may take beyond its wire time, at most half a period of the loop. USB adapters deliver frames

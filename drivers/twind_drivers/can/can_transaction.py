@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import inf
 
 from twind_drivers.bus import Bools, Ints
-from twind_drivers.can.frame import Frames
+from twind_drivers.ports.frame import Frames
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,11 @@ from math import inf
 import numpy as np
 
 from twind_drivers.bus import Bools, Ints, PortError, PortErrorCause
-from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.can_cycle_budget import STANDARD, frame_bits
 from twind_drivers.can.can_transaction import CanTransaction, PendingCanGoals
-from twind_drivers.can.frame import BYTES, NOTHING, Frames
+from twind_drivers.ports import channel as wire
+from twind_drivers.ports.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s after a missed reply during which a surplus frame counts as late, not as foreign
 DEAD = 0.1  # s of silence of all actuators: their watchdogs have run out, so earlier goals are void

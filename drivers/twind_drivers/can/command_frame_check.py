@@ -5,7 +5,7 @@ import numpy as np
 from twind_drivers.bus import Ints, WireRangeError
 from twind_drivers.can.actuator_group import ActuatorGroup
 from twind_drivers.can.can_units import COUNT
-from twind_drivers.can.frame import Frames
+from twind_drivers.ports.frame import Frames
 
 STEPS = 0xFFFF  # steps of a 16-bit field, the narrowest with a position, which is truncated to a step
 

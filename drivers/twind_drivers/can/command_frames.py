@@ -15,8 +15,8 @@ from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_transaction import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
 from twind_drivers.can.command_frame_check import CommandFrameCheck
-from twind_drivers.can.frame import Frames
 from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
+from twind_drivers.ports.frame import Frames
 
 FIRMER = 2.0  # factor on the damping of a soft actuator, at most its field: undamped it would fall, not sink
 # s and cycles, the longer: time of a hold without goals; for ever would feed a dead writer's watchdogs

@@ -24,10 +24,10 @@ from twind_drivers.can.actuator_family import (
     RegisterReply,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, NOTHING, Frames
 from twind_drivers.can.id_lookup import row_of
 from twind_drivers.can.mit_codec import MitCodec
 from twind_drivers.can.mit_frame import unpack
+from twind_drivers.ports.frame import BYTES, NOTHING, Frames
 
 ORDERS = {ValuelessCommand.ENABLE: 0xFC, ValuelessCommand.DISABLE: 0xFD, ValuelessCommand.ZERO: 0xFE}
 SHORT = 6  # bytes of a reply without temperature and error

@@ -26,10 +26,10 @@ from twind_drivers.can.actuator_family import (
     RegisterType,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, STANDARD_MASK, Frames, Octets, frames
 from twind_drivers.can.id_lookup import NONE, Table, by_name, four, row_of, to_one
 from twind_drivers.can.mit_codec import MitCodec
 from twind_drivers.can.mit_frame import is_special_frame, unpack
+from twind_drivers.ports.frame import BYTES, STANDARD_MASK, Frames, Octets, frames
 
 ASK = 0x7FF  # requests of registers
 READ = 0x33

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from twind_drivers.bus import Floats, Ints
 from twind_drivers.can.actuator_family import ActuatorFeedback, FamilyRegister
-from twind_drivers.can.frame import Frames, frames
+from twind_drivers.ports.frame import Frames, frames
 
 Table = NDArray[np.int64]
 NONE = -1  # no actuator of this bus

@@ -6,9 +6,9 @@ import numpy as np
 
 from twind_drivers.bus import Bools, Floats
 from twind_drivers.can.actuator_family import ActuatorFamily, FieldRanges, ValuelessCommand
-from twind_drivers.can.frame import BYTES, STANDARD_MASK, Frames, frames
 from twind_drivers.can.id_lookup import NONE, checked_ids, row_of, to_one
 from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame
+from twind_drivers.ports.frame import BYTES, STANDARD_MASK, Frames, frames
 
 
 class MitCodec(ActuatorFamily):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twind_drivers.bus import Bools, Floats, Ints, WireRangeError
 from twind_drivers.can.actuator_family import FieldRanges
-from twind_drivers.can.frame import BYTES, Frames, Octets
+from twind_drivers.ports.frame import BYTES, Frames, Octets
 
 Words = NDArray[np.uint64]
 

@@ -35,9 +35,9 @@ from twind_drivers.can.actuator_family import (
     RegisterType,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, REMOTE, STANDARD_MASK, Frames, Octets, frames
 from twind_drivers.can.id_lookup import NONE, by_name, checked_ids, row_of, to_one, untold
 from twind_drivers.can.mit_frame import bounds, checked
+from twind_drivers.ports.frame import BYTES, REMOTE, STANDARD_MASK, Frames, Octets, frames
 
 TURN = 2.0 * pi
 NODES = 0x3F

@@ -27,7 +27,7 @@ from twind_drivers.bus import (
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.actuator_group import ActuatorGroup, joined
 from twind_drivers.can.can_transaction import CanTransaction
-from twind_drivers.can.frame import NOTHING, Frames
+from twind_drivers.ports.frame import NOTHING, Frames
 
 SPECIALS = 0x1_0000  # addresses of the orders without a value begin here ...
 ADDRESS = {

@@ -29,9 +29,9 @@ from twind_drivers.can.actuator_family import (
     RegisterType,
     ValuelessCommand,
 )
-from twind_drivers.can.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
 from twind_drivers.can.id_lookup import NONE, by_name, checked_ids, four, to_one, untold
 from twind_drivers.can.mit_frame import WIDE, FieldScale
+from twind_drivers.ports.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
 
 GET_ID = 0x00
 MOTION = 0x01

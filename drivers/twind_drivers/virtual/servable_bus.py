@@ -3,14 +3,19 @@
 from typing import Any, Protocol
 
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
 
 
 class ServableBus(Protocol):
     """Bytes in, bytes out, as time passes (s, never back); and the true state of its devices."""
 
     name: str
-    kind: str  # as the robot file has it: `dynamixel2` or `can`
+    kind: str  # as the robot file has it: its driver family
     faults: Any  # its orders, by name; `stalled`: it takes nothing from the host
+
+    @property
+    def sensor(self) -> VirtualSensor | None:
+        """Inertial sensor of the robot, on this bus; None: another bus has it, or none."""
 
     @property
     def is_plugged(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from twind_drivers.bus import Floats
 from twind_drivers.dynamixel.packet import BROADCAST, Instruction, Packet, StatusErrorCode, status
-from twind_drivers.dynamixel.register_sensor import SensorField
+from twind_drivers.register_sensor import SensorField
 
 # a model number that no servo has
 MODEL = 65000

@@ -27,7 +27,7 @@ head -c 4m /dev/zero > "$1/state/recording" 2> /dev/null
 def test_owner_of_a_can_interface_is_named() -> None:
     name = f"doct{os.getpid()}"
     program = (
-        "from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = "
+        "from twind_drivers.ports.can_interface_lock import CanInterfaceLock; sign = "
         f"CanInterfaceLock({name!r}); print(flush=True); input()"
     )
     words = (*LEGS[:2], "--port", f"l_leg=can:socketcan:{name}")

@@ -10,7 +10,7 @@ from can.interfaces.socketcan import socketcan
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
 from twind.doctor.host_inspector import HostInspector
 from twind_drivers.bus import PortError
-from twind_drivers.can.can_interface_lock import owners
+from twind_drivers.ports.can_interface_lock import owners
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
 
 def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
     program = (
-        "from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = "
+        "from twind_drivers.ports.can_interface_lock import CanInterfaceLock; sign = "
         f"CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
     )
     with subprocess.Popen(
@@ -44,9 +44,9 @@ APART = """
 import ctypes, os, sys
 if ctypes.CDLL(None, use_errno=True).unshare(0x10000000 | 0x40000000):  # a user and a network of its own
     print("denied"); sys.exit()
-from twind_drivers.can.can_interface_control import restart
+from twind_drivers.ports.can_interface_control import restart
 import fcntl, socket
-from twind_drivers.can.can_interface_control import FLAGS, REQUEST
+from twind_drivers.ports.can_interface_control import FLAGS, REQUEST
 def up():
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
         return REQUEST.unpack(fcntl.ioctl(asking, FLAGS, REQUEST.pack(b"lo", 0)))[1] & 1

@@ -75,7 +75,7 @@ def test_the_service_may_open_pseudo_terminals_and_no_other_device(plain: Servic
     tried += " except OSError as error: print(error.errno)\n else: print(0)"
     codes = plain.within("/opt/twind/bin/python", "-c", tried, "/dev/ptmx", "/dev/ttyOTHER", "/dev/null")
     assert codes.split() == ["0", str(errno.EPERM), "0"]
-    opened = "import sys\nfrom twind_drivers.dynamixel.serial_port import PortError, SerialTransport\n"
+    opened = "import sys\nfrom twind_drivers.ports.serial_port import PortError, SerialTransport\n"
     opened += "try: SerialTransport(sys.argv[1], 57600)\nexcept PortError as error: print(error)"
     told = plain.within("/opt/twind/bin/python", "-c", opened, "/dev/ttyOTHER")
     assert "DeviceAllow=/dev/ttyOTHER" in told, "a remedy that does not help"

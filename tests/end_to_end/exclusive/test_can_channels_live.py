@@ -6,8 +6,8 @@ from can.interfaces.slcan import slcanBus
 
 from tests.support.can_channels_rig import Terminal
 from tests.support.can_frames import messages_of, mixed, received_frames, same
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.slcan_codec import encode
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.slcan_codec import encode
 
 OPENING = b"\r\rC\rS8\rO\r"
 

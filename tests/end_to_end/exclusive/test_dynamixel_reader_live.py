@@ -9,7 +9,7 @@ from twind_drivers.bus import (
 )
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 from twind_drivers.run_script import perform
 
 IDS = tuple(range(1, 25))

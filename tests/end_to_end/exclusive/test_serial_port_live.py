@@ -10,8 +10,8 @@ import pytest
 from tests.support.serial_port_rig import Terminal
 from twind_drivers.bus import PortError
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.port_holder import holder
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.port_holder import holder
+from twind_drivers.ports.serial_port import SerialTransport
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from twind_calibration.adoption.adopt_command import status_at
 from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 
 @contextmanager

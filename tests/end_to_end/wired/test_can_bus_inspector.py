@@ -13,9 +13,9 @@ from twind.doctor.can_bus import survey_can_line
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import CanBusInspector
 from twind.exceptions import OperationFailed
-from twind_drivers.can.can_ports import open_channel
-from twind_drivers.can.channel import CanChannel
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.ports.can_ports import open_channel
+from twind_drivers.ports.channel import CanChannel
 
 ROBOT = load_robot("h24-mixed")
 LEG = ROBOT.bus("l_leg")

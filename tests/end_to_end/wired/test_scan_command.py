@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.support.dynamixel_responder import PtyServos, Servos
 from twind.ctl.ctl_main import main
 from twind_calibration.scan import ids_of
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.serial_port import SerialTransport
 
 FEW = ("--baud", "1000000", "--ids", "0-9")  # a fifth of a second
 

@@ -11,7 +11,7 @@ from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.monitor import Monitor
 from tests.proof.evil.daemon_life import Over
 from tests.proof.evil.good import Good
-from twind.virtual.bench_servos import FIRMWARE, settings
+from twind_drivers.dynamixel.servo_twin import FIRMWARE, settings
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import ServoSpec

@@ -24,6 +24,7 @@ from tests.proof.faults.threads import Keeper, Watcher
 from tests.support.fault_cases import Order
 from tests.support.processes import Daemon, Virtual
 from twind.client import CallError, Client, ClientError
+from twind.config.driver_family import family
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 
@@ -92,7 +93,7 @@ class Ground:
             between = self.relay is not None and bus == self.relay_bus
             port = self.relay.link if self.relay is not None and between else self.folder / "ports" / bus
             kind = load_robot(self.virtual.robot).bus(bus).kind
-            options += ["--port", f"{bus}={virtual_port(kind, str(port))}"]
+            options += ["--port", f"{bus}={virtual_port(family(kind).medium, str(port))}"]
         self.running = Daemon(self.folder / "run", *options, **how)
         self.stack.callback(self.end_daemon, self.running)
         self.machine.watch("daemon", self.running.process.pid)

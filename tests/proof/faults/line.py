@@ -137,7 +137,7 @@ class Twins(Rig):
     twin = 1
 
     def _virtual(self, bus, start):  # type: ignore[no-untyped-def]
-        servos = self.made.servos[bus]
+        servos = self.made.devices[bus]
         spec = next(each for each in servos if each.id == Twins.twin)
         found = super()._virtual(bus, start)
         muscles = type(found.servos.muscles)(

@@ -119,6 +119,7 @@ class BusPort:
     opener: Opener
     enabler: Enabler
     tape: BusTap = field(default_factory=BusTap)
+    alert_register: str = ""  # of its family: explains an alert; empty: no reply has one
     link: PortState = PortState.CLOSED
     reader: BusReader | None = None
     writer: BusWriter | None = None

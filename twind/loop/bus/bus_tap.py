@@ -13,9 +13,9 @@ from twind.flight.recorder_ring import TRANSCRIPT
 from twind.standard_streams import write_line
 from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import ByteTransport
-from twind_drivers.can.channel import CanChannel
-from twind_drivers.can.frame import Frames
 from twind_drivers.clock import Clock
+from twind_drivers.ports.channel import CanChannel
+from twind_drivers.ports.frame import Frames
 
 SPAN = 30.0  # s that a recorder covers
 MOST = 64 << 20  # bytes of one recorder: at 500 Hz and four buses of 3 Mbaud it covers some 20 s

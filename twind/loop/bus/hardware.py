@@ -364,11 +364,11 @@ class Hardware:
             port.counts.errors += not whole
 
     def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
-        """Read at once the error register of each servo that begins to report an error (SERVO_ALERT)."""
+        """Read at once the register that explains the alert of each device that begins one (SERVO_ALERT)."""
         port = self.ports[number]
         for row in self.readings.alert(number, sample):
-            if port.reader is not None and not port.full:
-                port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
+            if port.reader is not None and port.alert_register and not port.full:
+                port.run(port.reader.read(bus.ids[row], port.alert_register), urgent=True)
 
     def _sense(self, inertial: ImuPoller, end: float) -> None:
         """Read the IMU after the servos, which never wait for it."""

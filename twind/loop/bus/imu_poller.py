@@ -15,7 +15,7 @@ from twind.robot.arrays import Floats, every
 from twind.robot.attitude import Attitude, G, Quaternion, conjugate, matrix, product, unit
 from twind.robot.joint_state import Imu
 from twind_drivers.bus import BusSample
-from twind_drivers.dynamixel.register_sensor import Sensor, SensorField
+from twind_drivers.register_sensor import Sensor, SensorField
 
 UNIT = 0.1  # deviation of a quaternion's length from 1; beyond it the value is no attitude
 # rad/s, m/s²: more than a robot can have and stay whole

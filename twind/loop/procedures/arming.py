@@ -147,8 +147,10 @@ def _require_one_turn(context: ProcedureContext) -> None:
         joint = int(np.argmax(beyond))
         message = (
             f"would read {then[joint]} at torque-on, not {count[joint]}: position mode covers one turn, and "
-            "it is beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
+            "it is beyond its end; move it inside by hand"
         )
+        remedy = context.robot.bound.file.joints[joint].type.lost_turn_remedy
+        message += f", or {remedy}" if remedy else ""
         raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, then[joint], count[joint], message, joint)
 
 

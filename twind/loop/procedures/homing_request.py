@@ -11,7 +11,6 @@ from math import ceil, floor, isfinite, tau
 import numpy as np
 
 from twind import link
-from twind.config.actuator_types import SERIAL
 from twind.config.robot_spec import JointSpec
 from twind.loop.bus.bus_port import BusPort
 from twind.loop.procedures.gate_input import GateInput
@@ -111,7 +110,7 @@ def _allowed(
         against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
     if spec.stops.endstop_of_side(command.side) is None:
         against(f"the robot file has no stop_rad.{command.side} of it: the position of that stop is unknown")
-    if robot.bus(spec.bus).kind != SERIAL:
+    if not spec.type.finds_endstops:
         against(f"a {spec.type.device} is not driven against a stop: move it there by hand, and sweep it")
     if spec.transmission:
         against(f"transmission {spec.transmission} turns it: its stop is not that of one actuator")
@@ -134,7 +133,7 @@ def _counted(context: ProcedureContext, command: link.FindStop) -> HomingRequest
     scale = float(bus.scale[row])
     count = int(context.hardware.readings.raw.ticks[joint] + context.hardware.readings.shift[joint])
     device = next((each for each in port.devices if each.id == bus.ids[row]), None)
-    own = None if device is None else device.settings.get("current_limit")
+    own = None if device is None else spec.type.own_current_limit(device)
     share = USUAL_SHARE if command.current_share is None else command.current_share
     search = _search(command, spec, int(bus.zero[row]), scale, _cap(share, spec, own))
     end = search.expected + search.way * search.margin

@@ -9,7 +9,9 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing, JointInfo
+from twind.config.driver_family import family
 from twind.config.file_changes import texts
+from twind.config.port_names import Medium
 from twind.config.robot_file import RobotFile
 from twind.listening_sockets import Listener
 from twind.loop.bus.bus_port import BusPort, Enabler, Opener
@@ -71,7 +73,14 @@ def build(
     binding = robot.binding
     period = 1.0 / rate_hz
     ports = [
-        BusPort(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, BusTap()))
+        BusPort(
+            bus.name,
+            where.get(bus.name),
+            opener,
+            enabler,
+            tapes.get(bus.name, BusTap()),
+            alert_register=family(robot.file.bus(bus.name).kind).alert_register,
+        )
         for bus in binding.joint_map.buses
     ]
     health = TimingMonitor(len(ports), thresholds.latency_warn)
@@ -116,7 +125,9 @@ def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:
 def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
     """Return the joint indices of each CAN bus, by bus name."""
     maps = binding.joint_map.buses
-    return {bus.name: bus.joints.tolist() for bus in maps if robot.bus(bus.name).kind == "can"}
+    return {
+        bus.name: bus.joints.tolist() for bus in maps if family(robot.bus(bus.name).kind).medium is Medium.CAN
+    }
 
 
 def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:

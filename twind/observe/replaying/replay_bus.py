@@ -32,6 +32,7 @@ class ReplayBus:
     never goes back."""
 
     kind = "dynamixel2"
+    sensor = None
 
     def __init__(
         self,

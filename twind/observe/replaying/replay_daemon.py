@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from twind.client import NoDaemon
-from twind.config.port_names import virtual_port
+from twind.config.port_names import Medium, virtual_port
 from twind.exceptions import OperationFailed
 from twind.observe.replaying import exec_with_priority
 from twind.observe.replaying.replay_calls import ReplayConnection
@@ -58,7 +58,7 @@ class ReplayDaemon:
         command += ["--robot", str(files.robot), "--socket", str(sockets)]
         command += [] if files.calibration is None else ["--calibration", str(files.calibration)]
         for name, path in ports.items():
-            command += ["--port", f"{name}={virtual_port('dynamixel2', str(path))}"]
+            command += ["--port", f"{name}={virtual_port(Medium.SERIAL, str(path))}"]
         mine = {key: value for key, value in os.environ.items() if not key.startswith(OURS)}
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.can.frame import ERROR
+from twind_drivers.ports.frame import ERROR
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.can_wire import HOST, CanWire
 

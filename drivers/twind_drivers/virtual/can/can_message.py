@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twind_drivers.can.frame import (
+from twind_drivers.ports.frame import (
     BYTES,
     EXTENDED,
     EXTENDED_MASK,
@@ -25,7 +25,7 @@ RUNS = re.compile(r"0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
 
 
 class CanMessage(NamedTuple):
-    """CAN frame: `id` with the flags of `twind_drivers.can.frame`; at most 8 bytes."""
+    """CAN frame: `id` with the flags of `twind_drivers.ports.frame`; at most 8 bytes."""
 
     id: int
     data: bytes = b""

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 
 from twind_drivers.can.can_units import COUNT
-from twind_drivers.can.frame import Frames
+from twind_drivers.ports.frame import Frames
 from twind_drivers.virtual.can.can_bus_faults import CanFaults
 from twind_drivers.virtual.can.can_controller import BROKEN, CanAdapter, VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages

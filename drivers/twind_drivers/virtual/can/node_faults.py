@@ -4,7 +4,7 @@ import struct
 from math import inf, tau
 
 from twind_drivers.can.can_units import COUNT
-from twind_drivers.can.frame import EXTENDED
+from twind_drivers.ports.frame import EXTENDED
 from twind_drivers.virtual.can.can_controller import VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node import VirtualCanNode

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from math import inf
 
-from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
+from twind_drivers.ports.frame import EXTENDED, STANDARD_MASK
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
 from twind_drivers.virtual.can.can_motors import CanMotors

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.can.frame import BYTES, ERROR, EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+from twind_drivers.ports.frame import BYTES, ERROR, EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 from twind_drivers.virtual.can.can_controller import VirtualHostController
 from twind_drivers.virtual.can.can_message import CanMessage
 

@@ -6,12 +6,14 @@ A server of bytes (a pseudo-terminal, `serial_loopback`) uses it like the bus of
 from math import ceil, inf, isfinite
 
 from twind_drivers.virtual.can.can_segment import VirtualCanSegment
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
 
 
 class VirtualCanBus(VirtualCanSegment):
     """A `VirtualCanSegment` that speaks slcan text too. Its channel is closed until it is opened."""
 
     kind = "can"
+    sensor: VirtualSensor | None = None
     _held = b""  # the host has sent it while the adapter is stalled
     _text_answers = b""  # answers of the adapter to the host's lines
     _answered_at = -inf  # s, time of the first of those

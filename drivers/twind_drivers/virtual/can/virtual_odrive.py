@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
-from twind_drivers.can.frame import EXTENDED, REMOTE
+from twind_drivers.ports.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.can_motors import CanMotors
 from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from math import inf, isfinite
 
-from twind_drivers.can.frame import EXTENDED, EXTENDED_MASK, REMOTE
+from twind_drivers.ports.frame import EXTENDED, EXTENDED_MASK, REMOTE
 from twind_drivers.virtual.can.bit_fields import fraction, pack, unpack
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.can_motors import CanMotors

@@ -8,7 +8,7 @@ are dropped as congestion.
 from math import inf
 
 from twind_drivers.bus import PortError, PortErrorCause
-from twind_drivers.can.channel import CanChannelStatus, CanErrorState
+from twind_drivers.ports.channel import CanChannelStatus, CanErrorState
 
 DEAF = 0.1  # s of refusals and silence: no node acknowledges; the actuators' watchdogs have run out then
 DEAD = 1.0  # s of refusals after which the port counts as lost; congestion ends within 65 ms

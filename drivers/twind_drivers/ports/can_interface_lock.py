@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from twind_drivers.bus import PortError, PortErrorCause
-from twind_drivers.dynamixel.port_holder import command
+from twind_drivers.ports.port_holder import command
 
 NAME = "\0twind-can-"  # and the interface
 # columns of /proc/net/unix (proc(5)); there the leading zero reads as @

@@ -20,7 +20,7 @@ import serial
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full
-from twind_drivers.dynamixel.port_holder import holder
+from twind_drivers.ports.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
 SCRATCH = 4096  # bytes discarded per read while draining

@@ -1,4 +1,4 @@
-"""Section `types.TYPE` of serial servos, and what their joints may say of them. Read once, checked.
+"""Keys of serial servos in a robot file: their buses, types, and slots of joints. Read once, checked.
 
 The units of a type come from the facts of its model; the keys are for models of which the sources disagree,
 and for a unit of current that was measured. `position` is the default mode: in it alone the servo's own
@@ -9,24 +9,20 @@ import math
 import re
 from collections.abc import Mapping
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from twind.config.actuator_types import OPERATING_MODES, GainSettings, ServoType
-from twind.config.config_reader import ConfigReader, ConfigStruct, Text
-from twind.config.supply_limits import (
-    HeatKeys,
-    SupplyKeys,
-    heat,
-    heat_limit,
-    supply,
-    usual_heat,
-    usual_supply,
-)
+from twind.config.actuator_types import TypeSpec
+from twind.config.config_reader import ConfigReader
+from twind.config.driver_family import SlotEntry
+from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
+from twind.config.robot_spec import ActuatorSlot, BusSpec
+from twind.config.supply_limits import heat, heat_limit, supply, usual_heat, usual_supply
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.operating_modes import mode_of
+from twind_drivers.dynamixel.servo_type import KIND, OPERATING_MODES, GainSettings, ServoType
 
 CURRENT_BASED = "current_based_position"
 # Modes that the driver has, and no robot: what the executor sends are positions.
@@ -39,38 +35,18 @@ ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
 
 _REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
-Acceleration = Annotated[float, Meta(gt=0.0, le=1e4)]  # rad/s²
-Speed = Annotated[float, Meta(gt=0.0, le=100.0)]  # rad/s
 UnitOfCount = Annotated[float, Meta(gt=0.0, le=1.0)]
 
 
-class TypeKeys(ConfigStruct, kw_only=True):
-    """Entry of `types`, of any kind."""
+class SerialBusKeys(BusKeys):
+    """Entry of a serial bus."""
 
-    device: Text
-    """model name | | such as XM430-W350, DM4340"""
-    mode: Any = None  # a text; `read_mode` explains a number
-    """`position`, `extended_position`, `current_based_position`; CAN: `impedance` | `position`; CAN:
-    `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
-    acceleration_limit_rad_s2: Acceleration = 10.0
-    """of the motor shaft"""
-    supply: SupplyKeys
-    heat: HeatKeys
-
-
-class SlotKeys(ConfigStruct, kw_only=True):
-    """Keys of a joint or actuator that say how it is turned; `defaults` may have all but `id`."""
-
-    type: Text
-    """type | of `defaults` |"""
-    bus: Text
-    """bus | of `defaults` |"""
-    sign: Literal[1, -1] = 1
-    """| of `defaults`, else 1 | -1: the motor turns the other way"""
-    ratio: Annotated[float, Meta(gt=0.0, le=1000.0)] = 1.0
-    """| of `defaults`, else 1 | motor turns per joint turn"""
-    mode: Any = None
-    """as of a type | of `defaults`, else its type's |"""
+    baud: Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 1_000_000
+    """9600–4500000, a servo rate | | baud rate of the servos"""
+    latency_timer_ms: Annotated[int, Meta(ge=0, le=255)] = 1
+    """of the USB adapter, for the bus budget only; 0: no USB adapter"""
+    one_write: bool = True
+    """`false` for adapters or servos that lose back-to-back packets"""
 
 
 class ServoSlotKeys(SlotKeys, kw_only=True):
@@ -103,6 +79,32 @@ class ServoTypeKeys(TypeKeys, kw_only=True):
     """| the model's | A per count, if measured"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
+
+
+def servo_bus(name: str, section: ConfigReader) -> BusSpec:
+    """One serial bus. Raises ConfigError."""
+    given = section.read(SerialBusKeys)
+    return BusSpec(name, KIND, given.port, given.baud, given.latency_timer_ms, given.one_write)
+
+
+def is_servo(device: str) -> bool:
+    """Return whether the vendor's index has that model."""
+    try:
+        return number_of(device) > 0
+    except KeyError:
+        return False
+
+
+def servo_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
+    """The servo of a joint, or of an actuator beside the joints. Raises ConfigError."""
+    assert isinstance(kind, ServoType)
+    given = entry.section.read(ServoSlotKeys, *entry.beside)
+    mode = read_mode(entry.section, kind.mode)
+    require_mode(entry.section, mode, kind, entry.type_section)
+    registers = {**kind.registers, **read_registers(given.registers, table(number_of(kind.device)))}
+    return ActuatorSlot(
+        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, registers, mode, feedback_id=None
+    )
 
 
 def servo_type(name: str, section: ConfigReader) -> ServoType:

@@ -8,7 +8,7 @@ letter, digits, DLC and length agree to the last character.
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.can.frame import (
+from twind_drivers.ports.frame import (
     ERROR,
     EXTENDED,
     EXTENDED_MASK,

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from twind.exceptions import InvalidInput
 from twind_drivers.bus import PortError
-from twind_drivers.can.can_interface_control import present as link_present
-from twind_drivers.can.channel import CanChannel
-from twind_drivers.can.slcan_channel import SlcanChannel
-from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.ports.can_interface_control import present as link_present
+from twind_drivers.ports.channel import CanChannel
+from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.ports.slcan_channel import SlcanChannel
 
 PREFIX = "can:"
 BAUD = 115_200  # of a serial adapter; one with its own USB does not care
@@ -62,7 +62,7 @@ def open_channel(port: str, bitrate: int) -> CanChannel:
         raise PortError(port, error.reason) from None
     if interface != "slcan":
         # Importing python-can takes 0.1 s, so it is done only for its adapters.
-        from twind_drivers.can.python_can_channel import PythonCanChannel  # noqa: PLC0415
+        from twind_drivers.ports.python_can_channel import PythonCanChannel  # noqa: PLC0415
 
         return PythonCanChannel(interface, channel, bitrate)
     transport = SerialTransport(channel, baud)

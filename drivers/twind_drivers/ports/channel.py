@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from twind_drivers.can.frame import Frames
 from twind_drivers.clock import WaitableSource
+from twind_drivers.ports.frame import Frames
 
 
 class CanErrorState(IntEnum):

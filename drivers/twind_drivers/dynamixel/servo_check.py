@@ -4,11 +4,14 @@ Registers are compared and named, never written. What is not known refuses, but 
 """
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
-from twind.config.actuator_types import ServoType
+from twind.config.actuator_types import DeviceWarning
 from twind.config.robot_spec import JointSpec
 from twind_drivers.bus import IdentifiedDevice
+
+if TYPE_CHECKING:
+    from twind_drivers.dynamixel.servo_type import ServoType
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
@@ -20,14 +23,6 @@ RAM_AT_BOOT = 0b0010
 # drive mode (10), bits 2 and 3
 TIME_PROFILE = 0b0100
 TORQUE_BY_GOAL = 0b1000
-
-
-class ServoWarning(NamedTuple):
-    """Warning about a setting that works."""
-
-    message: str
-    value: float
-    bound: float
 
 
 def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
@@ -101,7 +96,7 @@ def _same_model(found: str | None, wanted: str) -> bool:
     return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
 
 
-def doubts(joint: JointSpec, kind: ServoType, device: IdentifiedDevice) -> Iterator[ServoWarning]:
+def doubts(joint: JointSpec, kind: "ServoType", device: IdentifiedDevice) -> Iterator[DeviceWarning]:
     """A return delay that costs more time than described; RAM that comes back from a backup; in modes 4 and
     5, that it has no limits itself."""
     register = device.settings.get("return_delay_time")
@@ -112,14 +107,14 @@ def doubts(joint: JointSpec, kind: ServoType, device: IdentifiedDevice) -> Itera
             f"answers slowly: return delay is {2 * register} us, the robot file says {described}: "
             f"rate at risk; with torque off {remedy}"
         )
-        yield ServoWarning(text, 2.0 * register, float(described))
+        yield DeviceWarning(text, 2.0 * register, float(described))
     startup = device.settings.get("startup_configuration", 0)
     if startup & RAM_AT_BOOT:
         text = f"startup_configuration (60) is {startup}: bit 1, RAM from its backup at boot; write 0"
-        yield ServoWarning(text, float(startup), 0.0)
+        yield DeviceWarning(text, float(startup), 0.0)
     if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
         text = (
             f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
             "the daemon's clamp is the only fence"
         )
-        yield ServoWarning(text, float(joint.operating_mode), 3.0)
+        yield DeviceWarning(text, float(joint.operating_mode), 3.0)

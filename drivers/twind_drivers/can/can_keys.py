@@ -1,21 +1,24 @@
-"""Section `types.TYPE` of CAN actuators, and what their joints may say of them. Read once, checked.
+"""Keys of CAN actuators in a robot file: their buses, types, and slots of joints. Read once, checked.
 
 Ranges come from the model; what public sources disagree about belongs into the file, and is compared with
 what the device tells.
 """
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from math import inf, isfinite, isnan
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from twind.config.actuator_types import IMPEDANCE, CanType, FrameRanges, Impedance
+from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader, ConfigStruct
-from twind.config.robot_spec import ActuatorSlot
-from twind.config.servo_type import SlotKeys, TypeKeys
+from twind.config.driver_family import SlotEntry
+from twind.config.family_keys import BusKeys, SlotKeys, TypeKeys
+from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, heat, supply, usual_heat
 from twind_drivers.can.can_models import MODELS, CanActuatorModel
+from twind_drivers.can.can_type import IMPEDANCE, KIND, CanType, FrameRanges, Impedance
 from twind_drivers.can.can_units import COUNT, TURN
 
 # facts of the wire: seven bits; ODrive takes six (its can-protocol page)
@@ -27,6 +30,13 @@ TELL_VOLTAGE = ("robstride", "odrive")  # families with a register or message fo
 MUTE = ("cubemars", "odrive")  # families whose watchdog cannot be read back over the bus
 
 Range = Annotated[float, Meta(gt=0.0, le=1e4)]
+
+
+class CanBusKeys(BusKeys):
+    """Entry of a CAN bus. The bit rates are those that slcan has a command for (S4 to S8)."""
+
+    bitrate: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000] = 1_000_000
+    """CAN: bit/s"""
 
 
 class RangeKeys(ConfigStruct):
@@ -68,10 +78,30 @@ class CanTypeKeys(TypeKeys, kw_only=True):
     """CAN: `device` is read back before torque, `unverified` cannot be; see [CAN buses](#can-buses)"""
 
 
+def can_bus(name: str, section: ConfigReader) -> BusSpec:
+    """One CAN bus. Raises ConfigError."""
+    given = section.read(CanBusKeys)
+    return BusSpec(name, KIND, given.port, given.bitrate, latency_timer_ms=0)
+
+
+def can_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
+    """The CAN actuator of a joint, or beside the joints. Raises ConfigError."""
+    assert isinstance(kind, CanType)
+    given = entry.section.read(CanSlotKeys, *entry.beside)
+    feedback = require_can_ids(entry.section, given, kind)
+    return ActuatorSlot(
+        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, {}, given.mode, feedback
+    )
+
+
 def can_type(name: str, section: ConfigReader) -> CanType:
     """One kind of CAN actuator. Raises ConfigError."""
     given = section.read(CanTypeKeys)
-    model = MODELS[given.device]
+    model = MODELS.get(given.device)
+    if model is None:
+        near = get_close_matches(given.device.upper(), MODELS, 1)
+        hint = f"; nearest: {near[0]}" if near else f"; known are {', '.join(MODELS)}"
+        raise section.refuse("device", f"no CAN actuator {given.device!r}{hint}")
     ranges = _ranges(section.section("ranges"), given.ranges, model)
     section.check("velocity_limit_rad_s", Annotated[float, Meta(gt=0.0, le=ranges.velocity_rad_s)])
     section.check("torque_limit_nm", Annotated[float, Meta(gt=0.0, le=ranges.torque_nm)])

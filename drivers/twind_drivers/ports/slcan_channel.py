@@ -11,10 +11,10 @@ import numpy as np
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import ByteTransport, output_full
-from twind_drivers.can.channel import CanChannelStatus, CanErrorState
-from twind_drivers.can.frame import NOTHING, Frames
-from twind_drivers.can.slcan_codec import SlcanDecoder, encode
-from twind_drivers.can.transmit_stall import DEAD, ChannelStatusTracker, TransmitStall, dead
+from twind_drivers.ports.channel import CanChannelStatus, CanErrorState
+from twind_drivers.ports.frame import NOTHING, Frames
+from twind_drivers.ports.slcan_codec import SlcanDecoder, encode
+from twind_drivers.ports.transmit_stall import DEAD, ChannelStatusTracker, TransmitStall, dead
 
 # LAWICEL's table; the manual calls S7 800 kbit/s, python-can 750: it is left out.
 RATES = {

@@ -20,10 +20,10 @@ import can
 import numpy as np
 
 from twind_drivers.bus import PortError, PortErrorCause
-from twind_drivers.can.can_interface_control import interfaces, long_queue, restart
-from twind_drivers.can.can_interface_lock import CanInterfaceLock
-from twind_drivers.can.channel import CanChannelStatus, CanErrorState
-from twind_drivers.can.frame import (
+from twind_drivers.ports.can_interface_control import interfaces, long_queue, restart
+from twind_drivers.ports.can_interface_lock import CanInterfaceLock
+from twind_drivers.ports.channel import CanChannelStatus, CanErrorState
+from twind_drivers.ports.frame import (
     ERROR,
     EXTENDED,
     EXTENDED_MASK,
@@ -33,7 +33,7 @@ from twind_drivers.can.frame import (
     STANDARD_MASK,
     Frames,
 )
-from twind_drivers.can.transmit_stall import DEAD, DEAF, ChannelStatusTracker, dead, queue_full
+from twind_drivers.ports.transmit_stall import DEAD, DEAF, ChannelStatusTracker, dead, queue_full
 
 RECORD = struct.Struct("<IB3x8s")  # one of FRAME
 MOST = 4096  # frames of one `receive`: a babbling line never runs dry

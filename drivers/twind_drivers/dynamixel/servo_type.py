@@ -1,0 +1,139 @@
+"""Device type of serial servos: properties and capabilities of an entry of `types`, by the model's facts."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from twind.config.actuator_types import DeviceWarning, TypeSpec
+from twind.config.robot_spec import JointSpec
+from twind.config.supply_limits import full_counts
+from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.dynamixel import servo_check
+from twind_drivers.dynamixel.control_tables import number_of, table
+
+KIND = "dynamixel2"  # of its buses
+# Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
+OPERATING_MODES: Mapping[str, int] = {
+    "position": 3,
+    "extended_position": 4,
+    "current_based_position": 5,
+}
+MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
+MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
+Gain = Annotated[int, Meta(ge=0, le=MOST_GAIN)]
+
+
+@dataclass(frozen=True, slots=True)
+class GainSettings:
+    """Position loop gains as register counts; they are written before torque and read back."""
+
+    p: Gain
+    """register counts, written before torque"""
+    i: Gain
+    """register counts, written before torque"""
+    d: Gain
+    """register counts, written before torque"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoType(TypeSpec):
+    """Serial servos. `mode` is one of OPERATING_MODES."""
+
+    return_delay_us: int
+    gains: GainSettings
+    torque_constant_nm_per_a: float  # NaN: effort unknown
+    current_lsb_a: float
+    current_limit_a: float  # NaN: unknown
+
+    BUS: ClassVar[str] = KIND
+
+    @property
+    def effort_lsb_nm(self) -> float:
+        """N·m of one count of current."""
+        return self.torque_constant_nm_per_a * self.current_lsb_a
+
+    @property
+    def effort_limit_nm(self) -> float:
+        """Torque at `current_limit_a`, N·m."""
+        return self.torque_constant_nm_per_a * self.current_limit_a
+
+    @property
+    def full_effort(self) -> float:
+        """Counts of its current (or load) register at its limit."""
+        return full_counts(self.device, self.current_limit_a, self.current_lsb_a)
+
+    @property
+    def centre(self) -> int:
+        """X series 2048, P series 0 (e-manual, "Goal Position"); where no source states it, half a turn."""
+        known = table(number_of(self.device)).facts.centre
+        return self.ticks_per_turn // 2 if known is None else known
+
+    def operating_mode(self, mode: str) -> int:
+        """Return the value of register 11 (operating mode) for `mode`."""
+        return OPERATING_MODES[mode]
+
+    def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
+        """Mode `position`: range of its limit registers, else one turn; others: many turns (48, 52)."""
+        if not self.fenced(mode):
+            return -MANY_TURNS, MANY_TURNS
+        first = self.centre - self.ticks_per_turn // 2
+        return own if own is not None else (first, first + self.ticks_per_turn - 1)
+
+    def fenced(self, mode: str) -> bool:
+        """True in mode `position` alone (e-manual, registers 48 and 52)."""
+        return mode == "position"
+
+    def current_cap(self, mode: str) -> int | None:
+        """Goal current (102), in current-based position mode."""
+        return self.cap_counts if mode == "current_based_position" else None
+
+    @property
+    def cap_counts(self) -> int | None:
+        """`current_limit_a` in counts, rounded down; None where it is not given."""
+        if not math.isfinite(self.current_limit_a):
+            return None
+        return math.floor(self.current_limit_a / self.current_lsb_a + 1e-9)  # 2.69 A is 1000 of 2.69 mA
+
+    @property
+    def winds(self) -> bool:
+        """True: modes beside `position` count turns in RAM."""
+        return True
+
+    @property
+    def finds_endstops(self) -> bool:
+        """True: its output is capped by a register."""
+        return True
+
+    @property
+    def full_current_a(self) -> float:
+        """The value of `current_limit_a`."""
+        return self.current_limit_a
+
+    def own_current_limit(self, device: IdentifiedDevice) -> int | None:
+        """Value of register 38."""
+        return device.settings.get("current_limit")
+
+    @property
+    def lost_turn_remedy(self) -> str:
+        """Its homing offset moves the end of the turn that position mode covers (e-manual, address 20)."""
+        return "set homing_offset (20) to 0 and calibrate"
+
+    @property
+    def gain_limits(self) -> Mapping[str, float]:
+        """P, I and D, as registers hold them."""
+        return dict.fromkeys(("p", "i", "d"), float(MOST_GAIN))
+
+    def with_gains(self, gains: Mapping[str, float]) -> "ServoType":
+        """Return the type with these gains, in whole counts."""
+        return replace(self, gains=GainSettings(**{name: int(number) for name, number in gains.items()}))
+
+    def unfit(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
+        """Yield what its registers rule out."""
+        return servo_check.unfit(joint, device)
+
+    def doubts(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
+        """Yield warnings about its registers."""
+        return servo_check.doubts(joint, self, device)

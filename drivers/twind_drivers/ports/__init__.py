@@ -1,0 +1,1 @@
+"""Ports of every family: serial ports and CAN channels."""
