@@ -44,7 +44,7 @@ class DynamixelRig(DriverRig):
 RIGS: dict[str, Callable[[], DriverRig]] = {
     "dynamixel": DynamixelRig,
     "feetech": FeetechRig,
-    "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009", volts=12.0) for id in (1, 2, 3)]),
+    "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009") for id in (1, 2, 3)]),
     "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),
     "robstride": lambda: CanRig(("RS01", "RS02", "RS00")),
     "cubemars": lambda: CanRig(("AK80-9", "AK70-10")),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twind_drivers.bus import Bools, BusSample, Ints
+from twind_drivers.feetech.feetech_budget import ADAPTER, SHORT, WHOLE
 from twind_drivers.feetech.feetech_packet import FAULT_BITS, read, sync_read
 from twind_drivers.feetech.feetech_registers import RegisterMap
 from twind_drivers.feetech.feetech_reply import FeetechReply
@@ -19,10 +20,7 @@ from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransacto
 from twind_drivers.half_duplex.pending_reply import Octets, PendingReply
 
 START = 56  # present position
-SHORT = 6  # bytes: position, speed, load
-WHOLE = 15  # up to the current
 ALERT = 0x80
-ADAPTER = 0.001  # s that a USB adapter adds to each single read of a chain
 
 
 def group_transaction(
@@ -44,18 +42,21 @@ def group_transaction(
 
 
 class FeetechCyclicRead(CyclicRead):
-    """Cyclic reading of m devices. `with_current`: the block is long enough for the current."""
+    """Cyclic reading of m devices: effort is the current where a device has one, else the PWM duty.
+
+    `whole`: the block is long enough for the current; else no effort is reported where it is a current.
+    """
 
     def __init__(
-        self, ids: tuple[int, ...], maps: Sequence[RegisterMap], *, with_current: bool, period: float
+        self, ids: tuple[int, ...], maps: Sequence[RegisterMap], *, currents: bool, whole: bool, period: float
     ) -> None:
-        self.with_current = with_current
+        self.currents = currents
         self.grouped = {id: each.sync_read for id, each in zip(ids, maps, strict=True)}
         self._big_endian = np.array([each.big_endian for each in maps])
         self._plausibility = PositionPlausibility(len(ids), period)
         # A late reply is recognised by its length (`CyclicRead`): in trouble each cycle reads another one.
-        size = WHOLE if with_current else SHORT
-        lengths = range(SHORT + 1, WHOLE if with_current else SHORT + 6)
+        size = WHOLE if whole else SHORT
+        lengths = range(SHORT + 1, WHOLE if whole else SHORT + 6)
         super().__init__(ids, size, [(0, length) for length in lengths], fast=False)
 
     def set_maps(self, maps: Sequence[RegisterMap], grouped: Sequence[bool]) -> None:
@@ -81,7 +82,7 @@ class FeetechCyclicRead(CyclicRead):
         _sign(position, 15)
         _sign(velocity, 15)
         effort = load
-        if not self.with_current:
+        if not self.currents:
             _sign(effort, 10)
         elif reply.size >= WHOLE:
             effort = self._words(reply.data[:, 13:15])[:, 0]
@@ -102,7 +103,7 @@ class FeetechCyclicRead(CyclicRead):
         return np.where(error & FAULT_BITS, ALERT, 0).astype(np.uint8) if some(error) else error
 
     def _effort_told(self, fresh: Bools, request: CyclicRequest) -> Bools | None:
-        return fresh & False if self.with_current and request.reply.size < WHOLE else None
+        return fresh & False if self.currents and request.reply.size < WHOLE else None
 
 
 def _sign(words: Ints, bit: int) -> None:

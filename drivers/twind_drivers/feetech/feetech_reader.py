@@ -20,13 +20,8 @@ from twind_drivers.bus import (
 )
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.feetech import feetech_packet as packet
-from twind_drivers.feetech.feetech_cyclic_read import (
-    SHORT,
-    START,
-    WHOLE,
-    FeetechCyclicRead,
-    group_transaction,
-)
+from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
+from twind_drivers.feetech.feetech_cyclic_read import START, FeetechCyclicRead, group_transaction
 from twind_drivers.feetech.feetech_identification import identify
 from twind_drivers.feetech.feetech_models import model
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
@@ -38,15 +33,13 @@ from twind_drivers.slow_read_rate import upkeep_stride
 
 SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period
-DELAY = 0.0001  # s from a request to its reply, assumed; 254 steps of register 7 would be ...
-LONGEST = 0.000508
-ROOM = 0.5  # share of a cycle that the long cyclic reading may take
+LONGEST = 0.000508  # s from a request to its reply, where 254 steps of register 7 have a function
 
 
 class FeetechReader(SerialReader):
     """Reader of the devices `ids` of one bus. Arrays are (m,), in the order of `ids`, in raw units.
 
-    `efforts_are_currents`: effort is the current (6.5 mA), else the PWM duty (0.1 %).
+    Effort is the current (6.5 mA) where a device of the bus has it, else the PWM duty (0.1 %).
     """
 
     overhead = packet.OVERHEAD
@@ -96,12 +89,10 @@ class FeetechReader(SerialReader):
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         maps = [self.maps[id] for id in self.ids]
-        self.efforts_are_currents = (
-            all("present_current" in each for each in maps)
-            and self._cyclic_seconds(WHOLE) <= ROOM * self._period
-        )
+        has_current = ["present_current" in each for each in maps]
+        self._size = cyclic_size(has_current, self._seconds, self._period)
         self.cyclic: FeetechCyclicRead = FeetechCyclicRead(
-            self.ids, maps, with_current=self.efforts_are_currents, period=self._period
+            self.ids, maps, currents=any(has_current), whole=self._size == WHOLE, period=self._period
         )
         self.slow: FeetechSlowRegisters = FeetechSlowRegisters(self.ids)
         self.registers: SlowRegisterValues = self.slow.registers
@@ -117,15 +108,11 @@ class FeetechReader(SerialReader):
     @property
     def lags(self) -> bool:
         """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
-        size = WHOLE if self.efforts_are_currents else SHORT
-        return self._cyclic_seconds(size) > self._period
+        return self._seconds(self._size) > self._period
 
-    def _cyclic_seconds(self, size: int) -> float:
-        """Return the bus time of goals and of a cyclic reading of `size` bytes, return delays included."""
-        count = len(self.ids)
+    def _seconds(self, size: int) -> float:
         alone = sum(not self.maps[id].sync_read for id in self.ids)
-        octets = 8 + 3 * count + 8 + count + 8 * alone + count * (packet.OVERHEAD + size)
-        return wire(octets, self.line.baud) + count * self.line.return_delay_s + 0.001 * alone
+        return cycle_seconds(len(self.ids), alone, size, baud=self.line.baud, delay=self.line.return_delay_s)
 
     def _schedule(self) -> None:
         """Make the slices of slow registers of the devices that are not parked."""

@@ -6,16 +6,16 @@ servo, `FeetechServoSpec` chooses. Positions of the motor are encoder counts, co
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import floor, inf, pi
+from math import floor, inf
 from typing import Any
 
 import numpy as np
 
 from twind_drivers.feetech.feetech_goals import GOAL
-from twind_drivers.feetech.feetech_models import AMPERE, FeetechModel, model
+from twind_drivers.feetech.feetech_models import AMPERE, RPM, FeetechModel, model
 from twind_drivers.feetech.feetech_registers import EPROM_END, RegisterMap, register_map
 from twind_drivers.virtual.hinge import Hinge
-from twind_drivers.virtual.servo_physics import FASTEST, RPM, DriveState, ServoPhysics
+from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics, ServoPhysics
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 BOOT = 0.8  # s in the boot loader after each reset
@@ -87,6 +87,14 @@ class VirtualFeetechServos:
         self.models: list[FeetechModel] = [model(spec.model) for spec in specs]
         self.maps: list[RegisterMap] = [register_map(each.map) for each in self.models]
         self.muscles = muscles
+        if isinstance(muscles, FirstOrderPhysics):
+            known = [each.at(spec.volts) for each, spec in zip(self.models, specs, strict=True)]
+            muscles.free_rpm = np.array(
+                [
+                    own if each is None else each[1] / RPM
+                    for own, each in zip(muscles.free_rpm, known, strict=True)
+                ]
+            )
         self.now = now
         self.history: ShownPositionLog | None = None
         self.hinges = [spec.hinge for spec in specs]
@@ -151,7 +159,7 @@ class VirtualFeetechServos:
         data = self.ram[row]
         if field.size == 1:
             return data[field.address]
-        return field.decode(data[field.address : field.address + 2])
+        return field.decode(bytes(data[field.address : field.address + 2]))
 
     def put(self, row: int, name: str, value: int) -> None:
         """Set a register's value, without any effect."""
@@ -361,11 +369,8 @@ class VirtualFeetechServos:
         return 0.0 if stands else float(limit)
 
     def _supply(self, row: int) -> float:
-        """Return the speed without load as a share of that of the physics, by model and supply."""
-        figures = self.models[row].at(self.volts[row])
-        if figures is None:
-            return self.volts[row] / 7.4
-        return figures[1] / (FASTEST * RPM * pi / 30.0)
+        """Return the share of the nominal voltage, at which the physics has the model's strength."""
+        return self.volts[row] / self.specs[row].volts
 
     def refresh(self) -> None:
         """Write the present registers."""
