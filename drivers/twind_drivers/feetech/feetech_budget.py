@@ -9,9 +9,7 @@ from twind_drivers.half_duplex.pending_reply import wire
 SHORT = 6  # bytes: position, speed, load
 WHOLE = 15  # up to the current
 SLOW = 26  # bytes of the slow registers
-DELAY = (
-    0.0001  # s from a request to its reply, assumed: nothing printed, and register 7 has no effect on an STS
-)
+DELAY = 0.0001  # s from a request to its reply, assumed: register 7 has no effect on an STS
 ADAPTER = 0.001  # s that a USB adapter adds to each single read of a chain
 ROOM = 0.5  # share of a cycle that the long cyclic reading may take
 
@@ -53,7 +51,7 @@ class FeetechCycle:
         if self.reachable_hz >= rate_hz:
             return None
         return (
-            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us a cycle, the bus needs {self.seconds * 1e6:.0f} us "
+            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us, the bus needs {self.seconds * 1e6:.0f} us "
             f"({self.reachable_hz:.0f} Hz): {self.line}"
         )
 

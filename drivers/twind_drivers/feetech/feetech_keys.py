@@ -53,7 +53,7 @@ class FeetechTypeKeys(TypeKeys, kw_only=True):
     volts: Annotated[float, Meta(ge=4.0, le=25.0)] = 7.4
     """4–25 | 7.4 | Feetech: V of the supply, of which the strength depends"""
     watchdog: Literal["", "none"] = ""
-    """`none` | required to arm | Feetech: states that these servos hold their last goal when the daemon dies"""
+    """`none` | required to arm | Feetech: states that a servo holds its last goal when the daemon dies"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
 

@@ -109,11 +109,11 @@ class FeetechType(TypeSpec):
         return replace(self, gains=FeetechGains(**{name: int(number) for name, number in gains.items()}))
 
     def unfit(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
-        """Yield what rules it out: no statement on the watchdog, another model, settings, an unknown firmware."""
+        """Yield what rules it out: no word on the watchdog, another model, settings, unknown firmware."""
         if self.watchdog != "none":
             yield (
-                "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to type "
-                f"{self.name} of the robot file if that is acceptable"
+                "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to "
+                f"type {self.name} of the robot file if that is acceptable"
             )
         if device.model_number != model(self.device).number:
             found = device.model_name or "a model that is in no table"
@@ -127,5 +127,5 @@ class FeetechType(TypeSpec):
     def doubts(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield the mode without limits of its own."""
         if not self.fenced(joint.mode):
-            text = f"in {joint.mode} mode the servo has no limits of its own: the daemon's clamp is the only fence"
+            text = f"in {joint.mode} mode it has no limits of its own: the daemon's clamp is the only fence"
             yield DeviceWarning(text, 0.0, 0.0)

@@ -23,6 +23,7 @@ from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAda
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.servo_physics import ServoPhysics
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
 
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)  # register 6
 TURNAROUND = 0.00005  # s from a request to a reply; register 7 has no function on an STS
@@ -53,6 +54,7 @@ class VirtualFeetechBus:
         self.wire = HalfDuplexWire(baud, timing=wire_timing)
         self._stream = FaultyByteStream(self.wire, adapter or SerialAdapter(), seed)
         self.faults = FeetechBusFaults(name, self.servos, self.wire, self._stream)
+        self.sensor: VirtualSensor | None = None  # an IMU speaks another protocol
         self._waits_for_missing = waits_for_missing
         self._pending = bytearray()
         self._pending_at = now
