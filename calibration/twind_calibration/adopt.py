@@ -23,8 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: it answers at its place and holds what it must (or would, with --dry-run)."""
-    from twind_calibration.adoption.adopt_command import (
-        adopt,  # 0.5 s of imports that the list of verbs need not pay
-    )
+    from twind_calibration.family_verbs import adopt  # 0.5 s of imports that the list of verbs need not pay
 
     return adopt(options)

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
     alone = parser.add_argument_group("on a port that no daemon holds")
     alone.add_argument("--port", help="serial port to scan, instead of the daemon's buses")
+    alone.add_argument("--kind", help="only devices of this kind of bus, such as dynamixel2")
     alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
     alone.add_argument("--ids", type=ids_of, metavar="A-B", help=f"only these ids (default 0-{LAST_ID})")
     alone.add_argument(
@@ -31,14 +32,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: a device was found, and no device has a fault."""
     if options.port is None:
-        if options.baud or options.ids or options.thorough:
-            raise UsageError("--baud, --ids and --thorough need --port PORT: the daemon knows its own buses")
+        if options.kind or options.baud or options.ids or options.thorough:
+            raise UsageError(
+                "--kind, --baud, --ids and --thorough need --port PORT: the daemon knows its own buses"
+            )
         return _scan(options)
     if options.bus is not None:
         raise UsageError(f"either the bus {options.bus!r} of the daemon or --port {options.port}, not both")
-    from twind_calibration.port_scan import look  # 0.2 s of imports that asking the daemon need not pay
+    from twind_calibration.family_verbs import scan  # 0.2 s of imports that asking the daemon need not pay
 
-    return look(options)
+    return scan(options)
 
 
 def _scan(options: argparse.Namespace) -> int:

@@ -11,7 +11,13 @@ from twind.config.device_check import check_devices
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.finding import Verdict
-from twind_calibration.adoption.candidate_locations import RATES, ServoLocation, delivered, joint_of, ways
+from twind_drivers.dynamixel.adoption.candidate_locations import (
+    RATES,
+    ServoLocation,
+    delivered,
+    joint_of,
+    ways,
+)
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.run_script import perform
 from twind_drivers.virtual.virtual_servos import BAUDS

@@ -15,12 +15,12 @@ from twind.config.calibration_file import fitting, load_calibration, save_calibr
 from twind.config.device_check import compare
 from twind.config.robot_spec import RobotFile
 from twind.robot.finding import ReasonCode
-from twind_calibration.adoption.calibration_entry_status import entry_of
-from twind_calibration.adoption.candidate_locations import RATES, ServoLocation, joint_of, ways
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_draft import DraftTravel
 from twind_calibration.robot_description import read
 from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.dynamixel.adoption.calibration_entry_status import entry_of
+from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation, joint_of, ways
 
 
 @pytest.fixture

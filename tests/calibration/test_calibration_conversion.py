@@ -159,7 +159,7 @@ def test_a_drive_mode_s_other_bits_do_not_count() -> None:
 
 def test_a_can_actuator_has_nothing_of_it() -> None:
     mixed = next(slot for slot in slots(load_robot("h24-mixed")) if slot.joint.type.ticks_per_turn != TURN)
-    assert "on CAN" in refused(convert_entry(mixed, of_motor(knee(), None), device(), 2048))
+    assert "say nothing of it" in refused(convert_entry(mixed, of_motor(knee(), None), device(), 2048))
 
 
 # ------------------------------------------------------------------------------------------- the file

@@ -6,11 +6,11 @@ from tests.support.doctor_surveys import (
     printed,
 )
 from twind.config.robot_file import load_robot
-from twind.doctor.can_bus import is_queried
 from twind.doctor.check import (
     DoctorFinding,
 )
 from twind_drivers.can.can_type import CanType
+from twind_drivers.can.doctor.can_bus_checks import is_queried
 
 
 def test_actuator_that_replies_to_commands_alone_is_not_queried() -> None:

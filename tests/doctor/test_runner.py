@@ -80,7 +80,11 @@ def test_every_code_is_planted_by_a_test() -> None:
 
 
 def test_codes_are_unique() -> None:
-    codes = [row.code for subject in (*runner.BEFORE_HOST, runner.host) for row in subject.ROWS]
+    codes = [
+        row.code
+        for subject in (*runner.BEFORE_DEVICES, *runner.family_subjects(), runner.host)
+        for row in subject.ROWS
+    ]
     assert len(codes) == len(set(codes)) == len(runner.table()) - 1
 
 

@@ -15,9 +15,9 @@ from tests.support.doctor_surveys import (
 )
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.doctor import register_fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
+from twind_drivers.dynamixel.doctor import register_fix
 
 
 @pytest.mark.parametrize(

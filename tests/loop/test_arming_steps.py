@@ -371,6 +371,7 @@ def test_a_servo_that_would_read_another_turn_at_torque_on_is_not_armed(
     assert (finding.code, finding.joint) == (ReasonCode.CALIB_MISMATCH, 1)
     assert (finding.value, finding.bound) == (904.0, 5000.0)
     assert "would read 904 at torque-on, not 5000" in finding.message
+    assert finding.message.endswith("or set its offset to 0")
     assert "torque True" not in rig.hardware.log
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from twind.config.device_check import check_devices
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
-from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
-from twind_calibration.adoption.candidate_locations import choose, look
-from twind_calibration.adoption.servo_configurator import WritableProber
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft
 from twind_drivers.clock import FakeClock
+from twind_drivers.dynamixel.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_drivers.dynamixel.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_drivers.dynamixel.adoption.candidate_locations import choose, look
+from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.run_script import perform

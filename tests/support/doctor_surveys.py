@@ -8,9 +8,10 @@ from twind.doctor import can_bus, report, runner, serial_bus, servo_settings
 from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import DaemonInspector, SerialBusInspector
-from twind.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
+from twind.doctor.inspectors import DaemonInspector
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.dynamixel.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
 
 ROBOT = load_robot("h24")
 WELL = {

@@ -175,6 +175,12 @@ class ReportBook:
         return len(self.events) + 1
 
 
+def _described(count: int) -> Any:
+    """Robot file with as many joints, whose types know a remedy for a lost turn."""
+    joint = SimpleNamespace(type=SimpleNamespace(lost_turn_remedy="set its offset to 0"))
+    return SimpleNamespace(file=SimpleNamespace(joints=[joint] * count))
+
+
 class ProcedureRig:
     """A `ProcedureContext` whose robot does what the test says. Live and connected."""
 
@@ -191,7 +197,7 @@ class ProcedureRig:
             SimpleNamespace(name="upper", ids=(7,), joints=np.array([2])),
         )
         joints: Any = JointNames(buses)
-        described = RobotInForce(None, joints, bounds, None, REST, support, period)  # type: ignore[arg-type]
+        described = RobotInForce(_described(3), joints, bounds, None, REST, support, period)  # type: ignore[arg-type]
         self.robot = ControlledRobot(described, None, self.state(PLACE))
         self.robot.measured = self.state(PLACE)
         self.hardware: Any = ScriptedHardware(self.clock)

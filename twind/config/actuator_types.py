@@ -103,6 +103,11 @@ class TypeSpec(ABC):
         return None
 
     @property
+    def homing_offset_limit(self) -> int | None:
+        """Largest homing offset (counts) that every mode heeds; None: it has no such register."""
+        return None
+
+    @property
     def lost_turn_remedy(self) -> str:
         """Remedy, in words, for a count that would be another one at torque-on; empty: none."""
         return ""

@@ -12,6 +12,7 @@ record makes of an entry of `types`. What only one program needs is a `FamilyPar
 loop loads neither the doctor's rows nor virtual devices.
 """
 
+from argparse import Namespace
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
@@ -132,6 +133,10 @@ class DriverFamily:
     # Bus
     driver: FamilyPart[BusDriver]
     virtual: FamilyPart[Any]  # a `twind.virtual.virtual_twin.VirtualTwin`
+    doctor: FamilyPart[Any] | None = None  # a `twind.doctor.family_doctor.FamilyDoctor`
+    # Of `twindctl scan --port` and `twindctl adopt`: the verb's options in, its exit code out.
+    scan: FamilyPart[Callable[[Namespace], int]] | None = None
+    adopt: FamilyPart[Callable[[Namespace], int]] | None = None
     takes_imu: bool = False  # an IMU with the family's protocol may be on its bus
     # Register that explains the alert bit of a reply, read at once; empty: no reply has such a bit.
     alert_register: str = ""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from twind.config.driver_family import family
 from twind.config.port_names import Medium
+from twind.config.robot_spec import BusSpec
 from twind.doctor.check import (
     UNPLUGGED,
     Check,
@@ -15,19 +16,15 @@ from twind.doctor.check import (
     Severity,
 )
 from twind.doctor.check_context import CheckContext, Inspection
+from twind.doctor.family_doctor import doctor_of
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import BusProbe, SerialBusInspector
 from twind.doctor.ports import port_devices
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.prober import LONGEST_DELAY
-from twind_drivers.dynamixel.servo_type import ServoType
 
 HUBS = 2  # hubs in a row that do no harm
 # Highest rates by kernel driver, bit/s (data sheets: CP2102N 3 M, CH340 2 M, PL2303 6 M; FTDI's vary).
 FASTEST = {"cp210x": 3_000_000, "ch341-uart": 2_000_000, "ch341": 2_000_000, "pl2303": 6_000_000}
-PINGS = 12
 ENOUGH = 6  # replies
 PUNCTUAL = 0.9  # of the last 100 ticks
 LOST = 0.2  # of all exchanges
@@ -38,8 +35,6 @@ LATE_ADVICE = (
 LATER = "stop it and ask again, then the port itself is measured"
 FLOOR = 0.004  # s beside the wire: a timer of 1 ms, USB frames and a busy machine stay below
 MARGIN = 0.003  # s of it that are for the frames and the machine
-SLOWEST = 0.03  # s: longer than any timer that adapters have as delivered
-PING_REPLY = 14  # bytes
 
 ROWS = (
     Check(
@@ -136,20 +131,21 @@ def check_latency(context: CheckContext) -> Iterator[DoctorFinding]:
     if context.daemon is not None:
         yield from _latency_by_daemon(context)
         return
-    if not context.lines:
+    lines = {bus.name: context.lines[bus.name] for bus in _serial_buses(context) if bus.name in context.lines}
+    if not lines:
         raise CheckNotApplicable("no serial port")
     silent: list[str] = []
-    for name, line in context.lines.items():
-        delays = _delays(line, [joint.id for joint in context.need_robot().joints if joint.bus == name])
+    for name, line in lines.items():
+        delays = line.ping_delays([joint.id for joint in context.need_robot().joints if joint.bus == name])
         if len(delays) < ENOUGH:
             silent.append(f"{name}: no device answers on {line.port}")
             continue
-        wire = (len(packet.ping(1)) + PING_REPLY) * 10 / line.baud
+        wire, longest = line.ping_time
         # The first meets the timer anywhere; on a busy machine one may be luck, and most are slow.
         quick = wire + sorted(delays[1:])[1]
         timer = context.bus(name).latency_timer_ms
         yield from judge_latency(
-            line.port, quick, wire + LONGEST_DELAY, timer, f"the quicker of {len(delays)} pings"
+            line.port, quick, wire + longest, timer, f"the quicker of {len(delays)} pings"
         )
     if silent:
         raise OperationFailed("; ".join(silent))
@@ -163,27 +159,6 @@ def judge_latency(port: str, took: float, wire: float, timer_ms: float, what: st
         yield DoctorFinding("LATENCY_FLOOR", port, text, f"at most {bound * 1e3:.1f} ms")
 
 
-def _delays(line: SerialBusInspector, ids: list[int]) -> list[float]:
-    """Return the delays (s, without wire time) of pings to the first device that answers.
-
-    Raises OperationFailed.
-    """
-    delays: list[float] = []
-    try:
-        probe = BusProbe(line.transport, line.clock, line.baud, timer=SLOWEST)
-        for id in ids[:4]:
-            for _ in range(PINGS):
-                reply = probe.ping(id)
-                if reply.data is None:
-                    break
-                delays.append(reply.delay)
-            if delays:
-                break
-    except PortError as error:
-        raise OperationFailed(str(error)) from error
-    return delays
-
-
 def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
     """Judge two hops of the daemon: request to first byte, and first to last byte, over 100 readings.
 
@@ -192,7 +167,7 @@ def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
     proves nothing: both make the check unavailable.
     """
     daemon = context.need_daemon()
-    serial = [bus for bus in context.need_robot().buses if family(bus.kind).medium is not Medium.CAN]
+    serial = _serial_buses(context)
     if not serial:
         raise CheckNotApplicable("no serial port")
     if context.sim:
@@ -216,19 +191,21 @@ def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
     yield from judge_latency(
         " ".join(str(context.ports.get(bus.name)) for bus in serial),
         sum(mean) / 1e3,
-        max(_cycle(context, bus.name) for bus in serial),
+        max(_reading_time(context, bus) for bus in serial),
         max(bus.latency_timer_ms for bus in serial),
         "the mean reading",
     )
 
 
-def _cycle(context: CheckContext, bus: str) -> float:
-    """Return the wire time (s) of one plain reading of a bus, goals and return delays included."""
-    kinds = [joint.type for joint in context.need_robot().joints if joint.bus == bus]
-    count = len(kinds)
-    data = (14 + 5 * count) + (14 + count) + count * (11 + 10)
-    delays = [kind.return_delay_us for kind in kinds if isinstance(kind, ServoType)]
-    return data * 10 / context.bus(bus).baud + sum(delays) * 1e-6
+def _serial_buses(context: CheckContext) -> list[BusSpec]:
+    """List the serial buses whose family has a doctor."""
+    buses = context.need_robot().buses
+    return [bus for bus in buses if family(bus.kind).medium is Medium.SERIAL and family(bus.kind).doctor]
+
+
+def _reading_time(context: CheckContext, bus: BusSpec) -> float:
+    joints = [joint for joint in context.need_robot().joints if joint.bus == bus.name]
+    return doctor_of(family(bus.kind)).reading_time(bus, joints)
 
 
 def _usb_device(host: HostInspector, tty: str) -> Path | None:

@@ -14,6 +14,10 @@ MANY = 3  # devices of one bus with the same finding; more of them share one fin
 
 # Cautions that several rows share: what to make sure of before a remedy is followed.
 SUPPORT = "support the robot: it is lowered or goes limp"
+FIRMWARE = (
+    "support the robot without torque; an update can reset registers: "
+    "note id, rate, homing offset, limits; calibrate afterwards"
+)
 UNPLUGGED = (
     "support the robot, disarm, switch the supply off before plugging: "
     "a silent device may still hold its joint"

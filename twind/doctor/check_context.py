@@ -18,14 +18,14 @@ from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.driver_family import family
-from twind.config.port_names import Medium
 from twind.config.robot_file import RobotFile, load_robot
-from twind.config.robot_spec import BusSpec
+from twind.config.robot_spec import BusSpec, JointSpec
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.instance_paths import SERVICE, settings_of, sockets_of
-from twind.doctor.check import CheckNotApplicable, DoctorFinding
+from twind.doctor.check import CheckNotApplicable, Devices, DoctorFinding
+from twind.doctor.family_doctor import InspectorRequest
 from twind.doctor.host_inspector import HostInspector, asleep, would_start
-from twind.doctor.inspectors import PATIENCE, CanBusInspector, DaemonInspector, SerialBusInspector
+from twind.doctor.inspectors import PATIENCE, DaemonInspector
 from twind.exceptions import InvalidInput, OperationFailed
 from twind_drivers.clock import Clock
 
@@ -48,8 +48,7 @@ class CheckContext:
     calibration: Calibration | None = None
     wrong_files: tuple[ConfigError, ...] = ()  # errors of settings, robot file and calibration
     ports: Mapping[str, str | None] = field(default_factory=dict)  # by bus: those that a daemon has or takes
-    lines: Mapping[str, SerialBusInspector] = field(default_factory=dict)  # by bus, without a daemon
-    can_lines: Mapping[str, CanBusInspector] = field(default_factory=dict)  # by bus, without a daemon
+    lines: Mapping[str, Any] = field(default_factory=dict)  # inspectors by bus, without a daemon
     surveys: dict[str, Any] = field(default_factory=dict)  # results of inspections that checks share
 
     def need_robot(self) -> RobotFile:
@@ -105,15 +104,15 @@ class CheckContext:
         return self.need_robot().bus(name)
 
     def survey_buses(
-        self, *, can: bool, look: Callable[[BusSpec], Survey], kind: type[Survey]
+        self, driver: str, *, look: Callable[[BusSpec], Survey], kind: type[Survey]
     ) -> Iterator[Survey]:
-        """Yield the survey of each CAN or serial bus, made once by `look`, whose result is a `kind`.
+        """Yield the survey of each bus of a driver family, made once by `look`, whose result is a `kind`.
 
         Raises CheckNotApplicable: there is no such bus; after the others: one failed.
         """
         if self.sim:
             raise CheckNotApplicable("mode sim opens no bus")
-        specs = [spec for spec in self.need_robot().buses if (family(spec.kind).medium is Medium.CAN) is can]
+        specs = [spec for spec in self.need_robot().buses if spec.kind == driver]
         if not specs:
             raise CheckNotApplicable
         reasons = []
@@ -135,8 +134,6 @@ class CheckContext:
         """Close the ports and the connection to the daemon."""
         for line in self.lines.values():
             line.close()
-        for channel in self.can_lines.values():
-            channel.close()
         if self.daemon is not None:
             self.daemon.client.close()
 
@@ -148,6 +145,16 @@ class Inspection:
     what: str
     codes: tuple[str, ...]
     look: Callable[[CheckContext], Iterator[DoctorFinding]]
+
+
+def device_of(joint: JointSpec) -> Devices:
+    """Return the device that a joint should have, whether it answers or not."""
+    return Devices(joint.bus, [(joint.id, joint.name)])
+
+
+def is_armed(context: CheckContext) -> bool:
+    """Return whether a daemon answers and is armed."""
+    return context.daemon is not None and bool(context.daemon.status["armed"])
 
 
 def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> CheckContext:
@@ -182,14 +189,11 @@ def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> C
     result.wrong_files = tuple({str(error): error for error in wrong}.values())
     if robot is not None and daemon is None:
         result.lines = {
-            name: SerialBusInspector(port, robot.bus(name).baud, host, clock)
+            name: doctor.load().inspector(
+                InspectorRequest(port, robot.bus(name), robot, host, clock, no_daemon)
+            )
             for name, port in result.ports.items()
-            if port is not None and family(robot.bus(name).kind).medium is not Medium.CAN
-        }
-        result.can_lines = {
-            name: CanBusInspector(port, robot.bus(name), robot, host, clock, no_daemon)
-            for name, port in result.ports.items()
-            if port is not None and family(robot.bus(name).kind).medium is Medium.CAN
+            if port is not None and (doctor := family(robot.bus(name).kind).doctor) is not None
         }
     return result
 

@@ -11,16 +11,12 @@ from twind.client import ClientError
 from twind.command_line.verb import Rejected
 from twind.doctor import (
     adapter,
-    can_bus,
     can_links,
     daemon,
     host,
     ports,
     robot_files,
-    serial_bus,
     service,
-    servo_settings,
-    servo_state,
 )
 from twind.doctor.check import (
     Check,
@@ -31,6 +27,7 @@ from twind.doctor.check import (
     severity_of,
 )
 from twind.doctor.check_context import CheckContext, Inspection
+from twind.doctor.family_doctor import family_subjects
 from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 
@@ -42,10 +39,7 @@ CHECK_BROKEN = Check(
     Severity.WARNING,
 )
 SEVERITIES = tuple(Severity)  # the worst first
-BEFORE_HOST = (
-    *(robot_files, service, daemon, ports, adapter, can_links),
-    *(serial_bus, servo_settings, servo_state, can_bus),
-)
+BEFORE_DEVICES = (robot_files, service, daemon, ports, adapter, can_links)
 
 
 @dataclass
@@ -72,7 +66,7 @@ class FixResult:
 
 def table() -> dict[str, Check]:
     """Return every row by its code, in order."""
-    rows = [row for subject in (*BEFORE_HOST, host) for row in subject.ROWS]
+    rows = [row for subject in (*BEFORE_DEVICES, *family_subjects(), host) for row in subject.ROWS]
     return {row.code: row for row in (*rows, CHECK_BROKEN)}
 
 
@@ -81,7 +75,7 @@ def all_checks() -> tuple[Inspection, ...]:
 
     Faults of the daemon follow the checks that find their causes; the host comes last in the report.
     """
-    before = [check for subject in BEFORE_HOST for check in subject.CHECKS]
+    before = [check for subject in (*BEFORE_DEVICES, *family_subjects()) for check in subject.CHECKS]
     return (*before, *daemon.FAULT_CHECKS, *host.CHECKS)
 
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from twind.config.doc_pages import rewrite_page
-from twind.doctor import check, runner, serial_bus
+from twind.doctor import check, runner
 
 BEGIN = "<!-- from the doctor's table -->"
 END = "<!-- end of the doctor's table -->"
@@ -19,7 +19,7 @@ SHARED = {
     "other program": check.OTHER_MASTER,
     "permanent": check.ALONE,
     "zero changes": check.ZERO_MOVES,
-    "firmware": serial_bus.FIRMWARE,
+    "firmware": check.FIRMWARE,
 }
 
 

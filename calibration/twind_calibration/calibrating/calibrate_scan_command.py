@@ -8,15 +8,11 @@ from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, REFUSED, show
 from twind.ctl.command_hint import command_hint
 from twind.doctor import report, runner
-from twind.doctor.can_bus import ACTUATORS, CanSurvey
 from twind.doctor.check_context import CheckContext, examine
+from twind.doctor.family_doctor import DeviceSurvey, doctors
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.serial_bus import BUSES
-from twind.doctor.serial_bus_survey import SerialBusSurvey
-from twind.doctor.servo_settings import SERVOS
 from twind_drivers.clock import MonotonicClock
 
-LOOKS = (BUSES, SERVOS, ACTUATORS)
 # Register -> heading; what a calibration records of a device.
 SNAPSHOT = {
     "homing_offset": "homing",
@@ -34,7 +30,8 @@ BESIDE = (
 def scan(options: argparse.Namespace) -> int:
     """Exit code 0: no device has a fault. Raises UsageError."""
     known = runner.table()
-    checks = [each for each in runner.all_checks() if each.what in LOOKS]
+    looks = [what for each in doctors() for what in each.at_calibration]
+    checks = [each for each in runner.all_checks() if each.what in looks]
     examined = examine(options, HostInspector(), MonotonicClock())
     try:
         with ProgressLine(options, "scan") as progress:
@@ -57,26 +54,15 @@ def scan(options: argparse.Namespace) -> int:
 def _devices(checked: CheckContext) -> Iterator[dict[str, object]]:
     """Yield every device that answers, bus by bus, with the registers that were read."""
     for survey in checked.surveys.values():
-        if isinstance(survey, SerialBusSurvey):
-            for servo in survey.servos:
-                yield {
-                    "bus": servo.bus,
-                    "id": servo.id,
-                    "joint": None if servo.joint is None else servo.joint.name,
-                    "model": servo.model_name or servo.model,
-                    "firmware": servo.firmware,
-                    **{name: servo.values.get(name) for name in SNAPSHOT},
-                }
-        elif isinstance(survey, CanSurvey):
-            for node in survey.nodes:
-                yield {
-                    "bus": node.bus,
-                    "id": node.joint.id,
-                    "joint": node.joint.name,
-                    "model": node.joint.type.device,
-                    "firmware": None,
-                    **{name: node.values.get(name) for name in SNAPSHOT},
-                }
+        for device in survey.devices if isinstance(survey, DeviceSurvey) else ():
+            yield {
+                "bus": device.bus,
+                "id": device.id,
+                "joint": device.joint,
+                "model": device.model,
+                "firmware": device.firmware,
+                **{name: device.values.get(name) for name in SNAPSHOT},
+            }
 
 
 def _table(devices: list[dict[str, object]]) -> list[str]:

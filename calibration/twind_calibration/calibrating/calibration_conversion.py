@@ -15,8 +15,6 @@ from twind_calibration.calibrating.lerobot_file import LeRobotMotor
 from twind_calibration.calibrating.sweep_tracker import describe_mismatch
 from twind_calibration.calibrating.travel_verdict import judge
 from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
-from twind_drivers.dynamixel.servo_check import MAX_OFFSET
-from twind_drivers.dynamixel.servo_type import ServoType
 
 REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
 DYNAMIXEL = "dynamixel"
@@ -103,8 +101,9 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
     """Return the reason why none of the values is usable; "" where they are."""
     joint = slot.joint
     now = device.homing_offset_ticks
-    if not isinstance(joint.type, ServoType):
-        return f"is a {joint.type.device} on CAN: registers and files like these say nothing of it"
+    limit = joint.type.homing_offset_limit
+    if limit is None:
+        return f"is a {joint.type.device}: registers and files like these say nothing of it"
     if source.make == FEETECH:
         return "a Feetech servo has another encoder, and its homing offset the other sign: sweep it"
     if source.travel is None:
@@ -112,25 +111,25 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
     low, high = source.travel
     if high - low >= joint.type.ticks_per_turn - 1:
         return f"{low}..{high} is a whole turn, no travel that was measured: `twindctl calibrate sweep`"
-    if abs(now) > MAX_OFFSET and joint.mode == "position":
-        return f"homing_offset (20) is {now}; beyond ±{MAX_OFFSET} position mode ignores it: write 0, sweep"
+    if abs(now) > limit and joint.mode == "position":
+        return f"homing_offset (20) is {now}; beyond ±{limit} position mode ignores it: write 0, sweep"
     reversed_since = source.drive_mode is not None and (source.drive_mode ^ device.drive_mode) & REVERSED
     if reversed_since:
         return (
             f"drive_mode is {source.drive_mode}, that of the servo (10) is {device.drive_mode}: its counts "
             "run the other way by now: sweep it"
         )
-    return _moved(source, now)
+    return _moved(source, now, limit)
 
 
-def _moved(source: ForeignCalibration, now: int) -> str:
+def _moved(source: ForeignCalibration, now: int, limit: int) -> str:
     """Return the reason why a count under another homing offset cannot be converted; "" where it can."""
     was = source.homing_offset
     if was == now:
         return ""
-    if abs(was) > MAX_OFFSET or abs(now) > MAX_OFFSET:
+    if abs(was) > limit or abs(now) > limit:
         return (
-            f"homing_offset is {was}, that of the servo (20) is {now}; beyond ±{MAX_OFFSET} it counts in "
+            f"homing_offset is {was}, that of the servo (20) is {now}; beyond ±{limit} it counts in "
             "some operating modes and not in others, so the travel is unknown: sweep it"
         )
     if source.make != DYNAMIXEL:

@@ -22,5 +22,6 @@ CAN = DriverFamily(
     budget=can_budget,
     driver=FamilyPart("twind_drivers.can.can_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.can.can_twin:TWIN"),
+    doctor=FamilyPart("twind_drivers.can.doctor.can_doctor:DOCTOR"),
     alert_register="hardware_error_status",
 )

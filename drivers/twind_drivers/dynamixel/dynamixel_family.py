@@ -21,6 +21,9 @@ DYNAMIXEL = DriverFamily(
     budget=servo_budget,
     driver=FamilyPart("twind_drivers.dynamixel.dynamixel_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.dynamixel.servo_twin:TWIN"),
+    doctor=FamilyPart("twind_drivers.dynamixel.doctor.servo_doctor:DOCTOR"),
+    scan=FamilyPart("twind_drivers.dynamixel.port_scan:look"),
+    adopt=FamilyPart("twind_drivers.dynamixel.adoption.adopt_command:adopt"),
     takes_imu=True,
     alert_register="hardware_error_status",
 )

@@ -117,6 +117,11 @@ class ServoType(TypeSpec):
         return device.settings.get("current_limit")
 
     @property
+    def homing_offset_limit(self) -> int:
+        """Position mode ignores a larger one (e-manual, address 20)."""
+        return servo_check.MAX_OFFSET
+
+    @property
     def lost_turn_remedy(self) -> str:
         """Its homing offset moves the end of the turn that position mode covers (e-manual, address 20)."""
         return "set homing_offset (20) to 0 and calibrate"

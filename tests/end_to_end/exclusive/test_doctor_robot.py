@@ -27,14 +27,15 @@ from tests.support.doctor_surveys import CHECKS as MINE
 from tests.support.doctor_surveys import ROWS
 from tests.support.processes import Daemon, Virtual, daemon, robot
 from twind.config.robot_file import load_robot
-from twind.doctor import can_bus, runner
+from twind.doctor import runner
 from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import SerialBusInspector
 from twind.doctor.runner import DoctorReport, FixResult
-from twind.doctor.serial_bus_survey import survey_port
+from twind_drivers.can.doctor import can_bus_checks as can_bus
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.dynamixel.doctor.serial_bus_survey import survey_port
 
 RECORDED = (10, 11, 20, 48, 52)  # what a calibration remembers of a servo's registers
 

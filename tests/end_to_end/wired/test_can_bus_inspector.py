@@ -9,10 +9,10 @@ import pytest
 from tests.support.doctor_rig import host, plant
 from twind.client import Client, NoDaemon
 from twind.config.robot_file import load_robot
-from twind.doctor.can_bus import survey_can_line
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import CanBusInspector
 from twind.exceptions import OperationFailed
+from twind_drivers.can.doctor.can_bus_checks import survey_can_line
+from twind_drivers.can.doctor.can_bus_inspector import CanBusInspector
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.ports.can_ports import open_channel
 from twind_drivers.ports.channel import CanChannel

@@ -15,10 +15,10 @@ from twind.config.robot_file import load_robot
 from twind.doctor import register_fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.inspectors import SerialBusInspector
-from twind.doctor.serial_bus_survey import expected_servos, survey_port
 from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.dynamixel.doctor.serial_bus_survey import expected_servos, survey_port
 
 HOLD = "import os,sys; fd=os.open(sys.argv[1],os.O_RDWR|os.O_NOCTTY); print(flush=True); sys.stdin.read()"
 MASK = (63, 37)  # shutdown (e-manual): without electrical shock

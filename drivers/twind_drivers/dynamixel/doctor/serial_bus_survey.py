@@ -14,14 +14,17 @@ from twind.client import CallError, Client, ClientError
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.doctor.check import Devices
 from twind.doctor.check_context import CheckContext
-from twind.doctor.inspectors import Answer, BusProbe, DaemonInspector, SerialBusInspector, scan_bus
+from twind.doctor.family_doctor import DeviceSurvey, SurveyedDevice
+from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
+from twind_drivers.dynamixel.doctor.serial_bus_inspector import BusProbe, SerialBusInspector
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
 from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.servo_type import KIND
 from twind_drivers.register_sensor import decoded
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
@@ -75,7 +78,7 @@ class SurveyedImu:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SerialBusSurvey:
+class SerialBusSurvey(DeviceSurvey):
     """One serial bus."""
 
     spec: BusSpec
@@ -90,14 +93,24 @@ class SerialBusSurvey:
     imu: SurveyedImu | None = None  # None: the robot file describes none there
 
     @property
+    def devices(self) -> tuple[SurveyedDevice, ...]:
+        """All servos that answered."""
+        return tuple(
+            SurveyedDevice(
+                servo.bus,
+                servo.id,
+                None if servo.joint is None else servo.joint.name,
+                servo.model_name or servo.model,
+                servo.firmware,
+                servo.values,
+            )
+            for servo in self.servos
+        )
+
+    @property
     def described_servos(self) -> tuple[SurveyedServo, ...]:
         """Servos of the robot file, without shared ids."""
         return tuple(servo for servo in self.servos if servo.joint is not None and not servo.trouble)
-
-
-def device_of(joint: JointSpec) -> Devices:
-    """Return the device that a joint should have, whether it answers or not."""
-    return Devices(joint.bus, [(joint.id, joint.name)])
 
 
 def serial_surveys(context: CheckContext) -> Iterator[SerialBusSurvey]:
@@ -110,7 +123,7 @@ def serial_surveys(context: CheckContext) -> Iterator[SerialBusSurvey]:
             raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_port(context.lines[spec.name], spec, context.need_robot())
 
-    return context.survey_buses(can=False, look=look, kind=SerialBusSurvey)
+    return context.survey_buses(KIND, look=look, kind=SerialBusSurvey)
 
 
 def expected_servos(context: CheckContext) -> Iterator[tuple[SerialBusSurvey, SurveyedServo]]:

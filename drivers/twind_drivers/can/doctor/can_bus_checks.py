@@ -1,6 +1,6 @@
 """Subject: CAN buses and their actuators, on the free channel or through the daemon. Reads only.
 
-Their rows are those of `serial_bus.py`, `servo_settings.py` and `servo_state.py`.
+Their rows are those of the servos' doctor.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,15 +17,15 @@ from twind.doctor.check import (
     Severity,
     merge_findings,
 )
-from twind.doctor.check_context import CheckContext, Inspection
-from twind.doctor.inspectors import Answer, CanBusInspector, DaemonInspector, scan_bus
-from twind.doctor.serial_bus_survey import device_of
-from twind.doctor.servo_state import is_armed
+from twind.doctor.check_context import CheckContext, Inspection, device_of, is_armed
+from twind.doctor.family_doctor import DeviceSurvey, SurveyedDevice
+from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
-from twind_drivers.can.can_type import CanType
+from twind_drivers.can.can_type import KIND, CanType
+from twind_drivers.can.doctor.can_bus_inspector import CanBusInspector
 from twind_drivers.can.register_access import STATE
 from twind_drivers.ports.channel import CanErrorState
 from twind_drivers.run_script import perform
@@ -88,7 +88,7 @@ class SurveyedCanActuator:
 
 
 @dataclass(frozen=True, slots=True)
-class CanSurvey:
+class CanSurvey(DeviceSurvey):
     """One CAN bus."""
 
     spec: BusSpec
@@ -98,6 +98,16 @@ class CanSurvey:
     condition: str = ""  # error of the controller; "": none, or unknown
     masters: int = 0  # frames of another master
     strangers: int = 0  # frames of ids that are not in the robot file
+
+    @property
+    def devices(self) -> tuple[SurveyedDevice, ...]:
+        """All actuators that answered."""
+        return tuple(
+            SurveyedDevice(
+                node.bus, node.joint.id, node.joint.name, node.joint.type.device, None, node.values
+            )
+            for node in self.nodes
+        )
 
 
 def is_queried(joint: JointSpec) -> bool:
@@ -111,11 +121,11 @@ def can_surveys(context: CheckContext) -> Iterator[CanSurvey]:
     def look(spec: BusSpec) -> CanSurvey:
         if context.daemon is not None:
             return _survey_by_daemon(context.daemon, spec, context.need_robot())
-        if spec.name not in context.can_lines:
+        if spec.name not in context.lines:
             raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
-        return survey_can_line(context.can_lines[spec.name])
+        return survey_can_line(context.lines[spec.name])
 
-    return context.survey_buses(can=True, look=look, kind=CanSurvey)
+    return context.survey_buses(KIND, look=look, kind=CanSurvey)
 
 
 # ------------------------------------------------------------------------------------------- survey

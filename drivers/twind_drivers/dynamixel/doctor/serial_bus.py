@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from statistics import median
 
 from twind.ctl.instance_paths import stop
-from twind.doctor import register_fix
 from twind.doctor.check import (
     ALONE,
+    FIRMWARE,
     OTHER_MASTER,
     UNPLUGGED,
     Check,
@@ -17,18 +17,18 @@ from twind.doctor.check import (
     Severity,
     merge_findings,
 )
-from twind.doctor.check_context import CheckContext, Inspection
-from twind.doctor.serial_bus_survey import (
-    SerialBusSurvey,
-    SurveyedServo,
-    device_of,
-    expected_servos,
-    serial_surveys,
-)
+from twind.doctor.check_context import CheckContext, Inspection, device_of
 from twind.robot.attitude import G
 from twind_drivers.dynamixel.bus_scan import ScanFaultKind
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.device_layout import layout_of
+from twind_drivers.dynamixel.doctor import register_fix
+from twind_drivers.dynamixel.doctor.serial_bus_survey import (
+    SerialBusSurvey,
+    SurveyedServo,
+    expected_servos,
+    serial_surveys,
+)
 from twind_drivers.dynamixel.dynamixel_identification import supports_fast
 from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.dynamixel.servo_type import ServoType
@@ -45,10 +45,6 @@ LAST_ID = 252  # above it the second id is off
 POWER = "is the power on, is the data line plugged in, is it the right port? "
 CABLE = "look at its cable and power, and at its id: "
 ODD = 0.1  # share of g: zero offsets of cheap sensors are 0.05 to 0.08 on an axis
-FIRMWARE = (
-    "support the robot without torque; an update can reset registers: "
-    "note id, rate, homing offset, limits; calibrate afterwards"
-)
 
 ROWS = (
     Check(

@@ -13,14 +13,20 @@ from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
 from twind.ctl.command_hint import command_hint
 from twind.ctl.instance_paths import stop
-from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
-from twind_calibration.adoption.calibration_entry_status import entry_of
-from twind_calibration.adoption.candidate_locations import choose, joint_of, look, search_plan, serial_buses
-from twind_calibration.adoption.servo_configurator import WritableProber
 from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.dynamixel.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_drivers.dynamixel.adoption.calibration_entry_status import entry_of
+from twind_drivers.dynamixel.adoption.candidate_locations import (
+    choose,
+    joint_of,
+    look,
+    search_plan,
+    serial_buses,
+)
+from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
 from twind_drivers.ports.serial_port import SerialTransport
 
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"

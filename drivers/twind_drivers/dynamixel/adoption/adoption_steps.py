@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from twind.command_line.verb import Rejected
-from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
-from twind_calibration.adoption.candidate_locations import AdoptionCandidate
-from twind_calibration.adoption.register_plan import RegisterStep, different, looked_at, plan
-from twind_calibration.adoption.servo_configurator import ServoConfigurator, WritableProber
+from twind_drivers.dynamixel.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_drivers.dynamixel.adoption.candidate_locations import AdoptionCandidate
+from twind_drivers.dynamixel.adoption.register_plan import RegisterStep, different, looked_at, plan
+from twind_drivers.dynamixel.adoption.servo_configurator import ServoConfigurator, WritableProber
 from twind_drivers.dynamixel.control_tables import table
 
 TORQUE = "torque_enable"

@@ -12,9 +12,10 @@ from twind.client import Client
 from twind.command_line.verb import Rejected, write_register
 from twind.doctor.check import Fix
 from twind.doctor.check_context import CheckContext
-from twind.doctor.inspectors import REPLY_SLACK, DaemonInspector, SerialBusInspector
-from twind.doctor.serial_bus_survey import SurveyedServo
+from twind.doctor.inspectors import DaemonInspector
 from twind_drivers.bus import BusError, PortError
+from twind_drivers.dynamixel.doctor.serial_bus_inspector import REPLY_SLACK, SerialBusInspector
+from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.prober import LONGEST_DELAY

@@ -9,10 +9,10 @@ from statistics import median
 from twind.config.actuator_types import TypeSpec
 from twind.config.supply_limits import SupplyLimits, usual_supply
 from twind.doctor.check import SUPPORT, Check, DoctorFinding, Severity, merge_findings
-from twind.doctor.check_context import CheckContext, Inspection
-from twind.doctor.register_fix import format_command, offer_fix
-from twind.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
-from twind.doctor.servo_settings import SERVOS
+from twind.doctor.check_context import CheckContext, Inspection, is_armed
+from twind_drivers.dynamixel.doctor.register_fix import format_command, offer_fix
+from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
+from twind_drivers.dynamixel.doctor.servo_settings import SERVOS
 
 DROP = 0.6  # V that a servo at rest may be below the others of its model; a sensor's step is 0.1 V
 OTHERS = 3  # servos of a model on one bus that one servo is compared with, at least
@@ -99,11 +99,6 @@ ROWS = (
         "it relies on it to stop",
     ),
 )
-
-
-def is_armed(context: CheckContext) -> bool:
-    """Return whether a daemon answers and is armed."""
-    return context.daemon is not None and bool(context.daemon.status["armed"])
 
 
 def check_state(context: CheckContext) -> Iterator[DoctorFinding]:

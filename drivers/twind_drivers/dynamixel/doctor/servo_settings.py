@@ -7,9 +7,9 @@ from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind.doctor.check import ALONE, ZERO_MOVES, Check, DoctorFinding, Severity, merge_findings
 from twind.doctor.check_context import CheckContext, Inspection
-from twind.doctor.register_fix import format_command, offer_fix
-from twind.doctor.serial_bus_survey import SurveyedServo, expected_servos
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.doctor.register_fix import format_command, offer_fix
+from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo, expected_servos
 from twind_drivers.dynamixel.servo_type import ServoType
 
 SERVOS = "servos"  # subject in the report

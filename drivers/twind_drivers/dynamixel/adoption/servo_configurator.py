@@ -7,8 +7,8 @@ every write is judged by what is read afterwards, where the servo then stands.
 from collections.abc import Callable, Mapping, Sequence
 
 from twind.command_line.verb import Rejected
-from twind_calibration.adoption.candidate_locations import RATES, ServoLocation
 from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation
 from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
 from twind_drivers.dynamixel.packet import StatusErrorCode

@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from twind.command_line.verb import Rejected
-from twind.config.driver_family import family
-from twind.config.port_names import Medium
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind_calibration.rejection_hints import unknown_joint
 from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, ScanFaultKind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.servo_type import ServoType
+from twind_drivers.dynamixel.servo_type import KIND, ServoType
 
 # Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
 RATES = (
@@ -113,7 +111,7 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
 
 def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
     """Return the buses that support adoption. Raises Rejected where there is none."""
-    found = tuple(bus for bus in robot.buses if family(bus.kind).medium is not Medium.CAN)
+    found = tuple(bus for bus in robot.buses if bus.kind == KIND)
     if not found:
         raise Rejected(
             f"{robot.name} has CAN buses only, and adopt sets up serial servos: name a JOINT for what to do"

@@ -1,0 +1,1 @@
+"""Doctor of CAN actuators: inspections of their buses."""
