@@ -4,14 +4,16 @@ from twind.config.calibration_file import Calibration
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
 from twind.ctl.command_hint import CommandHint
-from twind.doctor import can_bus, report, runner, serial_bus, servo_settings
+from twind.doctor import report, runner
 from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector
+from twind_drivers.can.doctor.can_doctor import DOCTOR as CAN_DOCTOR
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
 from twind_drivers.dynamixel.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
+from twind_drivers.dynamixel.doctor.servo_doctor import DOCTOR as SERVO_DOCTOR
 
 ROBOT = load_robot("h24")
 WELL = {
@@ -41,7 +43,7 @@ WELL = {
 LINE = SerialBusInspector(
     "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock()
 )  # opened by who uses it, which nobody does
-BUS_SUBJECTS = (serial_bus.BUSES, servo_settings.SERVOS, can_bus.ACTUATORS)
+BUS_SUBJECTS = (*SERVO_DOCTOR.at_calibration, *CAN_DOCTOR.at_calibration)
 CHECKS = [check for check in runner.all_checks() if check.what in BUS_SUBJECTS]
 ROWS = runner.table()
 KNEE = next(joint for joint in ROBOT.joints if joint.name == "l_knee")  # -0.1 to 2.2 rad: 1499 counts

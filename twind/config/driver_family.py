@@ -143,7 +143,7 @@ class DriverFamily:
 
 
 @cache
-def _entry_points() -> Mapping[str, EntryPoint]:
+def registered() -> Mapping[str, EntryPoint]:
     """Entry points by kind. Raises InvalidInput: two packages register one kind."""
     found: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: each.name):
@@ -155,13 +155,13 @@ def _entry_points() -> Mapping[str, EntryPoint]:
 
 def kinds() -> tuple[str, ...]:
     """Kinds of bus that this installation can drive; no family is imported for it."""
-    return tuple(_entry_points())
+    return tuple(registered())
 
 
 @cache
 def family(kind: str) -> DriverFamily:
     """Return the family of a kind of bus, imported. Raises InvalidInput: none, or one of another kind."""
-    point = _entry_points().get(kind)
+    point = registered().get(kind)
     if point is None:
         raise InvalidInput(
             f"no installed package drives buses of kind {kind!r}; installed: {', '.join(kinds()) or 'none'}"

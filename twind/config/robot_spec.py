@@ -16,7 +16,7 @@ class BusSpec:
     """One bus and the port it is reached by."""
 
     name: str
-    kind: str  # `dynamixel2` or `can`
+    kind: str  # its driver family
     port: str | None  # None: given by the settings or on the command line
     baud: int  # bit/s; of a CAN bus what its file calls `bitrate`
     latency_timer_ms: int  # of the adapter; 0: it has none (an on-board port)

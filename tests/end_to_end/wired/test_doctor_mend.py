@@ -12,11 +12,11 @@ from tests.support.doctor_robot import BAUD, Ground, Vendor, upper_body
 from tests.support.processes import robot
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
-from twind.doctor import register_fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.doctor import register_fix
 from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
 from twind_drivers.dynamixel.doctor.serial_bus_survey import expected_servos, survey_port
 

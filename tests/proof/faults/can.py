@@ -15,7 +15,9 @@ from tests.support.daemon_rig import Rig
 from tests.support.fault_cases import Order
 from twind import link
 from twind.robot.modes import RobotState
-from twind.virtual.fault_commands import CAN_FAULTS, FAULTS, arguments
+from twind.virtual.fault_commands import arguments
+from twind_drivers.can.can_twin import CAN_FAULTS
+from twind_drivers.dynamixel.servo_twin import FAULTS
 
 ROBOT = "h24-mixed"
 LEGS = ("l_leg", "r_leg")

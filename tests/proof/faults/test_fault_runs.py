@@ -15,7 +15,8 @@ from tests.support.fault_cases import ARMED, CASES, EITHER, FAULT, Case, Order, 
 from tests.support.fault_rig import Judge, Moved, Wire, nod_all
 from twind import link
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.virtual.fault_commands import FAULTS, arguments
+from twind.virtual.fault_commands import arguments
+from twind_drivers.dynamixel.servo_twin import FAULTS
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
