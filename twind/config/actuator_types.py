@@ -108,6 +108,16 @@ class TypeSpec(ABC):
         return None
 
     @property
+    def offset_sign(self) -> int:
+        """Sign with which a homing offset enters a count: 1, or -1 where the count is encoder minus offset."""
+        return 1
+
+    @property
+    def offset_moves_seam(self) -> bool:
+        """True if a homing offset shifts the counts of the turn; False if they wrap where they always do."""
+        return True
+
+    @property
     def lost_turn_remedy(self) -> str:
         """Remedy, in words, for a count that would be another one at torque-on; empty: none."""
         return ""

@@ -95,6 +95,21 @@ class FeetechType(TypeSpec):
         return False
 
     @property
+    def homing_offset_limit(self) -> int | None:
+        """What register 31 holds; None: an SCS has none."""
+        return self.map["homing_offset"].most if "homing_offset" in self.map else None
+
+    @property
+    def offset_sign(self) -> int:
+        """-1: its count is encoder minus offset, where a Dynamixel adds."""
+        return -1
+
+    @property
+    def offset_moves_seam(self) -> bool:
+        """False: counts are 0 to 4095 with any offset."""
+        return False
+
+    @property
     def winds(self) -> bool:
         """True: it loses its turns at power-off."""
         return self.mode == MANY
