@@ -118,7 +118,7 @@ STS_OFFSETS = st.integers(-2047, 2047)
 
 @given(st.integers(0, 4095), STS_OFFSETS, STS_OFFSETS)
 def test_a_feetech_count_is_the_encoder_less_the_offset(encoder: int, then: int, now: int) -> None:
-    """Exact to the count; `encoder`: where the joint stands at angle 0. Counts are 0 to 4095 with any offset."""
+    """Exact to the count; `encoder`: its place at angle 0. Counts are 0 to 4095 with any offset."""
     zero = (encoder - then) % TURN
     low, high = span(LIFT, zero)
     folded = convert_entry(

@@ -268,5 +268,5 @@ def test_the_last_check_lets_no_other_write_out(address: int, data: bytes) -> No
     with pytest.raises(WireRangeError):
         rig.writer.begin(WriteRequest({1: data}, address), 0.0)
     with pytest.raises(WireRangeError):
-        rig.writer.begin(WriteRequest({9: b"\0"}, packet.Instruction.READ), 0.0)
+        rig.writer.begin(WriteRequest({9: b"\0"}, packet.FeetechInstruction.READ), 0.0)
     assert rig.sent() == before

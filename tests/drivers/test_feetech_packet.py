@@ -15,13 +15,13 @@ IDS = st.integers(0, p.LAST_ID)
 DATA = st.binary(max_size=40)
 
 GOLDEN = [
-    (p.instruction(1, p.Instruction.PING), "FF FF 01 02 01 FB"),
+    (p.instruction(1, p.FeetechInstruction.PING), "FF FF 01 02 01 FB"),
     (p.read(1, 56, 2), "FF FF 01 04 02 38 02 BE"),
     (p.read(1, 56, 15), "FF FF 01 04 02 38 0F B1"),
     (p.write(1, 40, b"\1"), "FF FF 01 04 03 28 01 CE"),
     (p.write(p.BROADCAST, 40, b"\0"), "FF FF FE 04 03 28 00 D2"),
     (p.write(1, 55, b"\0"), "FF FF 01 04 03 37 00 C0"),
-    (p.instruction(1, p.Instruction.REBOOT), "FF FF 01 02 08 F4"),
+    (p.instruction(1, p.FeetechInstruction.REBOOT), "FF FF 01 02 08 F4"),
     (p.sync_read((1, 2), 56, 2), "FF FF FE 06 82 38 02 01 02 3C"),
     (p.sync_write(42, {1: b"\0\x08", 2: b"\0\x04"}), "FF FF FE 0A 83 2A 02 01 00 08 02 00 04 39"),
     (p.write(1, 42, register_map("sts")["goal_position"].encode(-10)), "FF FF 01 05 03 2A 0A 80 42"),
@@ -38,7 +38,7 @@ def test_packets_are_the_printed_ones(made: bytes, printed: str) -> None:
 
 @given(IDS, st.integers(0, 63), DATA)
 def test_a_packet_is_found_as_it_was_built(id: int, code: int, data: bytes) -> None:
-    assert p.find_packets(p.instruction(id, code, data)) == [p.Packet(id, code, data)]
+    assert p.find_packets(p.instruction(id, code, data)) == [p.FeetechPacket(id, code, data)]
 
 
 @given(st.integers(-32767, 32767))
@@ -54,7 +54,7 @@ def test_minus_zero_is_zero_and_a_number_too_large_is_refused() -> None:
 
 
 def reply(ids: Sequence[int], size: int, data: bytes, requests: Sequence[bytes] = ()) -> FeetechReply:
-    """What a reply makes of some bytes."""
+    """The reply after these bytes."""
     made = FeetechReply(ids, size, requests)
     made.receive_buffer()[: len(data)] = data
     made.take(len(data))
@@ -92,7 +92,7 @@ def test_an_echo_is_no_reply_even_where_it_has_the_form_of_one() -> None:
     assert not reply((1,), 2, request, (request,)).heard.any()
     made = reply((1,), 2, request + p.instruction(1, 0, b"\x18\x05"), (request,))
     assert made.data[0].tolist() == [0x18, 0x05]
-    assert made.unasked == [p.Packet(1, 2, b"\x38\x02")]
+    assert made.unasked == [p.FeetechPacket(1, 2, b"\x38\x02")]
 
 
 def test_the_weak_cases_of_the_checksum_are_sound_packets() -> None:

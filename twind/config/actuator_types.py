@@ -109,7 +109,7 @@ class TypeSpec(ABC):
 
     @property
     def offset_sign(self) -> int:
-        """Sign with which a homing offset enters a count: 1, or -1 where the count is encoder minus offset."""
+        """Sign of a homing offset in a count: 1, or -1 where the count is encoder minus offset."""
         return 1
 
     @property

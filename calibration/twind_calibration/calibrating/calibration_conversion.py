@@ -106,7 +106,10 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
     if limit is None:
         return f"is a {joint.type.device}: registers and files like these say nothing of it"
     if source.make not in (None, _make(slot)):
-        return f"is a {joint.type.device}, no {source.make} servo, whose homing offset has the other sign: sweep it"
+        return (
+            f"is a {joint.type.device}, no {source.make} servo: its encoder and the sign of its homing "
+            "offset differ: sweep it"
+        )
     if source.travel is None:
         return "its position limits (52, 48) are a whole turn, as delivered: `twindctl calibrate sweep` first"
     low, high = source.travel

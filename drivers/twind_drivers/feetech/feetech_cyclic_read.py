@@ -102,7 +102,7 @@ class FeetechCyclicRead(CyclicRead):
         error = reply.error
         return np.where(error & FAULT_BITS, ALERT, 0).astype(np.uint8) if some(error) else error
 
-    def _effort_told(self, fresh: Bools, request: CyclicRequest) -> Bools | None:
+    def _effort_mask(self, fresh: Bools, request: CyclicRequest) -> Bools | None:
         return fresh & False if self.currents and request.reply.size < WHOLE else None
 
 

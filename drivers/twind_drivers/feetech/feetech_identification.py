@@ -23,7 +23,7 @@ UNLOADING = 0x24  # mask 19: overload, temperature
 Settings = dict[str, int]
 
 
-class IdentificationReader(Protocol):
+class SliceReader(Protocol):
     """Reader as identification uses it."""
 
     ids: tuple[int, ...]
@@ -41,9 +41,7 @@ class FoundServo:
     grouped: bool  # it answers sync reads
 
 
-def identify(
-    bus: IdentificationReader, use_groups: Callable[[int, bool], None]
-) -> Script[dict[int, FoundServo]]:
+def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Script[dict[int, FoundServo]]:
     """Read firmware and all settings of every id; return the servos that answer, by id.
 
     `use_groups(id, on)`: whether the reader may use sync reads for a device; the test of it needs that.

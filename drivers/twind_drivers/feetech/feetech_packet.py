@@ -16,7 +16,7 @@ OVERHEAD = 6  # bytes of a packet without params
 Bytes = bytes | bytearray | memoryview
 
 
-class Instruction(IntEnum):
+class FeetechInstruction(IntEnum):
     """Instruction codes. `REBOOT` enters the boot loader for 0.8 s and has no reply."""
 
     PING = 0x01
@@ -56,17 +56,17 @@ def instruction(id: int, code: int, params: Bytes = b"") -> bytes:
 
 def read(id: int, address: int, size: int) -> bytes:
     """Build a read of one device."""
-    return instruction(id, Instruction.READ, bytes((address, size)))
+    return instruction(id, FeetechInstruction.READ, bytes((address, size)))
 
 
 def write(id: int, address: int, data: Bytes) -> bytes:
     """Build a write to one device, or to all (`BROADCAST`), which has no reply."""
-    return instruction(id, Instruction.WRITE, bytes((address,)) + data)
+    return instruction(id, FeetechInstruction.WRITE, bytes((address,)) + data)
 
 
 def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
     """Build a read of the same block of several devices; each sends a status, in this order."""
-    return instruction(BROADCAST, Instruction.SYNC_READ, bytes((address, size, *ids)))
+    return instruction(BROADCAST, FeetechInstruction.SYNC_READ, bytes((address, size, *ids)))
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
@@ -75,7 +75,7 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     if len(sizes) != 1:
         raise ValueError(f"a sync write needs data of one length, got {sorted(sizes)}")
     rows = b"".join(bytes((id,)) + each for id, each in data.items())
-    return instruction(BROADCAST, Instruction.SYNC_WRITE, bytes((address, *sizes)) + rows)
+    return instruction(BROADCAST, FeetechInstruction.SYNC_WRITE, bytes((address, *sizes)) + rows)
 
 
 def to_word(value: int, sign: int | None) -> int:
@@ -93,7 +93,7 @@ def from_word(word: int, sign: int | None) -> int:
     return -(word & (1 << sign) - 1)
 
 
-class Packet(NamedTuple):
+class FeetechPacket(NamedTuple):
     """Whole packet with a right checksum, of either direction."""
 
     id: int
@@ -116,12 +116,12 @@ def is_sound(data: Bytes, start: int, end: int) -> bool:
     return sum(data[start + 2 : end]) & 0xFF == 0xFF
 
 
-def find_packets(data: Bytes, *, status: bool | None = None) -> list[Packet]:
+def find_packets(data: Bytes, *, status: bool | None = None) -> list[FeetechPacket]:
     """Return the whole sound packets in `data`, in order; `status` True: without those to all devices.
 
     Every header is tried, so a false one in garbage hides no true one.
     """
-    found: list[Packet] = []
+    found: list[FeetechPacket] = []
     raw = bytes(data)
     start = raw.find(HEADER)
     while 0 <= start <= len(raw) - OVERHEAD:
@@ -129,7 +129,7 @@ def find_packets(data: Bytes, *, status: bool | None = None) -> list[Packet]:
         end = start + raw[start + 3] + 4
         legal = id <= (LAST_ID if status else BROADCAST) and raw[start + 3] >= 2
         if legal and end <= len(raw) and is_sound(raw, start, end):
-            found.append(Packet(id, raw[start + 4], raw[start + 5 : end - 1]))
+            found.append(FeetechPacket(id, raw[start + 4], raw[start + 5 : end - 1]))
             start = raw.find(HEADER, end)
         else:
             start = raw.find(HEADER, start + 1)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.feetech.feetech_packet import HEADER, OVERHEAD, Packet, find_packets, is_sound
+from twind_drivers.feetech.feetech_packet import HEADER, OVERHEAD, FeetechPacket, find_packets, is_sound
 from twind_drivers.half_duplex.pending_reply import Octets
 
 CAPACITY = 4096  # bytes, more than a line of 1 Mbaud brings in 40 ms
@@ -40,7 +40,7 @@ class FeetechReply:
         self.answered = self.heard
         self.error: Octets = np.zeros(len(self.ids), np.uint8)
         self.data: Octets = self._spare
-        self.unasked: Sequence[Packet] = ()
+        self.unasked: Sequence[FeetechPacket] = ()
         self.start()
 
     def start(self) -> None:
@@ -101,7 +101,7 @@ class FeetechReply:
         self._spare.fill(0)
         self.error = np.zeros(len(self.ids), np.uint8)
         self.data = self._spare
-        unasked: list[Packet] = []
+        unasked: list[FeetechPacket] = []
         data = self._bytes
         used = rest = 0
         at = data.find(HEADER, 0, self._got)

@@ -96,7 +96,7 @@ class FeetechType(TypeSpec):
 
     @property
     def homing_offset_limit(self) -> int | None:
-        """What register 31 holds; None: an SCS has none."""
+        """Largest offset in register 31; None: an SCS has no such register."""
         return self.map["homing_offset"].most if "homing_offset" in self.map else None
 
     @property

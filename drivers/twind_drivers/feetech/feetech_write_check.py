@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from twind_drivers.bus import WireRangeError
 from twind_drivers.feetech import feetech_packet as packet
-from twind_drivers.feetech.feetech_packet import Instruction, Packet
+from twind_drivers.feetech.feetech_packet import FeetechInstruction, FeetechPacket
 from twind_drivers.feetech.feetech_registers import EPROM_END, FeetechRegister, RegisterMap
 
 TORQUE = 40
@@ -59,14 +59,14 @@ class FeetechWriteCheck:
             raise WireRangeError(self._name, id, value, least, most, field.name.replace("_", " "))
 
 
-def _rows(found: Packet) -> list[tuple[int, int, bytes]]:
+def _rows(found: FeetechPacket) -> list[tuple[int, int, bytes]]:
     """Return (id, address, data) of each write; an unknown instruction counts as one to all ids."""
     data = found.data
-    if found.code == Instruction.REBOOT:
+    if found.code == FeetechInstruction.REBOOT:
         return [(found.id, 0, b"")]
-    if found.code == Instruction.WRITE:
+    if found.code == FeetechInstruction.WRITE:
         return [(found.id, data[0], data[1:])]
-    if found.code != Instruction.SYNC_WRITE:
+    if found.code != FeetechInstruction.SYNC_WRITE:
         return [(packet.BROADCAST, 0, data)]
     size = data[1] + 1
     return [(data[at], data[0], data[at + 1 : at + size]) for at in range(2, len(data), size)]

@@ -145,7 +145,7 @@ class FeetechWriter:
 
     def _exchange(self, order: Order) -> SerialTransaction:
         if isinstance(order, RebootRequest):
-            return SerialTransaction(packet.instruction(order.id, packet.Instruction.REBOOT), None, 0)
+            return SerialTransaction(packet.instruction(order.id, packet.FeetechInstruction.REBOOT), None, 0)
         if isinstance(order, WriteRequest) and len(order.data) == 1:
             [(id, data)] = order.data.items()
             return SerialTransaction(packet.write(id, order.address, data), FeetechReply((id,), 0), 1)

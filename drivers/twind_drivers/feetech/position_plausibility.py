@@ -62,14 +62,14 @@ class PositionPlausibility:
         return dropped
 
 
-def _without(sample: BusSample, heard: Bools) -> BusSample:
-    told = None if sample.effort_told is None else sample.effort_told & heard
+def _without(sample: BusSample, fresh: Bools) -> BusSample:
+    told = None if sample.effort_told is None else sample.effort_told & fresh
     return replace(
         sample,
-        heard=heard,
-        position=np.where(heard, sample.position, 0),
-        velocity=np.where(heard, sample.velocity, 0),
-        effort=np.where(heard, sample.effort, 0),
-        error=np.where(heard, sample.error, 0).astype(np.uint8),
+        heard=fresh,
+        position=np.where(fresh, sample.position, 0),
+        velocity=np.where(fresh, sample.velocity, 0),
+        effort=np.where(fresh, sample.effort, 0),
+        error=np.where(fresh, sample.error, 0).astype(np.uint8),
         effort_told=told,
     )

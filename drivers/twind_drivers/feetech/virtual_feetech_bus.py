@@ -7,8 +7,8 @@ from twind_drivers.feetech.feetech_packet import (
     BROADCAST,
     HEADER,
     OVERHEAD,
-    Instruction,
-    Packet,
+    FeetechInstruction,
+    FeetechPacket,
     instruction,
     is_sound,
 )
@@ -129,7 +129,7 @@ class VirtualFeetechBus:
             self._carry_out(packet, at)
             self.servos.settle()
 
-    def _next_packet(self) -> Packet | None:
+    def _next_packet(self) -> FeetechPacket | None:
         """Take the first whole packet out of the bytes received; None: more must come."""
         data = self._pending
         while (at := data.find(HEADER)) >= 0:
@@ -141,7 +141,7 @@ class VirtualFeetechBus:
             if legal and len(data) < end:
                 return None
             if legal and is_sound(data, 0, end):
-                packet = Packet(data[2], data[4], bytes(data[5 : end - 1]))
+                packet = FeetechPacket(data[2], data[4], bytes(data[5 : end - 1]))
                 del data[:end]
                 return packet
             del data[:1]
@@ -150,12 +150,12 @@ class VirtualFeetechBus:
 
     # ------------------------------------------------------------------------------- instructions
 
-    def _carry_out(self, packet: Packet, at: float) -> None:
+    def _carry_out(self, packet: FeetechPacket, at: float) -> None:
         code, data = packet.code, packet.data
-        if code == Instruction.SYNC_READ and packet.id == BROADCAST and len(data) > 2:
+        if code == FeetechInstruction.SYNC_READ and packet.id == BROADCAST and len(data) > 2:
             self._sync_read(data)
             return
-        if code == Instruction.SYNC_WRITE and packet.id == BROADCAST and len(data) > 2:
+        if code == FeetechInstruction.SYNC_WRITE and packet.id == BROADCAST and len(data) > 2:
             size = data[1] + 1
             for place in range(2, len(data) - size + 1, size):
                 for row in self._rows(data[place], at):
@@ -166,11 +166,11 @@ class VirtualFeetechBus:
             id = self.servos.ram[row][5]
             quiet = not self.servos.get(row, "status_return_level")
             answer = self._single(row, code, data, at)
-            told = code in (Instruction.PING, Instruction.READ)
+            told = code in (FeetechInstruction.PING, FeetechInstruction.READ)
             if (
                 answer is not None
                 and (told or not quiet)
-                and (packet.id != BROADCAST or code == Instruction.PING)
+                and (packet.id != BROADCAST or code == FeetechInstruction.PING)
             ):
                 replies.append((row, id, answer))
         self._reply(replies)
@@ -178,26 +178,26 @@ class VirtualFeetechBus:
     def _single(self, row: int, code: int, data: bytes, at: float) -> bytes | None:
         """Carry out an instruction to one servo; return the data of its status; None: it stays silent."""
         servos = self.servos
-        if code == Instruction.PING:
+        if code == FeetechInstruction.PING:
             return b""
-        if code == Instruction.READ and len(data) == 2:
+        if code == FeetechInstruction.READ and len(data) == 2:
             self.servos.refresh()
             return self._read(row, *data)
-        if code == Instruction.WRITE and len(data) > 1:
+        if code == FeetechInstruction.WRITE and len(data) > 1:
             servos.write(row, data[0], data[1:])
-        elif code == Instruction.REG_WRITE and len(data) > 1:
+        elif code == FeetechInstruction.REG_WRITE and len(data) > 1:
             self._stored[row] = (data[0], data[1:])
-        elif code == Instruction.ACTION:
+        elif code == FeetechInstruction.ACTION:
             if row in self._stored:
                 servos.write(row, *self._stored.pop(row))
-        elif code == Instruction.CALIBRATE:
+        elif code == FeetechInstruction.CALIBRATE:
             servos.calibrate(row, int.from_bytes(data, "little") if data else MIDDLE)
-        elif code == Instruction.RECOVERY:
+        elif code == FeetechInstruction.RECOVERY:
             servos.restore_factory(row)
-        elif code == Instruction.REBOOT:
+        elif code == FeetechInstruction.REBOOT:
             servos.reset(row, at + BOOT)
             return None
-        elif code != Instruction.CLEAR_TURNS:
+        elif code != FeetechInstruction.CLEAR_TURNS:
             return None
         return b""
 

@@ -158,7 +158,7 @@ class CyclicRead:
             asked=requested,
             discarded=line.strays,
             foreign=foreign,
-            effort_told=self._effort_told(fresh, request),
+            effort_told=self._effort_mask(fresh, request),
             late=late,
         )
 
@@ -227,7 +227,7 @@ class CyclicRead:
         """Return the error byte of each reply, bit 7 as alert."""
         return reply.error
 
-    def _effort_told(self, fresh: Bools, request: CyclicRequest) -> Bools | None:
+    def _effort_mask(self, fresh: Bools, request: CyclicRequest) -> Bools | None:
         """Return the devices that reported an effort; None: all that are `fresh`."""
         return None
 
