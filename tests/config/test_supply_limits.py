@@ -13,17 +13,15 @@ from twind.config.supply_limits import (
     SupplyKeys,
     SupplyLimits,
     ThermalLimits,
-    full_counts,
     heat,
-    heat_limit,
     supply,
     usual_heat,
-    usual_supply,
 )
 from twind.config.yaml_tree import ConfigError, parse
 from twind.twin.binding import bind
 from twind_drivers.dynamixel.control_tables import models, number_of, table
 from twind_drivers.dynamixel.factory_defaults import FACTORY
+from twind_drivers.dynamixel.servo_limits import full_counts, heat_limit, usual_supply
 
 
 def of(text: str, device: str = "XM430-W350") -> SupplyLimits:

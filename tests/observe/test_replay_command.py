@@ -187,7 +187,11 @@ def test_can_buses_are_refused_with_what_to_do(run: Run, tmp_path: Path) -> None
     path = tmp_path / "can.flight"
     save(path, {}, msgspec.msgpack.encode(briefing), recorded.contents)
     code, text = run(str(path))
-    assert code == REFUSED and "CAN bus" in text and "--view" in text
+    assert (
+        code == REFUSED
+        and "of kind can: only buses of kind dynamixel2 are played" in text
+        and "--view" in text
+    )
 
 
 def test_a_robot_that_cannot_be_shown_is_refused_in_words(

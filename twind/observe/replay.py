@@ -141,12 +141,14 @@ def _play(flight: "LoadedFlight", robot: Path | None, last: float, *, realtime: 
 
 
 def _require_serial(flight: "LoadedFlight") -> None:
-    """Raises OperationFailed: a bus that is not serial."""
+    """Raises OperationFailed: a bus of another driver family than the one that is played."""
+    from twind.observe.replaying.replay_bus import ReplayBus
     from twind.observe.replaying.replay_script import VIEW
 
     for bus in flight.briefing.description["buses"]:
-        if bus["kind"] == "can":
-            raise OperationFailed(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+        if bus["kind"] != ReplayBus.kind:
+            kinds = f"of kind {bus['kind']}: only buses of kind {ReplayBus.kind} are played"
+            raise OperationFailed(f"bus {bus['name']} is {kinds}; {VIEW}")
 
 
 def _buses(

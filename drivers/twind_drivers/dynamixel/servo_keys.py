@@ -18,10 +18,11 @@ from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import SlotEntry
 from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
 from twind.config.robot_spec import ActuatorSlot, BusSpec
-from twind.config.supply_limits import heat, heat_limit, supply, usual_heat, usual_supply
+from twind.config.supply_limits import heat, supply, usual_heat
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.operating_modes import mode_of
+from twind_drivers.dynamixel.servo_limits import heat_limit, usual_supply
 from twind_drivers.dynamixel.servo_type import KIND, OPERATING_MODES, GainSettings, ServoType
 
 CURRENT_BASED = "current_based_position"

@@ -9,10 +9,10 @@ from msgspec import Meta
 
 from twind.config.actuator_types import DeviceWarning, TypeSpec
 from twind.config.robot_spec import JointSpec
-from twind.config.supply_limits import full_counts
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel import servo_check
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.servo_limits import full_counts
 
 KIND = "dynamixel2"  # of its buses
 # Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").

@@ -17,6 +17,7 @@ from twind import link
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.virtual.fault_commands import arguments
+from twind_drivers.dynamixel.servo_twin import FAULTS
 
 TICK = 0.01  # s
 BRAKE = 0.4  # s: from 4 rad/s with 20 rad/s², and the shaft behind it
@@ -245,7 +246,7 @@ class Robot:
     def obey(self, *orders: Order) -> None:
         """Orders of the socket, on every bus that has the id."""
         for each in orders:
-            name, given = arguments(each)
+            name, given = arguments(each, FAULTS)
             for bus in self.rig.virtual.values():
                 if "id" in given and given["id"] not in bus.servos.registers.ids():
                     continue

@@ -32,7 +32,7 @@ DOWN = [
 def obey(rig: Rig, orders: Sequence[Order]) -> None:
     """Carry out orders on every bus, as the socket would."""
     for each in orders:
-        name, given = arguments(each)
+        name, given = arguments(each, FAULTS)
         for bus in rig.virtual.values():
             bus.advance(rig.clock.now())
             getattr(bus.faults, name)(**given)

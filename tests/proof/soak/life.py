@@ -22,6 +22,7 @@ from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.safety.state_machine import LATCHED
 from twind.virtual.fault_commands import arguments
+from twind_drivers.dynamixel.servo_twin import FAULTS
 
 IDLE = {"free", "replug", "clear", "seed", "record"}
 LOOK = 60.0  # s between two samples of memory
@@ -200,7 +201,7 @@ class Life:
         )
 
     def obey(self, given: Order) -> None:
-        name, arguments_ = arguments(given)
+        name, arguments_ = arguments(given, FAULTS)
         for bus in self.rig.virtual.values():
             bus.advance(self.rig.clock.now())
             getattr(bus.faults, name)(**arguments_)

@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping
 from statistics import median
 
 from twind.config.actuator_types import TypeSpec
-from twind.config.supply_limits import SupplyLimits, usual_supply
+from twind.config.supply_limits import SupplyLimits
 from twind.doctor.check import SUPPORT, Check, DoctorFinding, Severity, merge_findings
 from twind.doctor.check_context import CheckContext, Inspection, is_armed
 from twind_drivers.dynamixel.doctor.register_fix import format_command, offer_fix
 from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
 from twind_drivers.dynamixel.doctor.servo_settings import SERVOS
+from twind_drivers.dynamixel.servo_limits import usual_supply
 
 DROP = 0.6  # V that a servo at rest may be below the others of its model; a sensor's step is 0.1 V
 OTHERS = 3  # servos of a model on one bus that one servo is compared with, at least
