@@ -7,6 +7,8 @@ import pytest
 
 from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
+from twind.config.robot_file import load_robot
+from twind.twin.servo_motor import ServoMotor
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech import feetech_packet as packet
 from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
@@ -270,3 +272,28 @@ def test_the_last_check_lets_no_other_write_out(address: int, data: bytes) -> No
     with pytest.raises(WireRangeError):
         rig.writer.begin(WriteRequest({9: b"\0"}, packet.FeetechInstruction.READ), 0.0)
     assert rig.sent() == before
+
+
+# ---------------------------------------------------------------------------- strength
+
+
+@pytest.mark.parametrize(("volts", "rpm"), [(7.4, 52.0), (12.0, 45.0), (6.0, 42.0)])
+def test_an_sts3215_is_as_fast_as_its_page_says(volts: float, rpm: float) -> None:
+    rig = rig_of(volts=volts)
+    here = rig.arm()
+    speeds = [rig.tick(here + 1500).velocity.max() for _ in range(30)]
+    assert max(speeds) == pytest.approx(rpm / 60.0 * 4096, rel=0.01)
+
+
+def test_the_supply_sets_the_speed() -> None:
+    rig = rig_of(volts=7.4)
+    here = rig.arm()
+    rig.faults.supply(6.0)
+    speeds = [rig.tick(here + 1500).velocity.max() for _ in range(30)]
+    assert max(speeds) == pytest.approx(52.0 / 60.0 * 4096 * 6.0 / 7.4, rel=0.01)
+
+
+def test_a_described_arm_has_the_strength_of_its_supply() -> None:
+    arm = load_robot("docs/examples/so101/so101.yaml")
+    motor = ServoMotor.from_joint(arm.joints[1], 2048)
+    assert (motor.stall, motor.free) == pytest.approx((1.912, 5.445), rel=1e-3)

@@ -53,6 +53,11 @@ class TypeSpec(ABC):
         """Largest torque, N·m; NaN: unknown."""
 
     @property
+    def strength(self) -> tuple[float, float]:
+        """Stall torque (N·m) and speed without load (rad/s) of the shaft, for a virtual one; NaN: unknown."""
+        return nan, nan
+
+    @property
     @abstractmethod
     def full_effort(self) -> float:
         """Raw effort at full load; NaN: unknown."""
