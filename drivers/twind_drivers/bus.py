@@ -290,7 +290,7 @@ class BusReader(Protocol):
 
     @property
     def deadline(self) -> float:
-        """Latest end of the outstanding transaction, s."""
+        """Latest end of the outstanding transaction, s. `feed` may move it, in a chain of single reads."""
 
     @property
     def earliest(self) -> float:

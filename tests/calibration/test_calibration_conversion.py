@@ -110,6 +110,64 @@ def test_the_servos_own_limits_are_its_travel_unless_a_sweep_is_recorded() -> No
     assert (entry.sweep_ticks, entry.zero_ticks) == ((low - 5, high + 5), 2048)
 
 
+ARM = load_robot("docs/examples/so101/so101.yaml")
+LIFT = next(slot for slot in slots(ARM) if slot.name == "shoulder_lift")
+STS = DeviceRecord(777, 310, None, 0, 0, 0, 0, 4095)
+STS_OFFSETS = st.integers(-2047, 2047)
+
+
+@given(st.integers(0, 4095), STS_OFFSETS, STS_OFFSETS)
+def test_a_feetech_count_is_the_encoder_less_the_offset(encoder: int, then: int, now: int) -> None:
+    """Exact to the count; `encoder`: its place at angle 0. Counts are 0 to 4095 with any offset."""
+    zero = (encoder - then) % TURN
+    low, high = span(LIFT, zero)
+    folded = convert_entry(
+        LIFT,
+        of_motor(LeRobotMotor("m", LIFT.joint.id, 0, then, low, high), FEETECH),
+        replace(STS, homing_offset_ticks=now),
+        zero,
+    )
+    shown = (encoder - now) % TURN
+    ends = tick_range(LIFT.joint, shown, LIFT.lower, LIFT.upper)
+    if ends[0] > 40 and ends[1] < 4055:
+        entry = taken(folded)
+        assert entry.zero_ticks == shown
+        assert entry.sweep_ticks == span(LIFT, shown)
+    elif ends[0] < 0 or ends[1] > 4095:
+        assert BEYOND.search(refused(folded))
+
+
+def test_a_lerobot_file_of_an_so101_is_taken_as_it_is() -> None:
+    """LeRobot sets the offset so that the middle reads 2047, and the whole turn for a joint without stops."""
+    motors = read(
+        json.dumps(
+            {
+                "shoulder_lift": {
+                    "id": 2,
+                    "drive_mode": 0,
+                    "homing_offset": -1203,
+                    "range_min": 850,
+                    "range_max": 3240,
+                },
+                "wrist_roll": {
+                    "id": 5,
+                    "drive_mode": 0,
+                    "homing_offset": 77,
+                    "range_min": 0,
+                    "range_max": 4095,
+                },
+            }
+        ).encode(),
+        "arm.json",
+    )
+    now = replace(STS, homing_offset_ticks=-1203, min_ticks=850, max_ticks=3240)
+    entry = taken(convert_entry(LIFT, of_motor(motors["shoulder_lift"], None), now, 2047))
+    assert (entry.zero_ticks, entry.sweep_ticks) == (2047, (850, 3240))
+    roll = next(slot for slot in slots(ARM) if slot.name == "wrist_roll")
+    whole = of_motor(motors["wrist_roll"], None)
+    assert "a whole turn" in refused(convert_entry(roll, whole, replace(STS, homing_offset_ticks=77), 2047))
+
+
 # ------------------------------------------------------------------------------------------- refused
 
 
@@ -121,8 +179,8 @@ def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None)
     ("motor", "make", "now", "why"),
     [
         (knee(offset=100), None, device(), "`--make dynamixel` folds it in"),
-        (knee(offset=100), FEETECH, device(), "Feetech servo has another encoder"),
-        (knee(), FEETECH, device(), "Feetech servo has another encoder"),
+        (knee(offset=100), FEETECH, device(), "no feetech servo"),
+        (knee(), FEETECH, device(), "no feetech servo"),
         (knee(offset=1500), DYNAMIXEL, device(), "in some operating modes and not in others"),
         (knee(offset=1025), None, device(1025), "position mode ignores it"),
         (knee(drive=1), DYNAMIXEL, device(), "drive_mode is 1, that of the servo (10) is 0"),

@@ -8,20 +8,11 @@ import pytest
 from tests.support.can_driver_rig import CanRig
 from tests.support.driver_contract_claims import DriverContract
 from tests.support.driver_rig import DriverRig, both
+from tests.support.feetech_rig import Counted, FeetechRig
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
-from twind_drivers.virtual.serial_loopback import Loopback
-
-
-class Counted(Loopback):
-    """Counts what is written."""
-
-    written = 0
-
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        super().write(data)
-        self.written += len(data)
+from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
 
 
 class DynamixelRig(DriverRig):
@@ -52,6 +43,8 @@ class DynamixelRig(DriverRig):
 
 RIGS: dict[str, Callable[[], DriverRig]] = {
     "dynamixel": DynamixelRig,
+    "feetech": FeetechRig,
+    "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009") for id in (1, 2, 3)]),
     "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),
     "robstride": lambda: CanRig(("RS01", "RS02", "RS00")),
     "cubemars": lambda: CanRig(("AK80-9", "AK70-10")),

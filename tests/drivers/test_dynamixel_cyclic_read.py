@@ -13,8 +13,8 @@ from twind_drivers.bus import BusSample, ReadRequest
 from twind_drivers.clock import FakeClock
 from twind_drivers.device_presence import MISSES, PROBE
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.dynamixel_cyclic_read import CALM, SURE
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.half_duplex.cyclic_read import CALM, SURE
 
 IDS = tuple(range(1, 25))
 PERIOD = 0.01

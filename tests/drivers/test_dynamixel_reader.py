@@ -21,9 +21,9 @@ from twind_drivers.bus import (
 )
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.dynamixel_cyclic_read import CALM
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
+from twind_drivers.half_duplex.cyclic_read import CALM
 from twind_drivers.run_script import perform
 
 IDS = tuple(range(1, 25))

@@ -6,8 +6,8 @@ from tests.support.driver_rig import is_output_full
 from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import output_full
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 
 
 class Port:
@@ -88,7 +88,9 @@ def talk(
 
 @pytest.fixture
 def line() -> HalfDuplexTransactor:
-    return HalfDuplexTransactor("main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002)
+    return HalfDuplexTransactor(
+        "main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002, find_packets=p.find_packets
+    )
 
 
 def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: HalfDuplexTransactor) -> None:
@@ -298,7 +300,13 @@ def test_a_port_without_an_input_count_is_not_flushed(line: HalfDuplexTransactor
 def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes: int) -> None:
     port = Port()
     line = HalfDuplexTransactor(
-        "main", port, baud=10_000, return_delay_s=0.0, slack=0.002, one_write=one_write
+        "main",
+        port,
+        baud=10_000,
+        return_delay_s=0.0,
+        slack=0.002,
+        find_packets=p.find_packets,
+        one_write=one_write,
     )
     line.goals = b"goals"
     line.send(PING, 0.0, goals=True)
@@ -359,7 +367,13 @@ TOLD = p.status(200, 0, b"\xff\xff\xfd\0\5\6")  # stuffed on the wire
 @pytest.fixture
 def telling() -> HalfDuplexTransactor:
     return HalfDuplexTransactor(
-        "main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002, sensors=(200,)
+        "main",
+        Port(),
+        baud=10_000,
+        return_delay_s=0.004,
+        slack=0.002,
+        find_packets=p.find_packets,
+        sensors=(200,),
     )
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from twind_drivers.dynamixel.late_replies import KEPT, REMEMBERED, LateReplies
 from twind_drivers.dynamixel.packet import Framer, Packet, status
 from twind_drivers.dynamixel.replies import StatusReply
+from twind_drivers.half_duplex.late_replies import KEPT, REMEMBERED, LateReplies
 
 
 def packets(*rows: tuple[int, int]) -> list[Packet]:

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
+from twind_drivers.half_duplex.pending_reply import PendingReply
 
 IDS = (3, 7, 4, 250)
 SIZE = 10

@@ -53,6 +53,11 @@ class TypeSpec(ABC):
         """Largest torque, N·m; NaN: unknown."""
 
     @property
+    def strength(self) -> tuple[float, float]:
+        """Stall torque (N·m) and speed without load (rad/s) of the shaft, for a virtual one; NaN: unknown."""
+        return nan, nan
+
+    @property
     @abstractmethod
     def full_effort(self) -> float:
         """Raw effort at full load; NaN: unknown."""
@@ -106,6 +111,16 @@ class TypeSpec(ABC):
     def homing_offset_limit(self) -> int | None:
         """Largest homing offset (counts) that every mode heeds; None: it has no such register."""
         return None
+
+    @property
+    def offset_sign(self) -> int:
+        """Sign of a homing offset in a count: 1, or -1 where the count is encoder minus offset."""
+        return 1
+
+    @property
+    def offset_moves_seam(self) -> bool:
+        """True if a homing offset shifts the counts of the turn; False if they wrap where they always do."""
+        return True
 
     @property
     def lost_turn_remedy(self) -> str:

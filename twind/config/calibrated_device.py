@@ -45,7 +45,7 @@ class DeviceKeys(ConfigStruct, kw_only=True):
     """Section `device` of a calibrated joint; `unique_id` and `tag` may be null."""
 
     model_number: Annotated[int, Meta(ge=0, le=MAX_TICKS)]
-    firmware: Byte
+    firmware: Annotated[int, Meta(ge=0, le=65535)]
     unique_id: Text | None = None
     tag: Tag | None = None
     eeprom: EepromKeys

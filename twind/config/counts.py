@@ -19,9 +19,9 @@ def rad_per_tick(joint: JointSpec) -> float:
     return joint.sign / joint.ratio * 2.0 * math.pi / joint.type.ticks_per_turn
 
 
-def turn_start(kind: TypeSpec) -> int:
+def turn_start(kind: TypeSpec, homing_offset: int = 0) -> int:
     """Return the first count of its boot turn, where the encoder wraps: X series 0, PH54-200 -501923."""
-    return kind.centre - kind.ticks_per_turn // 2
+    return kind.centre - kind.ticks_per_turn // 2 + (homing_offset if kind.offset_moves_seam else 0)
 
 
 def angle_of(joint: JointSpec, zero: int, ticks: int) -> float:

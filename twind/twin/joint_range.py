@@ -181,4 +181,4 @@ def turn_begin(joint: JointSpec, entry: JointCalibration | None) -> int:
 
     See the e-manual, registers 11 and 20.
     """
-    return turn_start(joint.type) + (0 if entry is None else entry.device.homing_offset_ticks)
+    return turn_start(joint.type, 0 if entry is None else entry.device.homing_offset_ticks)

@@ -82,6 +82,7 @@ class ServoMotor:
     speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
     torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
     stall: float = STALL  # N·m of the shaft at full voltage
+    free: float = FREE  # rad/s of the shaft without load at full voltage
     friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least of a gear
     stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
@@ -97,7 +98,8 @@ class ServoMotor:
         """Return the motor of a robot file's joint. `zero`: ticks at joint angle 0."""
         kind = joint.type
         unit = kind.effort_lsb_nm
-        limit = kind.effort_limit_nm
+        own, free = kind.strength
+        limit = own if math.isfinite(own) else kind.effort_limit_nm
         return cls(
             joint=joint.model_joint,
             zero=zero,
@@ -106,6 +108,7 @@ class ServoMotor:
             speed_lsb=kind.velocity_lsb_rad_s,
             torque_lsb=unit if math.isfinite(unit) else TORQUE_CONSTANT * 0.00269,
             stall=limit if math.isfinite(limit) else STALL,
+            free=free if math.isfinite(free) else FREE,
             friction=friction,
             stops=stops,
         )
@@ -124,9 +127,9 @@ class MotorControlLoops:
         joints = [model.joint(motor.joint) for motor in motors]
         self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
         self.v: Places = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
-        self._zero, self._ticks, self._ratio, self._speed_lsb, self._torque_lsb, self._stall = (
+        self._zero, self._ticks, self._ratio, self._speed_lsb, self._torque_lsb, self._stall, free = (
             np.array([getattr(motor, name) for motor in motors], np.float64)
-            for name in ("zero", "ticks", "ratio", "speed_lsb", "torque_lsb", "stall")
+            for name in ("zero", "ticks", "ratio", "speed_lsb", "torque_lsb", "stall", "free")
         )
         self.stall = self._stall / self._torque_lsb  # raw current
         self._way = np.copysign(1.0, self._ticks)
@@ -141,7 +144,7 @@ class MotorControlLoops:
         own = np.array([motor.friction for motor in motors])
         usual = np.where(direct, np.maximum(model.dof_frictionloss[self.v], FRICTION), FRICTION)
         self._friction = np.where(np.isnan(own), usual, own)
-        self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
+        self._back_emf = self._stall / free * self._ratio**2  # N·m·s/rad, while powered
         model.actuator_gainprm[:, 0] = 0.0
         model.actuator_biasprm[:, :3] = 0.0
         model.actuator_forcerange[:] = 0.0

@@ -1,14 +1,15 @@
 """Conversion of measurements from other tools to calibration entries, without loss of counts. Pure.
 
 Present Position = actual + Homing Offset (e-manual, X series): counts under two offsets differ by the
-difference of the offsets. The homing offset of a servo is kept and recorded, and the zero refers to the
-positions that the servo reports with it. A Feetech servo has the opposite sign, and another encoder.
+difference of the offsets. A Feetech servo has the opposite sign (`TypeSpec.offset_sign`). The homing offset
+of a servo is kept and recorded, and the zero refers to the positions that the servo reports with it.
 """
 
 from dataclasses import dataclass, replace
 
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration, turn_band
+from twind.config.counts import turn_start
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
 from twind_calibration.calibrating.lerobot_file import LeRobotMotor
@@ -80,10 +81,10 @@ def convert_entry(
         return ImportResult(slot, None, (refused,))
     turn = slot.joint.type.ticks_per_turn
     now = device.homing_offset_ticks
-    moved = now - source.homing_offset
+    moved = slot.joint.type.offset_sign * (now - source.homing_offset)
     low = source.travel[0] + moved
     high = source.travel[1] + moved
-    sweep = framed(low, high, slot.start + now, turn)
+    sweep = framed(low, high, turn_start(slot.joint.type, now), turn)
     zero = (low + high) // 2 if zero_at is None else zero_at + moved
     zero += sweep[0] - low
     if source.swept:
@@ -104,8 +105,11 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
     limit = joint.type.homing_offset_limit
     if limit is None:
         return f"is a {joint.type.device}: registers and files like these say nothing of it"
-    if source.make == FEETECH:
-        return "a Feetech servo has another encoder, and its homing offset the other sign: sweep it"
+    if source.make not in (None, _make(slot)):
+        return (
+            f"is a {joint.type.device}, no {source.make} servo: its encoder and the sign of its homing "
+            "offset differ: sweep it"
+        )
     if source.travel is None:
         return "its position limits (52, 48) are a whole turn, as delivered: `twindctl calibrate sweep` first"
     low, high = source.travel
@@ -119,10 +123,15 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
             f"drive_mode is {source.drive_mode}, that of the servo (10) is {device.drive_mode}: its counts "
             "run the other way by now: sweep it"
         )
-    return _moved(source, now, limit)
+    return _moved(source, now, limit, _make(slot))
 
 
-def _moved(source: ForeignCalibration, now: int, limit: int) -> str:
+def _make(slot: CalibrationActuator) -> str:
+    """Return the make of servos whose homing offset has this sign."""
+    return DYNAMIXEL if slot.joint.type.offset_sign > 0 else FEETECH
+
+
+def _moved(source: ForeignCalibration, now: int, limit: int, make: str) -> str:
     """Return the reason why a count under another homing offset cannot be converted; "" where it can."""
     was = source.homing_offset
     if was == now:
@@ -132,9 +141,9 @@ def _moved(source: ForeignCalibration, now: int, limit: int) -> str:
             f"homing_offset is {was}, that of the servo (20) is {now}; beyond ±{limit} it counts in "
             "some operating modes and not in others, so the travel is unknown: sweep it"
         )
-    if source.make != DYNAMIXEL:
+    if source.make != make:
         return (
-            f"homing_offset is {was}, that of the servo (20) is {now}: `--make {DYNAMIXEL}` folds it in, if "
-            "the source is of Dynamixel servos"
+            f"homing_offset is {was}, that of the servo (20) is {now}: `--make {make}` folds it in, if "
+            f"the source is of {make} servos"
         )
     return ""

@@ -5,7 +5,7 @@ from typing import Literal
 
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import JointCalibration, seam_margin, turn_band
-from twind.config.counts import tick_range
+from twind.config.counts import tick_range, turn_start
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
 
@@ -26,7 +26,9 @@ class ZeroOffset:
 
 def travel_of(slot: CalibrationActuator, device: DeviceRecord, seen: Ticks) -> Ticks:
     """Convert lowest and highest count as read to the frame of the calibration file."""
-    return framed(*seen, slot.start + device.homing_offset_ticks, slot.joint.type.ticks_per_turn)
+    return framed(
+        *seen, turn_start(slot.joint.type, device.homing_offset_ticks), slot.joint.type.ticks_per_turn
+    )
 
 
 def by_pose(
@@ -91,7 +93,7 @@ def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int
     turn = slot.joint.type.ticks_per_turn
     if not joint.type.fenced(joint.mode):
         return []
-    seam = slot.start + device.homing_offset_ticks
+    seam = turn_start(slot.joint.type, device.homing_offset_ticks)
     if (first - seam) // turn != (last - seam) // turn:
         return [
             f"its limits {first}..{last} cross its encoder's seam, which mode {joint.mode} cannot: turn its "

@@ -19,7 +19,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
 from twind_drivers.dynamixel.prober import LONGEST_DELAY, PING_DATA, SLACK, SLOT, PortProber, ProbeWindow
-from twind_drivers.dynamixel.serial_cycle_budget import wire
+from twind_drivers.half_duplex.pending_reply import wire
 
 # Rates of register 8, the most usual first (e-manual, "Baud Rate").
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)

@@ -4,20 +4,15 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 """
 
 from collections.abc import Mapping, Sequence
-from math import inf
 
 from twind_drivers.bus import (
-    BusSample,
-    DeviceRefused,
     IdentifiedDevice,
-    NoReply,
     PingRequest,
     Query,
     ReadRequest,
     RebootRequest,
     RegisterAddress,
     Request,
-    RequestReply,
     Script,
     SlowRegisterValues,
     WriteRequest,
@@ -29,8 +24,7 @@ from twind_drivers.dynamixel.device_layout import DeviceLayout, layout_of
 from twind_drivers.dynamixel.dynamixel_cyclic_read import DynamixelCyclicRead
 from twind_drivers.dynamixel.dynamixel_identification import identify
 from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
-from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 from twind_drivers.dynamixel.serial_cycle_budget import (
     CYCLIC,
     budget,
@@ -38,8 +32,10 @@ from twind_drivers.dynamixel.serial_cycle_budget import (
     slice_bytes,
     sync_request,
     upkeep,
-    wire,
 )
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.half_duplex.serial_reader import SerialReader
 from twind_drivers.slow_read_rate import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
@@ -53,12 +49,14 @@ ADAPTER = 0.001  # s that a USB adapter may add to the cyclic reading (latency t
 SLICE = 0.002  # s of bus time per transaction of a script, at most half a period; more would delay the tick
 
 
-class DynamixelReader:
+class DynamixelReader(SerialReader):
     """Reader of the devices `ids` of one bus. Arrays are (m,), in the order of `ids`, in raw units.
 
     `layouts`: register layout of each id; models of several layouts may share a bus. `slice` (s): bus time
     that one transaction of a script may take.
     """
+
+    overhead = packet.STATUS_OVERHEAD
 
     def __init__(
         self,
@@ -101,6 +99,7 @@ class DynamixelReader:
             baud=baud,
             return_delay_s=return_delay_us * 1e-6,
             slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
+            find_packets=packet.find_packets,
             one_write=one_write,
             sensors=tuple(sensors or ()),
         )
@@ -114,21 +113,11 @@ class DynamixelReader:
         self._last: tuple[Query | None, bool, SerialTransaction | None] = (None, False, None)
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
-        self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
-        self.slow = DynamixelSlowRegisters(self.ids, tables, layouts)
+        self.cyclic: DynamixelCyclicRead = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
+        self.slow: DynamixelSlowRegisters = DynamixelSlowRegisters(self.ids, tables, layouts)
         self.registers: SlowRegisterValues = self.slow.registers
         self._schedule()
-        self._query: Query | None = None  # the query of the rare transaction under way
-
-    @property
-    def deadline(self) -> float:
-        """Latest end of the outstanding transaction, s."""
-        return self.line.deadline
-
-    @property
-    def earliest(self) -> float:
-        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
-        return -inf
+        self._query = None
 
     @property
     def fast(self) -> bool:
@@ -141,35 +130,11 @@ class DynamixelReader:
         return not self.fast and self._too_long
 
     @property
-    def late_replies(self) -> Sequence[float]:
-        """Delays (s) of the replies that came too late since identification began, newest last."""
-        return self.line.late_replies.delays
-
-    @property
     def _too_long(self) -> bool:
         """Return True if a plain reading of all devices, each with its return delay, exceeds a cycle."""
         delays = len(self.ids) * self.line.return_delay_s
         size = sync_request(len(self.ids)) + plain_reply(len(self.ids), CYCLIC)
         return wire(size, self.line.baud) + delays > self._period
-
-    # --------------------------------------------------------------------------- the cyclic reading
-
-    def request(self, now: float, latest: float = -inf) -> None:
-        """Begin the cyclic reading: pending goals and the request leave together. Raises PortError."""
-        self.line.send(self.cyclic.next(), now, goals=True, latest=latest)
-
-    def feed(self, now: float) -> bool:
-        """Process received bytes; return True when the transaction is complete. Raises PortError."""
-        return self.line.feed(now)
-
-    def finish(self, now: float) -> BusSample:
-        """End the cyclic reading with the received replies; zeros for silent devices."""
-        if self.line.end() is None:
-            raise RuntimeError(f"{self.name}: finish without request")
-        sample = self.cyclic.sample(self.line, now)
-        if self._requested is not self.cyclic.attendance.asked:
-            self._schedule()
-        return sample
 
     def _schedule(self) -> None:
         """Make the slices of slow registers of the devices that are not parked."""
@@ -201,64 +166,6 @@ class DynamixelReader:
         return budget(
             len(self.ids), self.line.baud, fast=self.fast, return_delay_us=delay_us, usb_s=adapter
         ).seconds
-
-    # --------------------------------------------------------------------------- the rare path
-
-    def begin(self, query: Query, now: float) -> None:
-        """Begin one query. Raises PortError; TypeError for anything that writes."""
-        if not isinstance(query, PingRequest | ReadRequest):
-            raise TypeError(f"{self.name}: a reader does not write: {query}")
-        self.line.send(self._transaction(query), now)
-        self._query = query
-        if isinstance(query, ReadRequest) and self._is_probe(query):
-            self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
-
-    def answer(self, now: float) -> RequestReply:
-        """End the transaction. Values of slow registers are kept in `registers`, with their time.
-
-        Values of a device without proven reply in the cyclic reading are dropped: they may be the late reply
-        to an earlier request.
-        """
-        exchange = self.line.end()
-        query = self._query
-        self._query = None
-        reply: PendingReply | None = exchange.reply if exchange else None
-        waited = now - self.line.sent
-        if reply is None:
-            return RequestReply({}, {}, waited, self.line.strays)
-        fresh = reply.heard.tolist()
-        answered = reply.answered.tolist()
-        errors = reply.error.tolist()
-        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if fresh[i]}
-        error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
-        if isinstance(query, ReadRequest):
-            self._fold(query, reply)
-        if self.cyclic.attendance.parked:
-            self._welcome(error, now)
-        return RequestReply(data, error, waited, self.line.strays)
-
-    def _fold(self, query: ReadRequest, reply: PendingReply) -> None:
-        if reply.whole and not self.cyclic.trouble:
-            self.slow.update_from_replies(query, reply.ids, reply.data, self.line.received)
-            return
-        sound = reply.heard.copy()
-        if self.cyclic.trouble:
-            late = {id for id, ok in zip(self.ids, self.cyclic.proven.tolist(), strict=True) if not ok}
-            sound &= [id not in late for id in reply.ids]
-        ids = tuple(id for id, ok in zip(reply.ids, sound.tolist(), strict=True) if ok)
-        self.slow.update_from_replies(query, ids, reply.data[sound], self.line.received)
-
-    def upkeep(self, now: float) -> Query | None:
-        """Return the next slice of the slow registers, round robin (arithmetic: `SlowReadSchedule`), or None.
-
-        Or the probe of a parked device, in the end once a second: a read of its cyclic block.
-        """
-        place = self.cyclic.attendance.due(now)
-        return (
-            self.slow.next(narrow=self.cyclic.trouble)
-            if place is None
-            else ReadRequest((self.ids[place],), *self.cyclic.block(place))
-        )
 
     def span(self, query: Request) -> float:
         """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
@@ -302,18 +209,6 @@ class DynamixelReader:
         request = packet.sync_read(query.ids, query.address, query.size)
         return SerialTransaction(request, reply, len(query.ids))
 
-    def _is_probe(self, query: ReadRequest) -> bool:
-        [id, *others] = query.ids or (-1,)
-        return not others and id in self.tables and not self._requested[self.ids.index(id)]
-
-    def _welcome(self, answered: Mapping[int, int], now: float) -> None:
-        """Take back each parked device that replies; its slow registers are read next."""
-        for id in answered:
-            if id in self.tables and not self.cyclic.attendance.asked[place := self.ids.index(id)]:
-                self.cyclic.back(place, now)
-                self._schedule()
-                self.slow.ask_first(id)
-
     # --------------------------------------------------------------------------- scripts
 
     def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
@@ -344,32 +239,6 @@ class DynamixelReader:
         self._schedule()
         return devices
 
-    def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
-        """Read the same block of several devices, in slices that fit beside a cycle.
-
-        Silent devices get a second request: one lost packet is no missing device. Raises NoReply naming the
-        silent ones, DeviceRefused for the first that reports an error.
-        """
-        found: dict[int, bytes] = {}
-        waited = 0.0
-        each = wire(11 + size, self.line.baud) + self.line.return_delay_s
-        count = max(1, int(self.slice / each))
-        for _ in range(2):
-            missing = [id for id in ids if id not in found]
-            for first in range(0, len(missing), count):
-                reply = yield ReadRequest(tuple(missing[first : first + count]), address, size)
-                found.update(reply.data)
-                waited += reply.waited
-                for id, error in reply.error.items():
-                    if id not in reply.data:
-                        raise DeviceRefused(
-                            self.name, id, f"read of {address}, {size}", packet.explain(error)
-                        )
-        silent = [id for id in ids if id not in found]
-        if silent:
-            raise NoReply(self.name, silent, waited, f"read of {address}, {size} bytes")
-        return found
-
     def read(self, id: int, name: str) -> Script[RegisterAddress]:
         """Read one register by its name. Raises NoReply, DeviceRefused, KeyError (lists similar names)."""
         field = self.table(id)[name]
@@ -379,6 +248,14 @@ class DynamixelReader:
     def keeps(self, id: int, name: str) -> bool:
         """Return True for EEPROM registers: addresses below 64 in the X series. Raises KeyError."""
         return self.table(id)[name].eeprom
+
+    def block(self, place: int) -> tuple[int, int]:
+        """Return address and size of the cyclic block of one device."""
+        return self.cyclic.block(place)
+
+    def explain(self, error: int) -> str:
+        """Return the meaning of the error byte of a status."""
+        return packet.explain(error)
 
     def table(self, id: int) -> ControlTable:
         """Return the control table of a device. Raises KeyError that lists the ids of this bus."""

@@ -26,8 +26,7 @@ from twind_drivers.bus import (
 from twind_drivers.dynamixel import damping, packet
 from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.goal_packets import Goals, bounds_of, goal_packets
-from twind_drivers.dynamixel.half_duplex_transactor import SerialTransaction
+from twind_drivers.dynamixel.goal_packets import Goals, goal_packets
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, check_bounds, fences
 from twind_drivers.dynamixel.ram_restore import restart
 from twind_drivers.dynamixel.replies import StatusReply
@@ -42,6 +41,8 @@ from twind_drivers.dynamixel.servo_command_settings import (
 from twind_drivers.dynamixel.servo_readback import ServoReadback
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 from twind_drivers.dynamixel.write_diagnosis import limit_words
+from twind_drivers.half_duplex.goal_bounds import bounds_of
+from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 
 # Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
 ELSEWHERE = {

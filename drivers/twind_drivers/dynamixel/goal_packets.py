@@ -10,6 +10,7 @@ from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
 from twind_drivers.flags import some
+from twind_drivers.half_duplex.goal_bounds import bounds_of
 
 BODY = 7  # where INST begins
 FIRST = 12  # where the first row begins
@@ -106,14 +107,3 @@ def goal_packets(
     if len(set(goals)) == 1:
         return GoalPacket(name, ids, goals[0], lower, upper)
     return MixedGoals(name, ids, goals, lower, upper)
-
-
-def bounds_of(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
-    """Return copies (m,) of the bounds. Raises ValueError if not `count` of each, or lower above upper."""
-    least = np.array(lower, np.int64)
-    most = np.array(upper, np.int64)
-    if least.shape != (count,) or most.shape != (count,):
-        raise ValueError(f"{name}: bounds of {count} devices needed, got {least.shape}")
-    if not (least <= most).all():
-        raise ValueError(f"{name}: lower bounds {lower} must not be above upper bounds {upper}")
-    return least, most

@@ -192,6 +192,11 @@ class Packet(NamedTuple):
     intact: bool = True  # False: the CRC is wrong (only from a Framer that reports broken packets)
 
     @property
+    def is_status(self) -> bool:
+        """True for a status."""
+        return self.instruction == STATUS
+
+    @property
     def error(self) -> int:
         """Error byte of a status; 0 where there is none."""
         return self.params[0] if self.params else 0
@@ -288,6 +293,11 @@ class Framer:
             return None
         body = unstuff(self.buffer[start + 7 : end - 2])
         return Packet(self.buffer[start + 4], body[0], body[1:], intact)
+
+
+def find_packets(data: Bytes, *, status: bool | None) -> list[Packet]:
+    """Return the whole sound packets in `data`; `status` as in `Framer`."""
+    return Framer(status=status).feed(data)
 
 
 def _tail(buffer: bytearray) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 
 LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
 SLACK = 0.002  # s that an answer may take beyond its wire time
@@ -75,7 +75,12 @@ class PortProber:
         self._clock = clock
         self._slack = SLACK + timer
         self._line = HalfDuplexTransactor(
-            transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=self._slack
+            transport.name,
+            transport,
+            baud=baud,
+            return_delay_s=LONGEST_DELAY,
+            slack=self._slack,
+            find_packets=packet.find_packets,
         )
 
     def roll_call(self, last: int = LAST_ID) -> ProbeWindow:

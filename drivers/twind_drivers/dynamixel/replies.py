@@ -6,10 +6,9 @@ the order of `ids`.
 """
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twind_drivers.dynamixel.crc import Crc, crc16
 from twind_drivers.dynamixel.packet import (
@@ -24,36 +23,7 @@ from twind_drivers.dynamixel.packet import (
 )
 from twind_drivers.flags import some
 
-Octets = NDArray[np.uint8]
 FAILED = 0x7F  # bits of the error byte: number of the reason of a failure; bit 7 is the alert (e-manual)
-
-
-class PendingReply(Protocol):
-    """Reply under way."""
-
-    ids: tuple[int, ...]
-    size: int  # data bytes of each device
-    expected: int  # bytes of the whole reply, nothing stuffed
-    heard: NDArray[np.bool_]  # (m,) data received whole, and not as part of an error
-    error: Octets  # (m,) error byte of each status, with or without data; 0: no status
-    data: Octets  # (m, size), zero where `heard` is False; valid until the next `start`
-    answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
-    whole: bool  # `heard` of all devices
-    strays: int  # received bytes that are no part of the reply
-    unasked: Sequence[Packet]  # whole sound packets among those
-    first: bytes  # first bytes of an irregular reply (an echo of the request begins there)
-
-    def start(self) -> None:
-        """Discard the previous reply."""
-
-    def receive_buffer(self) -> memoryview:
-        """Return the buffer for the next bytes; never empty before the reply is complete."""
-
-    def take(self, count: int) -> bool:
-        """Process `count` bytes put into `receive_buffer()`; True when the reply is complete."""
-
-    def end(self) -> None:
-        """Settle the result: no more bytes follow."""
 
 
 def _check_ids(ids: Sequence[int], expected: int) -> None:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 
-BITS = 10  # per byte: start, 8 data, stop
+from twind_drivers.half_duplex.pending_reply import wire
+
 CYCLIC = 10  # bytes read of each device every cycle: current or load 2, velocity 4, position 4
 GOAL = 4  # bytes written to each device every cycle
 STATUS_BLOCK = 35  # torque enable .. bus watchdog
@@ -18,11 +19,6 @@ HEALTH_BLOCK = 27  # realtime tick .. input voltage, temperature
 # lowest refresh rates of the slow registers
 STATUS_HZ = 20.0
 HEALTH_HZ = 5.0
-
-
-def wire(count: int, baud: int) -> float:
-    """Return the time (s) of `count` bytes on the wire."""
-    return count * BITS / baud
 
 
 def sync_request(count: int) -> int:

@@ -125,7 +125,7 @@ class ReplyFaults(FaultOrders):
         if self._hit("duplicate", id) is not None:
             after = data
         if self._hit("foreign", id) is not None:
-            before = status(LAST_ID, 0, b"\0\0\0\0")
+            before = self._status(LAST_ID, b"\0\0\0\0")
         seconds = self._hit("noise", id)
         if seconds is not None:
             before = self.stream.noise(seconds) + before
@@ -133,10 +133,18 @@ class ReplyFaults(FaultOrders):
 
     def _forged(self, id: int, piece: bytes) -> bytes:
         """Return a separate status with a right CRC: of an id without a request, or a byte short."""
-        data = piece[9:-2] if piece.startswith(HEADER) else piece[2:-2]  # of a whole status, of a joint one
+        data = self._payload(piece)
         if self.stream.random.random() < 0.5:
-            return status(LAST_ID, 0, data)
-        return status(id, 0, data[:-1])
+            return self._status(LAST_ID, data)
+        return self._status(id, data[:-1])
+
+    def _status(self, id: int, data: bytes) -> bytes:
+        """Build a sound status in the protocol of the line."""
+        return status(id, 0, data)
+
+    def _payload(self, piece: bytes) -> bytes:
+        """Return the data of a whole status or of a part of a joint one."""
+        return piece[9:-2] if piece.startswith(HEADER) else piece[2:-2]
 
     def _corrupted(self, piece: bytes, bits: int) -> bytes:
         """Return the data with flipped bits: one in the middle, or several anywhere."""

@@ -2,14 +2,13 @@
 
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
-from twind_drivers.virtual.line_faults import LineFaults
-from twind_drivers.virtual.reply_faults import ReplyFaults
+from twind_drivers.virtual.serial_line_faults import SerialLineFaults
 from twind_drivers.virtual.servo_faults import ServoFaults
 from twind_drivers.virtual.virtual_sensor import VirtualSensor
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
 
-class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
+class SerialBusFaults(SerialLineFaults, ServoFaults):
     """Faults of one bus. Each method is an order; `docs/virtual.md` lists them."""
 
     def __init__(
@@ -22,19 +21,7 @@ class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
     ) -> None:
         self._sensor = sensor
         ServoFaults.__init__(self, bus, servos)
-        LineFaults.__init__(self, stream)
-        ReplyFaults.__init__(self, wire, stream)
-        self.plugged = True
-
-    def unplug(self) -> None:
-        """The adapter is pulled out: what is under way is lost; the servos keep power and time."""
-        self.plugged = False
-        self._wire.clear()
-        self.stream.forget()
-
-    def replug(self, renamed: bool = False) -> None:
-        """The adapter is back. `renamed`: as another device; in process there is no name to change."""
-        self.plugged = True
+        SerialLineFaults.__init__(self, wire, stream)
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one device or (None) of all: it receives and sends nothing, keeps its power.
@@ -61,15 +48,9 @@ class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
         """Places of the servos with this id. Raises KeyError that names the ids there are."""
         return ServoFaults.rows(self, id)
 
-    def look(self) -> None:
-        """Update the byte path after a change of faults of replies or line."""
-        LineFaults.look(self)
-        ReplyFaults.look(self)
-
     def clear(self) -> None:
         """Heal every fault of the line; hardware errors, lost turns, power and an unplugged port stay."""
-        LineFaults.clear(self)
-        ReplyFaults.clear(self)
+        SerialLineFaults.clear(self)
         ServoFaults.clear(self)
         if self._sensor is not None:
             self._sensor.silenced = False

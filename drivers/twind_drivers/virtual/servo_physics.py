@@ -88,6 +88,7 @@ class FirstOrderPhysics:
         self.current = np.zeros_like(self.position)
         self.pwm = np.zeros_like(self.position)
         self.stall = np.full_like(self.position, STALL)
+        self.free_rpm = np.full_like(self.position, FASTEST * RPM)  # rpm without load at the nominal voltage
         self.goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
@@ -111,7 +112,7 @@ class FirstOrderPhysics:
         whole = np.ones_like(self.position)
         self._full = drive.full * whole
         self._ticks = drive.rpm / 60.0 * drive.turn * whole
-        self._free = FASTEST * RPM / drive.rpm * whole
+        self._free = self.free_rpm / drive.rpm * whole
         self._friction = FRICTION * drive.rpm / RPM * whole
         duty = np.minimum(self._cap / self._full, 1.0)
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw

@@ -68,7 +68,7 @@ def collect(
                 lose(pair, error)
                 requested.remove(pair)
                 continue
-            if not (done or late):
+            if not done and not (late and now >= reader.deadline):  # `feed` may begin the next of a chain
                 still.append((reader, pair))
         waiting = still
     return first if first < inf else clock.now()

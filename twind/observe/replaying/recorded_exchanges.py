@@ -17,7 +17,8 @@ from twind_drivers.dynamixel.packet import (
     Instruction,
     Packet,
 )
-from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
+from twind_drivers.half_duplex.pending_reply import PendingReply
 
 FAST = frozenset({Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ})
 QUESTIONS = frozenset(

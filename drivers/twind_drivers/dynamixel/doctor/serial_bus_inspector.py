@@ -12,10 +12,10 @@ from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.prober import LONGEST_DELAY, PortProber
 from twind_drivers.dynamixel.replies import StatusReply
 from twind_drivers.dynamixel.servo_type import ServoType
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.ports.serial_port import SerialTransport
 
 REPLY_SLACK = 0.02  # s that a reply may take beside its wire time: a busy machine is no fault of a servo
@@ -40,7 +40,12 @@ class BusProbe:
         self._transport = transport
         self._clock = clock
         self._line = HalfDuplexTransactor(
-            transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=REPLY_SLACK + timer
+            transport.name,
+            transport,
+            baud=baud,
+            return_delay_s=LONGEST_DELAY,
+            slack=REPLY_SLACK + timer,
+            find_packets=packet.find_packets,
         )
 
     def ping(self, id: int) -> ProbeReply:

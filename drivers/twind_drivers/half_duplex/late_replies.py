@@ -7,8 +7,7 @@ earlier ones: two devices with one id that both answer one request are not taken
 from collections import deque
 from collections.abc import Sequence
 
-from twind_drivers.dynamixel.packet import STATUS, Packet
-from twind_drivers.dynamixel.replies import PendingReply
+from twind_drivers.half_duplex.pending_reply import LinePacket, PendingReply
 
 REMEMBERED = 1.0  # s after a missed reply during which a status of that device counts as late, not as foreign
 KEPT = 64  # newest delays
@@ -47,12 +46,12 @@ class LateReplies:
                 self._until[id] = sent + REMEMBERED
                 self._missed.setdefault(id, []).append((sent, reply.size))
 
-    def measure(self, packets: Sequence[Packet], now: float) -> None:
+    def measure(self, packets: Sequence[LinePacket], now: float) -> None:
         """Add the delay of each of `packets` that is a missed reply, received at the latest at `now` (s)."""
         for packet in packets:
             rows = self._missed.get(packet.id, [])
             sizes = [size for _, size in rows]
-            if packet.instruction == STATUS and len(packet.data) in sizes:
+            if packet.is_status and len(packet.data) in sizes:
                 place = sizes.index(len(packet.data))
                 self.delays.append(now - rows[place][0])
                 del rows[: place + 1]

@@ -10,25 +10,32 @@ from math import inf
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import ByteTransport, output_full
-from twind_drivers.dynamixel.late_replies import LateReplies
-from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
-from twind_drivers.dynamixel.replies import PendingReply
-from twind_drivers.dynamixel.serial_cycle_budget import wire
+from twind_drivers.half_duplex.late_replies import LateReplies
+from twind_drivers.half_duplex.pending_reply import LinePacket, PacketFramer, PendingReply, wire
+
+PATIENCE = 2  # silent devices that a chain goes past: each costs the slack
+ECHO_START = 4  # first bytes of an echo that are enough to know it
 
 
 @dataclass(frozen=True, slots=True)
 class SerialTransaction:
-    """Request and its expected reply."""
+    """Request and its expected reply.
+
+    `then`: further requests for devices without group reads; each leaves when so many replies are in, or when
+    the one before has had its time. Two silent devices end the chain.
+    """
 
     packet: bytes
     reply: PendingReply | None  # None: no reply follows
     delays: int  # number of return delays before the last byte
     extra: float = 0.0  # s, further delay of a device that is slower than the servos
+    then: tuple[tuple[int, bytes], ...] = ()
 
     @property
     def size(self) -> int:
         """Bytes on the wire, both directions, nothing stuffed."""
-        return len(self.packet) + (self.reply.expected if self.reply else 0)
+        requests = len(self.packet) + sum(len(each) for _, each in self.then)
+        return requests + (self.reply.expected if self.reply else 0)
 
 
 class HalfDuplexTransactor:
@@ -53,12 +60,13 @@ class HalfDuplexTransactor:
         baud: int,
         return_delay_s: float,
         slack: float,
+        find_packets: PacketFramer,
         one_write: bool = True,
         sensors: Collection[int] = (),
     ) -> None:
         """Make the transactor; `one_write`: pending packets and request leave in one system call, else two.
 
-        `return_delay_s`, `slack` (s): see `deadline` in `_send`.
+        `return_delay_s`, `slack` (s): see `deadline` in `_send`. `find_packets`: of the line's protocol.
         """
         self.name = name
         self.transport = transport
@@ -66,6 +74,9 @@ class HalfDuplexTransactor:
         self.slack = slack
         self.return_delay_s = return_delay_s
         self.one_write = one_write
+        self._find_packets = find_packets
+        self._sent_after = 0  # requests of the chain that have left, behind the first
+        self._passed = 0  # silent devices that the chain went past
         self._sensors = frozenset(sensors)
         self.urgent = b""
         self.goals = b""
@@ -126,6 +137,8 @@ class HalfDuplexTransactor:
         self._done = exchange.reply is None
         self.sent = now
         self._out = (lead, exchange.packet)
+        self._sent_after = 0
+        self._passed = 0
         if self.echo:
             self._echoed.clear()
         if lead and not self.one_write:
@@ -140,14 +153,18 @@ class HalfDuplexTransactor:
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
         # Wire time + return delays + slack: earlier, replies would be lost; later, the tick would overrun.
-        self.deadline = begin + self.span(exchange, len(lead))
+        if exchange.then:
+            self.deadline = begin + wire(len(lead), self.baud) + self._step(exchange, 0)
+        else:
+            self.deadline = begin + self.span(exchange, len(lead))
         if not self._done:
             self.deadline = max(self.deadline + self.slack, latest)
 
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
-        reply = self.exchange.reply if self.exchange else None
-        if self._done or reply is None:
+        exchange = self.exchange
+        reply = exchange.reply if exchange else None
+        if self._done or exchange is None or reply is None:
             return True
         if self.echo and not self._past_echo(reply):
             return self._done
@@ -155,7 +172,32 @@ class HalfDuplexTransactor:
         if count:
             self.received = now
             self._done = reply.take(count)
+        if exchange.then and not self._done:
+            self._go_on(exchange, reply, now)
         return self._done
+
+    def _go_on(self, exchange: SerialTransaction, reply: PendingReply, now: float) -> None:
+        """Send the next request of a chain once the reply to the last one is in, or late."""
+        after = self._sent_after
+        if after == len(exchange.then):
+            return
+        missing = exchange.then[after][0] - int(reply.answered.sum()) - self._passed
+        if missing > 0 and (now < self.deadline or self._passed + missing > PATIENCE):
+            return
+        self._passed += max(missing, 0)
+        self._sent_after = after + 1
+        self._out = (b"", exchange.then[after][1])
+        self._echoed.clear()
+        self.transport.write(exchange.then[after][1])
+        self.deadline = now + self._step(exchange, after + 1) + self.slack
+
+    def _step(self, exchange: SerialTransaction, place: int) -> float:
+        """Return the bus time (s) of one request of a chain and its replies."""
+        needed = [0, *(count for count, _ in exchange.then), exchange.delays]
+        count = needed[place + 1] - needed[place]
+        requests = (exchange.packet, *(each for _, each in exchange.then))
+        size = len(requests[place]) + count * (exchange.size - sum(map(len, requests))) // exchange.delays
+        return wire(size, self.baud) + count * self.return_delay_s + exchange.extra / len(exchange.then)
 
     def end(self) -> SerialTransaction | None:
         """End the transaction; its result stays in the exchange's reply until the next one."""
@@ -186,29 +228,29 @@ class HalfDuplexTransactor:
 
     def _look_back(self, now: float) -> None:
         """Classify bytes that came after the last transaction had ended."""
-        self._judge(Framer(status=None).feed(self._late), bytes(self._late), now)
+        self._judge(self._find_packets(self._late, status=None), bytes(self._late), now)
         self._late.clear()
         if self._sensor_read:
             self.strays = 0
 
-    def _judge(self, packets: Sequence[Packet], first: bytes, now: float) -> None:
+    def _judge(self, packets: Sequence[LinePacket], first: bytes, now: float) -> None:
         """Classify packets outside a reply, received at the latest at `now` (s).
 
         `first`: first bytes of the window; sent ones there are echo.
         """
         sent = b"".join(self._out)
-        own = Framer(status=False).feed(sent)
-        returned = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
+        own = list(self._find_packets(sent, status=False))
+        returned = first.startswith(sent) or (len(first) > ECHO_START and sent.startswith(first))
         if own and returned and list(packets[: len(own)]) == own:
             self.echo = True
             packets = packets[len(own) :]
             self.strays -= len(sent)
-        unrequested = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
+        unrequested = [each for each in packets if each.is_status and each.id in self._sensors]
         self.late += [len(each.data) for each in unrequested]
         self.strays = max(0, self.strays - sum(each.octets for each in unrequested))
         self.late_replies.measure(packets, now)
         known = self.late_replies.ids | self._sensors
-        self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
+        self.foreign += sum(not each.is_status or each.id not in known for each in packets)
 
     def _past_echo(self, reply: PendingReply) -> bool:
         """Remove the echo from the front; return True once it is complete.

@@ -1,0 +1,1 @@
+"""Feetech serial servos: STS, SMS, SCS and HLS."""

@@ -1,0 +1,210 @@
+"""Reader of a Feetech bus: cyclic reading, slow registers, identification.
+
+Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import inf
+
+from twind_drivers.bus import (
+    GroupWriteBatch,
+    IdentifiedDevice,
+    PingRequest,
+    Query,
+    ReadRequest,
+    RegisterAddress,
+    Request,
+    Script,
+    SlowRegisterValues,
+    WriteRequest,
+)
+from twind_drivers.byte_transport import ByteTransport
+from twind_drivers.feetech import feetech_packet as packet
+from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
+from twind_drivers.feetech.feetech_cyclic_read import START, FeetechCyclicRead, group_transaction
+from twind_drivers.feetech.feetech_identification import identify
+from twind_drivers.feetech.feetech_models import model
+from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
+from twind_drivers.feetech.feetech_slow_registers import BLOCK, ROUNDS_HZ, FeetechSlowRegisters
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.half_duplex.serial_reader import SerialReader
+from twind_drivers.slow_read_rate import upkeep_stride
+
+SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
+SLICE = 0.002  # s of bus time per transaction of a script, at most half a period
+LONGEST = 0.000508  # s from a request to its reply, where 254 steps of register 7 have a function
+
+
+class FeetechReader(SerialReader):
+    """Reader of the devices `ids` of one bus. Arrays are (m,), in the order of `ids`, in raw units.
+
+    Effort is the current (6.5 mA) where a device of the bus has it, else the PWM duty (0.1 %).
+    """
+
+    overhead = packet.OVERHEAD
+
+    def __init__(
+        self,
+        name: str,
+        transport: ByteTransport,
+        ids: Sequence[int],
+        models: Sequence[str],
+        *,
+        baud: int,
+        return_delay_us: float = 0.0,
+        rate_hz: float = 100.0,
+        slack: float | None = None,
+        one_write: bool = True,
+    ) -> None:
+        """Make the reader; `models`: name of each id. Their registers are expected until `identify`.
+
+        `return_delay_us`: the longest of the devices; 0: 100 us. `rate_hz`: rate of the loop. `slack` (s):
+        time that a reply may take beyond its wire time; None: 2 ms, or half a period where that is less.
+
+        Raises ValueError for no ids or ids given twice, InvalidInput for an unknown model.
+        """
+        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
+            raise ValueError(
+                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
+            )
+        self.name = name
+        self.ids = tuple(ids)
+        self.transport = transport
+        self.maps: dict[int, RegisterMap] = {
+            id: register_map(model(each).map) for id, each in zip(ids, models, strict=True)
+        }
+        self.confirmed: dict[int, bool] = dict.fromkeys(ids, False)  # the map is the firmware's
+        self.devices: dict[int, IdentifiedDevice] = {}
+        self.line = HalfDuplexTransactor(
+            name,
+            transport,
+            baud=baud,
+            return_delay_s=return_delay_us * 1e-6 or DELAY,
+            slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
+            find_packets=packet.find_packets,
+            one_write=one_write,
+        )
+        self._period = 1.0 / rate_hz
+        self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
+        self.slice = min(SLICE, 0.5 / rate_hz)
+        maps = [self.maps[id] for id in self.ids]
+        has_current = ["present_current" in each for each in maps]
+        self._size = cyclic_size(has_current, self._seconds, self._period)
+        self.cyclic: FeetechCyclicRead = FeetechCyclicRead(
+            self.ids, maps, currents=any(has_current), whole=self._size == WHOLE, period=self._period
+        )
+        self.slow: FeetechSlowRegisters = FeetechSlowRegisters(self.ids)
+        self.registers: SlowRegisterValues = self.slow.registers
+        self._query = None
+        self._known: dict[Query, SerialTransaction] = {}
+        self._schedule()
+
+    @property
+    def earliest(self) -> float:
+        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
+        return -inf
+
+    @property
+    def lags(self) -> bool:
+        """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
+        return self._seconds(self._size) > self._period
+
+    def _seconds(self, size: int) -> float:
+        alone = sum(not self.maps[id].sync_read for id in self.ids)
+        return cycle_seconds(len(self.ids), alone, size, baud=self.line.baud, delay=self.line.return_delay_s)
+
+    def _schedule(self) -> None:
+        """Make the slices of slow registers of the devices that are not parked."""
+        self._requested = requested = self.cyclic.attendance.asked
+        self.registers.expire_torque(~requested)  # who was silent so long may have lost its supply
+        ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
+        slots = max(1, int(self._upkeep_hz / ROUNDS_HZ + 1e-9))
+        slices = self.slow.schedule(ids, slots, self.slice_count(BLOCK[1]))
+        self._known = {query: self._exchange(query) for query in slices}
+
+    def slice_count(self, size: int) -> int:
+        """Return the devices whose read of `size` bytes fits one transaction of a script."""
+        each = wire(packet.OVERHEAD + size + 1, self.line.baud) + self.line.return_delay_s
+        return max(1, int(self.slice / each))
+
+    def block(self, place: int) -> tuple[int, int]:
+        """Return address and size of the cyclic block of one device."""
+        return START, SHORT
+
+    def explain(self, error: int) -> str:
+        """Return the meaning of the error byte of a status."""
+        return packet.explain(error)
+
+    def span(self, query: Request) -> float:
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
+        if isinstance(query, PingRequest | ReadRequest):
+            return self.line.span(self._transaction(query))
+        writes = query.writes if isinstance(query, GroupWriteBatch) else (query,)
+        size = sum(
+            8 + sum(1 + len(data) for data in each.data.values())
+            for each in writes
+            if isinstance(each, WriteRequest)
+        )
+        return wire(size + 14, self.line.baud) + self.line.return_delay_s
+
+    def _transaction(self, query: Query) -> SerialTransaction:
+        return self._known.get(query) or self._exchange(query)
+
+    def _exchange(self, query: Query) -> SerialTransaction:
+        if isinstance(query, PingRequest):
+            # A ping whose reply reports low voltage equals its own echo; a read of 5 bytes does not.
+            query = ReadRequest((query.id,), *IDENTITY)
+        return group_transaction(query.ids, query.address, query.size, self._answers_groups)
+
+    def _answers_groups(self, id: int) -> bool:
+        return self.cyclic.grouped.get(id, False)
+
+    # --------------------------------------------------------------------------- scripts
+
+    def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
+        """Read firmware and settings of every id; return the devices that reply, in order of `ids`.
+
+        From then on register names are those of the firmware found, and sync reads go to the devices that
+        answer them. `patient`: as in `BusReader.identify`; afterwards the cyclic reading starts anew.
+        """
+        self.line.late_replies.delays.clear()
+        before = self.line.return_delay_s
+        self.line.return_delay_s = max(LONGEST, before) if patient else before
+        grouped = dict(self.cyclic.grouped)
+        try:
+            found = yield from identify(self, self.cyclic.grouped.__setitem__)
+            grouped |= {id: each.grouped for id, each in found.items()}
+        finally:
+            self.line.return_delay_s = before
+            self._known = {}
+        for id, each in found.items():
+            self.maps[id] = each.map
+            self.confirmed[id] = True
+            self.devices[id] = each.device
+        self.cyclic.set_maps([self.maps[id] for id in self.ids], [grouped[id] for id in self.ids])
+        if patient:
+            self.cyclic.begin_anew()
+        self._schedule()
+        return tuple(found[id].device for id in self.ids if id in found)
+
+    def values(self, ids: Sequence[int], address: int, size: int) -> Script[dict[int, Mapping[str, int]]]:
+        """Read one block of several devices; return its registers by id. Raises NoReply."""
+        raw = yield from self.collect(ids, address, size)
+        return {id: self.maps[id].values(address, data) for id, data in raw.items()}
+
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
+        """Read one register by its name. Raises NoReply, KeyError, InvalidInput (lists similar names)."""
+        field = self.table(id)[name]
+        data = yield from self.collect((id,), field.address, field.size)
+        return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eprom)
+
+    def keeps(self, id: int, name: str) -> bool:
+        """Return True for EPROM registers: addresses below 40. Raises KeyError."""
+        return self.table(id)[name].eprom
+
+    def table(self, id: int) -> RegisterMap:
+        """Return the register map of a device. Raises KeyError that lists the ids of this bus."""
+        if id not in self.maps:
+            raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
+        return self.maps[id]

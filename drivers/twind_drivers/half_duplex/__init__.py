@@ -1,0 +1,1 @@
+"""Half-duplex serial line, shared by the families of serial servos."""
