@@ -16,8 +16,8 @@ HEAT = 4
 OVERLOAD = 32
 
 
-def on_its_own(stall: float = 855.0, model: str = "XM430-W350") -> ServoProtection:
-    protection = ServoProtection([table(number_of(model), 47)], np.array([stall]))
+def on_its_own(model: str = "XM430-W350") -> ServoProtection:
+    protection = ServoProtection([table(number_of(model), 47)])
     protection.watch(np.array([80.0]), np.array([9.5]), np.array([16.0]))
     return protection
 

@@ -19,8 +19,9 @@ from twind.robot.joint_state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
 from twind.twin.base_support import BY_TORQUE, BaseHold, BaseSupport, hang
 from twind.twin.imu_model import ImuModel, feel, require_site
+from twind.twin.motor_drive import MotorDrive
 from twind.twin.pinning import pin
-from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, ServoMotor
+from twind.twin.servo_motor import STEP, MotorControlLoops, Places, ServoMotor
 from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
 
 __all__ = ["BusPhysics", "MujocoPhysics", "OperationFailed", "ServoMotor", "body_of"]
@@ -60,7 +61,6 @@ class MujocoPhysics:
         self.crane = None if stands is None else BaseSupport(model, data, stands)
         self._felt = None if site is None else ImuModel(model, data, site)
         self._everyone = np.arange(len(motors))
-        self.stall = self._loops.stall
         self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
         self._settle()
         self._time = now
@@ -160,7 +160,6 @@ class BusPhysics(_PartPhysics):
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         super().__init__(whole, loops, at)
-        self.stall = whole.stall[at]
         self.position = whole.position[at]
         self.velocity = whole.velocity[at]
         self.current = whole.current[at]

@@ -89,8 +89,9 @@ X_FIGURES: Mapping[str, MotorFigures] = {
     "xw540_t140": _of(12.0, 145.6, (11.1, 6.4, 67, 4.5), (12.0, 6.9, 72, 4.9), (14.8, 8.3, 88, 5.9)),
     "mx_28": _of(12.0, 193.0, (11.1, 2.3, 50, 1.3), (12.0, 2.5, 55, 1.4), (14.8, 3.1, 67, 1.7)),
     # Friction and armature: fits of pendulum runs, Rhoban/bam `params/mx64/m1.json` and `mx106/m1.json`.
-    "mx_64": replace(MX_64, friction=0.090, damping=0.012, armature=0.0120),
-    "mx_106": replace(MX_106, friction=0.104, damping=0.035, armature=0.0266),
+    # Divisor: measured there, firmware of Protocol 2.0 (`bam/dynamixel/actuator.py`).
+    "mx_64": replace(MX_64, friction=0.090, damping=0.012, armature=0.0120, divisor=141.3),
+    "mx_106": replace(MX_106, friction=0.104, damping=0.035, armature=0.0266, divisor=147.0),
 }
 PH42 = _line(303.75, (32.7, 0.57), (29.2, 5.1, 1.5))
 PH54_100 = _line(501.923, (33.3, 1.13), (29.2, 25.3, 5.5))
