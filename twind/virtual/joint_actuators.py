@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twind.config.actuator_types import CanType, ServoType
-from twind.config.calibration_file import SWEEP_MARGIN
-from twind.config.counts import rad_per_tick, tick_range, turn_start
+from twind.config.counts import rad_per_tick, tick_range
 from twind.config.robot_spec import JointSpec
+from twind.config.travel import swept, travel_refusal, zero_range
 from twind.exceptions import InvalidInput
 from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind_drivers.can.can_units import COUNT
@@ -20,7 +20,6 @@ from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_servos import ServoSpec, VirtualServos
 
 SCATTER = 400  # ticks either side of the middle of what the travel allows
-SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +34,6 @@ class EncoderFrame:
         return self.direction * place + self.shift
 
 
-def margined(joint: JointSpec) -> tuple[float, float]:
-    """Return the range (rad) of an actuator in a sweep by hand where no stop limits it."""
-    lower, upper = joint.span
-    return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
-
-
 def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     """Return the encoder position at joint angle 0: from the truth, else fixed by the names.
 
@@ -48,13 +41,10 @@ def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     """
     if truth.zero_ticks is not None:
         return truth.zero_ticks
-    turn = joint.type.ticks_per_turn
-    start = turn_start(joint.type)
-    low, high = tick_range(joint, 0, *margined(joint))
-    first = start + SEAM - low
-    last = start + turn - 1 - SEAM - high
-    if first > last:
-        raise InvalidInput(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
+    refusal = travel_refusal(joint)
+    if refusal is not None:
+        raise InvalidInput(f"{joint.name}: {refusal}")
+    first, last = zero_range(joint)
     middle = (first + last) // 2
     first = max(first, middle - SCATTER)
     last = min(last, middle + SCATTER)
@@ -101,7 +91,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
 
 def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
     """Set the servo's own limits around the travel; as delivered if one turn of registers cannot hold it."""
-    ends = tick_range(joint, zero, *margined(joint))
+    ends = tick_range(joint, zero, *swept(joint))
     low, high = sorted(frame.shown(end) for end in ends)
     register = table(number_of(spec.model), spec.firmware)["min_position_limit"]
     if not (register.takes(low) and register.takes(high)):

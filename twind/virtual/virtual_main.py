@@ -18,7 +18,7 @@ from pathlib import Path
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.loop.process import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
-    except (ConfigError, InvalidInput, OSError) as error:
+    except (ConfigError, InvalidInput, OperationFailed, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
     return 0
