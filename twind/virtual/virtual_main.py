@@ -20,6 +20,7 @@ from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.loop.process import realtime
+from twind.standard_streams import write_line
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
 from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo, settings
@@ -30,8 +31,10 @@ from twind.virtual.virtual_robot_spec import body_for, buses, make_spec, save
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.dynamixel_motor_figures import stand_in
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.servable_bus import ServableBus
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
 PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
@@ -65,6 +68,9 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="firmware of every servo")
     parser.add_argument(
         "--latency-timer", type=float, default=0.0, metavar="MS", help="latency timer of the adapter"
+    )
+    parser.add_argument(
+        "--supply", type=float, metavar="V", help="supply of the servos (default: what the model is made for)"
     )
     parser.add_argument("--echo", action="store_true", help="the adapter echoes what the host sends")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
@@ -102,6 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         clock = ServoClock(MonotonicClock())
         virtual, crane = _buses(options, clock.now())
+        _prepare_motors(virtual, options.supply)
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
@@ -165,6 +172,22 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
     if options.calibration is not None:
         save(one, options.calibration)
     return _served(virtual, options), None if body is None else body.crane
+
+
+def _prepare_motors(virtual: dict[str, ServableBus], volts: float | None) -> None:
+    """Set the supply, and report models whose motors are those of another. Raises InvalidInput."""
+    serial = [bus for bus in virtual.values() if isinstance(bus, VirtualBus)]
+    for bus in serial:
+        try:
+            if volts is not None:
+                bus.faults.supply(volts)
+        except ValueError as error:
+            raise InvalidInput(f"--supply: {error}") from None
+    stand_ins = {each.model: stand_in(each) for bus in serial for each in bus.servos.memory.tables}
+    for model, other in stand_ins.items():
+        if other is not None:
+            text = f"no motor figures are published for {model}: it is as strong as {other}"
+            write_line(2, "warning", f"twind-virtual: {text}")
 
 
 def _truth(robot: RobotFile, options: argparse.Namespace) -> RobotGroundTruth | None:

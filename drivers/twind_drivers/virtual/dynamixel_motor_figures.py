@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
 
+from twind_drivers.dynamixel.control_tables import ControlTable
 from twind_drivers.dynamixel.dynamixel_models import base
 from twind_drivers.virtual.servo_strength import MotorFigures, OperatingPoint
 
@@ -134,12 +135,17 @@ NEAREST: Mapping[str, str] = {
 USUAL = "xm430_w350"
 
 
-def motor_figures(stem: str) -> MotorFigures:
-    """Return the figures of the model whose table is `stem` ("xm430_w350"), else of the nearest model."""
-    return FIGURES[figures_model(stem)]
+def motor_figures(table: ControlTable) -> MotorFigures:
+    """Return the figures of a model, else of the nearest model."""
+    name = base(table.stem)
+    return FIGURES[name if name in FIGURES else _nearest(name)]
 
 
-def figures_model(stem: str) -> str:
-    """Return the model whose figures stand for that of table `stem`: itself where its page prints some."""
-    name = base(stem)
-    return name if name in FIGURES else NEAREST.get(name, USUAL)
+def stand_in(table: ControlTable) -> str | None:
+    """Return the model whose figures stand for those of this one; None: it has its own."""
+    name = base(table.stem)
+    return None if name in FIGURES else _nearest(name).upper().replace("_", "-")
+
+
+def _nearest(name: str) -> str:
+    return NEAREST.get(name, USUAL)

@@ -59,7 +59,7 @@ class ServoProtection:
         """Begin at `AMBIENT` and the nominal voltage."""
         self.ampere = np.array([ampere(each) for each in tables])
         self.nominal = np.array([nominal(each) for each in tables])
-        self.motors = Motors([motor_figures(each.stem) for each in tables], self.nominal)
+        self.motors = Motors([motor_figures(each) for each in tables], self.nominal)
         self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
         self.own = self.nominal < self.source  # fed through a converter of their own
         self.surroundings = np.full(len(tables), AMBIENT)
