@@ -1,7 +1,8 @@
 """Gears of virtual motors: dry friction, damping and inertia at the joints or shafts that they drive.
 
 Runs in `twind-virtual` (and in tests). A joint's own friction and damping in the model are the gear's: the
-larger of both counts. Some gears rub more under load: dry friction grows with the torque that they carry.
+larger of both counts. Some gears rub more under load: dry friction grows with the square of the torque that
+they carry. Motor and load press the teeth together, so where one holds the other both count.
 """
 
 import mujoco
@@ -52,7 +53,7 @@ class GearFriction:
         own = np.maximum(self._rubbed[at], motor.friction * ratio)
         self._dry[at] = np.where(np.isnan(self._known[at]), own, self._known[at])
         self._wet[at] = np.maximum(self._damped[at], motor.damping * ratio**2)
-        self._load[at] = np.where(self._tendons[at] < 0, motor.load_friction, 0.0)
+        self._load[at] = np.where(self._tendons[at] < 0, motor.load_friction / ratio, 0.0)
         self.loaded = np.flatnonzero(self._load)
         self._weigh(at, np.maximum(self._inertia[at], motor.armature * ratio**2))
         self.brake(at, back_emf)
@@ -68,10 +69,7 @@ class GearFriction:
         self._rub(at, self._dry[at])
 
     def bear(self, data: mujoco.MjData, torque: Floats) -> None:
-        """Let the friction of loaded gears follow what they carry. `torque` (n,): N·m of the motors.
-
-        Motor and load press the teeth together, whichever of them gives way.
-        """
+        """Let the friction of loaded gears follow what they carry. `torque` (n,): N·m of the motors."""
         at = self.loaded
         dofs = self._dofs[at]
         count = data.ne + data.nf
@@ -79,7 +77,7 @@ class GearFriction:
         kind = data.efc_type[data.ne : count] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         rubbing[data.efc_id[data.ne : count][kind]] = data.efc_force[data.ne : count][kind]
         outside = data.qfrc_constraint[dofs] - rubbing[dofs] - data.qfrc_bias[dofs]
-        self._rub(at, self._dry[at] + self._load[at] * np.abs(torque[at] - outside))
+        self._rub(at, self._dry[at] + self._load[at] * (torque[at] - outside) ** 2)
 
     def _weigh(self, at: Places, armature: Floats) -> None:
         """Set the inertia of the motors at their joints; what MuJoCo derives from it follows."""

@@ -92,7 +92,9 @@ class DriveFirmware:
         gains = {key: registers[key].astype(np.float64) for key in GAINS}
         most = registers["pwm_limit"].astype(np.float64)
         goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
-        current = np.where(self._capped, registers["current_limit"], inf)
+        # In the other modes nothing limits the current: an XL330 at its limit register kept full output.
+        limited = self._capped & ((self.mode == CURRENT) | (self.mode == CURRENT_POSITION))
+        current = np.where(limited, registers["current_limit"], inf)
         goal_current = np.abs(registers["goal_current"].astype(np.float64))
         return DriveState(
             on=self.on & ((registers["drive_mode"] & SLAVE) == 0),

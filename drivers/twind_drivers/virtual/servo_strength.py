@@ -40,7 +40,7 @@ class MotorFigures:
     bearable: float | None = None  # A, for ever
     friction: float | None = None  # N·m, dry, at the output
     damping: float | None = None  # N·m·s/rad, at the output
-    load_friction: float = 0.0  # N·m of dry friction per N·m that the gear carries
+    load_friction: float = 0.0  # N·m of dry friction per (N·m)² that the gear carries
     armature: float = 0.0  # kg·m², of the motor at the output; 0: not known
 
     def at(self, volts: float) -> tuple[float, float, float]:
