@@ -50,9 +50,7 @@ class MotorFigures:
         """
         known = [each.volts for each in self.points]
         given = ([getattr(each, key) for each in self.points] for key in ("stall", "rpm", "amperes"))
-        factors = (
-            [value / at for value, at in zip(values, known, strict=True)] for values in given
-        )
+        factors = ([value / at for value, at in zip(values, known, strict=True)] for values in given)
         stall, rpm, amperes = (volts * float(np.interp(volts, known, each)) for each in factors)
         return stall, rpm * RAD_S, amperes
 
