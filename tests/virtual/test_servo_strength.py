@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.pendulum_rig import GRAVITY, TICK, Pendulum
 from twind.virtual.bench_servos import BusTiming, bench, servo
-from twind.virtual.virtual_main import _prepare_motors
+from twind.virtual.virtual_main import prepare_motors
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_models import FACTS
 from twind_drivers.virtual.dynamixel_motor_figures import FIGURES, NEAREST, motor_figures, stand_in
@@ -29,7 +29,7 @@ LOADS = [
 
 
 def balance(model: str, volts: float, p: int, weight: float) -> float:
-    """Where a lifted mass ends that is asked to be level: motor = weight sin(angle) + friction. rad."""
+    """Angle (rad) at which a lifted mass ends whose goal is level: motor = weight sin(angle) + friction."""
     figures = motor_figures(table(number_of(model)))
     stall = figures.at(volts)[0]
     dry = 0.0122 * stall if figures.friction is None else figures.friction
@@ -169,7 +169,7 @@ def test_every_model_that_is_driven_has_figures_or_says_whose_it_takes(capfd) ->
         assert facts.undriven or stem in FIGURES or NEAREST[stem] in FIGURES
     assert stand_in(table(number_of("XL330-M288"))) is None
     buses = bench([servo("a:1:XL330-M288"), servo("a:2:RH-P12-RN")], BusTiming())
-    _prepare_motors(buses, None)
+    prepare_motors(buses, None)
     warned = capfd.readouterr().err
     assert "no motor figures are published for RH-P12-RN: it is as strong as PM42-010-S260" in warned
     assert "XL330" not in warned

@@ -7,7 +7,7 @@ from twind.config.robot_spec import JointSpec
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 
-def swept(joint: JointSpec) -> tuple[float, float]:
+def sweep_range(joint: JointSpec) -> tuple[float, float]:
     """Return the range (rad) of an actuator in a sweep by hand where no stop limits it."""
     lower, upper = joint.span
     return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
@@ -19,7 +19,7 @@ def zero_range(joint: JointSpec) -> tuple[int, int]:
     Where no zero does, the first is above the last.
     """
     start = turn_start(joint.type)
-    low, high = tick_range(joint, 0, *swept(joint))
+    low, high = tick_range(joint, 0, *sweep_range(joint))
     return start + SEAM - low, start + joint.type.ticks_per_turn - 1 - SEAM - high
 
 
@@ -28,7 +28,7 @@ def travel_refusal(joint: JointSpec) -> str | None:
     first, last = zero_range(joint)
     if first <= last:
         return None
-    low, high = tick_range(joint, 0, *swept(joint))
+    low, high = tick_range(joint, 0, *sweep_range(joint))
     turn = joint.type.ticks_per_turn
     margins = f"{SWEEP_MARGIN:g} rad on either side for a sweep by hand, and {2 * SEAM} to the seam"
     return f"travel of {high - low} ticks does not fit one turn of {turn} ({margins}): narrow limits_rad"

@@ -3,8 +3,8 @@
 Runs in `twind-virtual` (and in tests). The strength of each motor comes with its drive. An XM430-W350 at 12 V
 stalls at 4.1 N·m and runs free at 4.82 rad/s; position gain P makes P / 128 PWM counts per tick of error, 885
 counts are the whole supply voltage (e-manual). P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85
-N·m·s/rad. I and D act once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per
-raw velocity of error and I / 65536 more each millisecond (the manual's conversion coefficient is unknown:
+N·m·s/rad. I and D act once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts
+per raw velocity of error and I / 65536 more each millisecond (the manual's conversion coefficient is unknown:
 assumed 1). Current follows from output and back-EMF: where it is the goal (mode 0) or capped (mode 5), the
 output follows the speed.
 """

@@ -10,7 +10,7 @@ import numpy as np
 from twind.config.actuator_types import CanType, ServoType
 from twind.config.counts import rad_per_tick, tick_range
 from twind.config.robot_spec import JointSpec
-from twind.config.travel import swept, travel_refusal, zero_range
+from twind.config.travel import sweep_range, travel_refusal, zero_range
 from twind.exceptions import InvalidInput
 from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind_drivers.can.can_units import COUNT
@@ -91,7 +91,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
 
 def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
     """Set the servo's own limits around the travel; as delivered if one turn of registers cannot hold it."""
-    ends = tick_range(joint, zero, *swept(joint))
+    ends = tick_range(joint, zero, *sweep_range(joint))
     low, high = sorted(frame.shown(end) for end in ends)
     register = table(number_of(spec.model), spec.firmware)["min_position_limit"]
     if not (register.takes(low) and register.takes(high)):

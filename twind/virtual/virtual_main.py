@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         clock = ServoClock(MonotonicClock())
         virtual, crane = _buses(options, clock.now())
-        _prepare_motors(virtual, options.supply)
+        prepare_motors(virtual, options.supply)
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
@@ -174,7 +174,7 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
     return _served(virtual, options), None if body is None else body.crane
 
 
-def _prepare_motors(virtual: dict[str, ServableBus], volts: float | None) -> None:
+def prepare_motors(virtual: dict[str, ServableBus], volts: float | None) -> None:
     """Set the supply, and report models whose motors are those of another. Raises InvalidInput."""
     serial = [bus for bus in virtual.values() if isinstance(bus, VirtualBus)]
     for bus in serial:

@@ -25,7 +25,7 @@ from twind.config.calibration_file import (
 )
 from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
-from twind.config.travel import swept
+from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.attitude import Quaternion, matrix, product
@@ -168,7 +168,7 @@ def _with_travel(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):
-        ends = swept(joint)
+        ends = sweep_range(joint)
     places = (ticks_of(joint, made.zeros[holder], end) for end in ends)
     low, high = sorted(map(made.frames[holder].shown, places))
     turn = joint.type.ticks_per_turn

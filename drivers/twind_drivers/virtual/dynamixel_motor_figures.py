@@ -5,8 +5,8 @@ prints the vendor's `_data/dxl_x_info.yml` and `dxl_mx_info.yml`; of XD and XW43
 models that those pages share. "Stall torque is measured from the max torque that it can reach" (page of
 XM540-W150): a servo that lifts slowly reaches less.
 
-The P, PRO(A) and Y pages (`dxl_p_info.yml`, `dxl_proa_info.yml`, `dxl_y_info.yml`) print no stall torque, but a
-continuous point beside the no-load speed. The stall figures continue the line through both.
+The P, PRO(A) and Y pages (`dxl_p_info.yml`, `dxl_proa_info.yml`, `dxl_y_info.yml`) print no stall torque, but
+a continuous point beside the no-load speed. The stall figures continue the line through both.
 
 Gain law: e-manual, "Position PID Gain": P gain / 128 PWM counts per tick of error. Measured where noted.
 """
@@ -52,9 +52,9 @@ XH430_W210 = _of(12.0, 212.6, (11.1, 2.2, 46, 1.2), (12.0, 2.5, 50, 1.3), (14.8,
 XH540_W270 = _of(12.0, 272.5, (11.1, 9.2, 36, 4.5), (12.0, 9.9, 39, 4.9), (14.8, 11.7, 46, 5.9))
 XH540_W150 = _of(12.0, 152.3, (11.1, 6.6, 66, 4.5), (12.0, 7.1, 70, 4.9), (14.8, 8.5, 86, 5.9))
 XL430 = _of(11.1, 258.5, (9.0, 1.0, 47, 1.0), (11.1, 1.4, 57, 1.3), (12.0, 1.5, 61, 1.4))
-# What the XL330's page leaves open is fitted to 12 pendulum runs of Rhoban/bam (7.4 V, P 100, 200 and 800; mean
-# error 1.6°), with the stall torque and speed of the page. Divisor: the register of the output (124) in those
-# runs, 256 at every gain; the manual says 128.
+# What the XL330's page leaves open is fitted to 12 pendulum runs of Rhoban/bam (7.4 V, P 100, 200 and 800;
+# mean error 1.6°), with the stall torque and speed of the page. Divisor: the register of the output (124) in
+# those runs, 256 at every gain; the manual says 128.
 XL330_M288 = replace(
     _of(5.0, 288.4, (3.7, 0.42, 76, 1.11), (5.0, 0.52, 103, 1.47), (6.0, 0.60, 123, 1.74)),
     divisor=256.0,

@@ -112,7 +112,7 @@ class ServoProtection:
     @property
     def supply_share(self) -> Floats:
         """Voltage at the servos, as a share of the nominal one (m,): the value of 100 % PWM."""
-        return np.maximum(self.volts, 0.0) / self.nominal
+        return np.asarray(np.maximum(self.volts, 0.0) / self.nominal)
 
     @property
     def dark(self) -> Bools:
