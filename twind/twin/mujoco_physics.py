@@ -322,8 +322,10 @@ def _compile(
         actuator.forcelimited = True
         actuator.forcerange = [-1.0, 1.0]
         # Whatever the model's own servos inherit: N·m or rad/s are no angle, and a shaft has no range.
-        actuator.ctrllimited = False
+        actuator.ctrllimited = actuator.actlimited = False
         actuator.inheritrange = 0.0
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
+        actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     strung(spec, groups)
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
