@@ -151,6 +151,25 @@ def test_it_moves_as_a_real_xl330_did(run: str) -> None:
 # ------------------------------------------------------------------------------------- figures
 
 
+@pytest.mark.parametrize(
+    ("slow", "fast"),
+    [("xm430_w350", "xm430_w210"), ("xh430_w350", "xh430_w210"), ("xh430_v350", "xh430_v210"),
+     ("xl330_m288", "xl330_m077"), ("xc330_m288", "xc330_m181"), ("xc330_t288", "xc330_t181"),
+     ("xc430_w240", "xc430_w150"), ("xm540_w270", "xm540_w150"), ("xh540_w270", "xh540_w150"),
+     ("xh540_v270", "xh540_v150"), ("xw540_t260", "xw540_t140")],
+)  # fmt: skip
+def test_one_motor_behind_two_gears_turns_at_one_speed(slow: str, fast: str) -> None:
+    one, other = (each.at(each.nominal)[1] * each.gear for each in (FIGURES[slow], FIGURES[fast]))
+    assert one == pytest.approx(other, rel=0.03)
+
+
+def test_no_motor_gives_more_power_than_it_takes() -> None:
+    """N·m per A is V·s per rad, less what the gear takes; two pages round 17 % and 6 % above."""
+    for figures in FIGURES.values():
+        stall, speed, amperes = figures.at(figures.nominal)
+        assert 0.3 < stall / amperes / (figures.nominal / speed) < 1.2
+
+
 def test_at_a_voltage_of_the_page_the_figures_are_those_of_the_page() -> None:
     for figures in FIGURES.values():
         for row in figures.points:
