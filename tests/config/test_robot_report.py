@@ -127,6 +127,11 @@ def test_a_travel_that_no_mounting_fits_into_one_turn_is_an_error() -> None:
 
 
 def test_a_register_content_that_no_servo_can_hold_is_an_error() -> None:
+    negative = replace(ROBOT.joints[0], registers={"drive_mode": -1})
+    robot = replace(ROBOT, joints=(negative, *ROBOT.joints[1:]))
+    assert "registers.drive_mode: -1 is outside 0..15" in check_robot(robot).errors[0]
+    with pytest.raises(InvalidInput, match="negative"):
+        make_spec(robot)
     odd = replace(ROBOT.joints[0], registers={"homing_offset": 2_000_000, "temperature_limit": 80})
     [error] = check_robot(replace(ROBOT, joints=(odd, *ROBOT.joints[1:]))).errors
     assert error.startswith("joints.head_yaw: registers.homing_offset: 2000000 is outside -1044479..1044479")

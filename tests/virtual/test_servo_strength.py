@@ -16,6 +16,7 @@ from twind_drivers.dynamixel.dynamixel_models import FACTS
 from twind_drivers.virtual.dynamixel_motor_figures import FIGURES, NEAREST, motor_figures, stand_in
 from twind_drivers.virtual.servo_strength import RAD_S
 
+OVERLOAD = 32  # bit of register 70
 RUNS = Path(__file__).parents[1] / "data" / "xl330_pendulum.csv"
 # model, V, P gain, kg, m; at 12 V, at 5 V and above it
 LOADS = [
@@ -143,6 +144,7 @@ def test_it_moves_as_a_real_xl330_did(run: str) -> None:
                 arm.torque(on)
             arm.goal(goal)
         errors.append(np.degrees(np.abs(np.array(found) - samples[:, 3]).mean()))
+        assert not arm.servos["hardware_error_status"][0] & OVERLOAD
     real, strong = errors
     assert real < 2.5
     assert strong > 8.0

@@ -326,11 +326,11 @@ def _compile(
         actuator.inheritrange = 0.0
         actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    strung(spec, groups)
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     try:
+        strung(spec, groups)
         return spec.compile()
     except ValueError as error:
         raise InvalidInput(f"model of the virtual body: {' '.join(str(error).split())}") from None

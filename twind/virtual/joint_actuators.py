@@ -82,7 +82,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
     asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
     try:
         servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, OverflowError) as error:
         raise InvalidInput(f"bus {bus}: {error.args[0]}") from None
     return [
         EncoderFrame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)

@@ -54,10 +54,11 @@ XH540_W150 = _of(12.0, 152.3, (11.1, 6.6, 66, 4.5), (12.0, 7.1, 70, 4.9), (14.8,
 XL430 = _of(11.1, 258.5, (9.0, 1.0, 47, 1.0), (11.1, 1.4, 57, 1.3), (12.0, 1.5, 61, 1.4))
 # What the XL330's page leaves open is fitted to 12 pendulum runs of Rhoban/bam (7.4 V, P 100, 200 and 800;
 # mean error 1.6°), with the stall torque and speed of the page. Divisor: the register of the output (124) in
-# those runs, 256 at every gain; the manual says 128.
+# those runs, 256 at every gain; the manual says 128. Bearable: no overload in 3.7 s at full output.
 XL330_M288 = replace(
     _of(5.0, 288.4, (3.7, 0.42, 76, 1.11), (5.0, 0.52, 103, 1.47), (6.0, 0.60, 123, 1.74)),
     divisor=256.0,
+    bearable=1.3,
     friction=0.017,
     damping=0.0012,
     load_friction=0.30,
@@ -66,6 +67,7 @@ XL330_M288 = replace(
 XL330_M077 = replace(
     _of(5.0, 77.5, (3.7, 0.180, 278, 1.11), (5.0, 0.215, 383, 1.47), (6.0, 0.228, 456, 1.74)),
     divisor=256.0,
+    bearable=1.3,
     armature=0.0019 * (77.5 / 288.4) ** 2,  # the motor of the M288
 )
 MX_64 = _of(12.0, 200.0, (11.1, 5.5, 58, 3.9), (12.0, 6.0, 63, 4.1), (14.8, 7.3, 78, 5.2))
