@@ -152,9 +152,12 @@ class ServoProtection:
         return np.asarray(bits + np.where(self._tired < TIRED - 1e-9, 0, OVERLOAD), np.int64)
 
     def _sense(self) -> None:
-        """Return the sensor values (m,): °C, and V with the sag by the current of all servos."""
+        """Update the sensor values (m,): °C, and V with the sag by the current of all servos.
+
+        A converter keeps its voltage.
+        """
         self.celsius = self.surroundings + self._warm[0] + self._warm[1]
-        self.volts = self.connector_volts - SAG * self._drawn - self._lost
+        self.volts = self.connector_volts - np.where(self.own, 0.0, SAG * self._drawn) - self._lost
 
     def _tire(self, load: Floats, span: float) -> None:
         effort = (load * BEARABLE) ** 2 - BEARABLE**2

@@ -48,11 +48,14 @@ class MotorFigures:
 
         Each is proportional to the voltage. The factor is that of the points, interpolated between them.
         """
+        stall, speed, amperes = self.curve(np.array([volts]))[:, 0].tolist()
+        return stall, speed, amperes
+
+    def curve(self, volts: Floats) -> Floats:
+        """Return the same at k voltages, (3, k)."""
         known = [each.volts for each in self.points]
-        given = ([getattr(each, key) for each in self.points] for key in ("stall", "rpm", "amperes"))
-        factors = ([value / at for value, at in zip(values, known, strict=True)] for values in given)
-        stall, rpm, amperes = (volts * float(np.interp(volts, known, each)) for each in factors)
-        return stall, rpm * RAD_S, amperes
+        given = np.array([(each.stall, each.rpm * RAD_S, each.amperes) for each in self.points]).T
+        return np.array([volts * np.interp(volts, known, each) for each in given / known])
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,10 @@ class Motors:
 
     def __init__(self, figures: Sequence[MotorFigures], nominal: Floats) -> None:
         """`nominal`: V that a supply of 1 means, for each."""
-        self._figures = tuple(figures)
+        alike: dict[int, list[int]] = {}  # servos with the same figures
+        for row, each in enumerate(figures):
+            alike.setdefault(id(each), []).append(row)
+        self._kinds = [(figures[rows[0]], np.array(rows, np.intp)) for rows in alike.values()]
         self._nominal = nominal
         stall, speed, self.stall_current = self._at(nominal)
         self.bearable = _given([each.bearable for each in figures], BEARABLE * self.stall_current)  # A
@@ -103,10 +109,11 @@ class Motors:
             armature=self._armature,
         )
 
-    def _at(self, volts: Floats) -> tuple[Floats, Floats, Floats]:
-        found = [each.at(v) for each, v in zip(self._figures, volts.tolist(), strict=True)]
-        stall, speed, amperes = np.array(found, np.float64).reshape(-1, 3).T
-        return stall, speed, amperes
+    def _at(self, volts: Floats) -> Floats:
+        found = np.zeros((3, volts.size))
+        for figures, rows in self._kinds:
+            found[:, rows] = figures.curve(volts[rows])
+        return found
 
 
 def _given(values: Sequence[float | None], usual: Floats) -> Floats:
