@@ -9,6 +9,7 @@ from twind.config.calibration_file import Calibration, fitting, seam_margin
 from twind.config.counts import turn_start
 from twind.config.robot_file import load_robot
 from twind.config.robot_report import check_robot
+from twind.exceptions import InvalidInput
 from twind.twin.binding import bind
 from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_drivers.bus import IdentifiedDevice
@@ -115,3 +116,22 @@ def test_the_seam_of_a_p_series_is_half_a_turn_from_its_centre() -> None:
     assert seam_margin((-1000, 1000), turn, -501_923) == 500_923
     assert seam_margin((501_000, 502_000), turn, -501_923) == 0
     assert seam_margin((-1000, 1000), turn) == 0
+
+
+def test_a_travel_that_no_mounting_fits_into_one_turn_is_an_error() -> None:
+    wide = replace(ROBOT.joints[0], ratio=2.0, lower=-1.57, upper=1.57)
+    [error] = check_robot(replace(ROBOT, joints=(wide, *ROBOT.joints[1:]))).errors
+    assert error.startswith("joints.head_yaw: travel of 4302 ticks does not fit one turn of 4096 (0.08 rad")
+    with pytest.raises(InvalidInput, match="travel of 4302 ticks"):
+        make_spec(replace(ROBOT, joints=(wide, *ROBOT.joints[1:])))
+
+
+def test_a_register_content_that_no_servo_can_hold_is_an_error() -> None:
+    negative = replace(ROBOT.joints[0], registers={"drive_mode": -1})
+    robot = replace(ROBOT, joints=(negative, *ROBOT.joints[1:]))
+    assert "registers.drive_mode: -1 is outside 0..15" in check_robot(robot).errors[0]
+    with pytest.raises(InvalidInput, match="negative"):
+        make_spec(robot)
+    odd = replace(ROBOT.joints[0], registers={"homing_offset": 2_000_000, "temperature_limit": 80})
+    [error] = check_robot(replace(ROBOT, joints=(odd, *ROBOT.joints[1:]))).errors
+    assert error.startswith("joints.head_yaw: registers.homing_offset: 2000000 is outside -1044479..1044479")

@@ -8,9 +8,9 @@ import pytest
 from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
 from twind.config.robot_file import load_robot
-from twind.twin.servo_motor import ServoMotor
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech import feetech_packet as packet
+from twind_drivers.feetech.feetech_type import FeetechType
 from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
@@ -295,5 +295,6 @@ def test_the_supply_sets_the_speed() -> None:
 
 def test_a_described_arm_has_the_strength_of_its_supply() -> None:
     arm = load_robot("docs/examples/so101/so101.yaml")
-    motor = ServoMotor.from_joint(arm.joints[1], 2048)
-    assert (motor.stall, motor.free) == pytest.approx((1.912, 5.445), rel=1e-3)
+    kind = arm.joints[1].type
+    assert isinstance(kind, FeetechType)
+    assert kind.strength == pytest.approx((1.912, 5.445), rel=1e-3)

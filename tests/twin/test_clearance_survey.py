@@ -9,7 +9,9 @@ from tests.support.clearance_rig import FILE, arm, arm_file
 from twind.config.robot_file import load_robot, read_robot
 from twind.ctl.ctl_main import main
 from twind.ctl.offline_check import motions_of
+from twind.exceptions import OperationFailed
 from twind.robot.trajectory import Trajectory
+from twind.twin import mujoco_physics
 from twind.twin.binding import bind
 from twind.twin.clearance_survey import survey
 
@@ -64,6 +66,17 @@ def test_the_verb_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     arm_file(tmp_path, "{allow: [[tipp, base]]}")
     assert main(["check", "robot", str(tmp_path / "arm.yaml")]) == 1
     assert "nearest: tip" in capsys.readouterr().out
+
+
+def test_the_verb_refuses_a_body_that_breaks_down_at_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise OperationFailed("virtual body at -19.000 s: Nan, Inf or huge value in QACC")
+
+    monkeypatch.setattr(mujoco_physics, "body_of", broken)
+    assert main(["check", "robot", "h24"]) == 1
+    assert "error: virtual body at -19.000 s: Nan" in capsys.readouterr().out
 
 
 def test_a_motion_of_another_robot_is_reported_and_left_out(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """MuJoCo as muscles: a pendulum of one servo, and the whole h24."""
 
 from math import asin, pi
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support import transmission_robot_file as linked
 from tests.support.examples import examples
 from tests.support.mujoco_servo_rig import ARMS, power
 from twind.config.robot_file import load_robot
-from twind.exceptions import OperationFailed
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor, body_of
 
 TICKS = 4096 / (2 * pi)
@@ -127,6 +129,24 @@ def test_advancing_in_pieces_is_the_same_as_at_once() -> None:
             muscles.advance(until)
         ends.append(muscles.position.copy())
     assert (ends[0] == ends[1]).all()
+
+
+def test_what_a_model_s_own_servos_inherit_does_not_reach_the_motors(tmp_path: Path) -> None:
+    """A range to inherit is none of a transmission's shafts: the model did not compile."""
+    inherited = '<default><position inheritrange="1" timeconst="0.1" gear="3"/></default><worldbody>'
+    body = linked.BODY.replace("<worldbody>", inherited)
+    robot = linked.read_robot(linked.write(tmp_path, body=body))
+    model = body_of(robot, {joint.name: joint.type.centre for joint in robot.joints}).model
+    assert model.na == 0
+    assert (model.actuator_gear[:, 0] == 1.0).all()
+
+
+def test_a_body_that_does_not_compile_is_refused_by_its_reason() -> None:
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body><joint name='elbow'/><geom size='1' mass='0'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(InvalidInput, match="mass and inertia of moving bodies"):
+        MujocoPhysics(spec, [ServoMotor("elbow", 0, TICKS)], pinned=True)
 
 
 def test_a_joint_the_model_lacks_is_named() -> None:

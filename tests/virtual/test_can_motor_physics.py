@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.examples import examples
 from tests.support.mujoco_servo_rig import ARMS, power
 from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor
-from twind_drivers.can.can_units import COUNT, EFFORT, TURN
+from twind_drivers.can.can_units import COUNT, TURN
 from twind_drivers.virtual.can.can_motor_physics import INERTIA, CanMotorPhysics, FirstOrderCanPhysics
 
 LEVEL = 0.5 * 9.81 * 0.2  # N·m of one arm when it is level
@@ -22,7 +22,7 @@ def body(*, ratio: float = 1.0, sign: int = 1, friction: float = 0.0) -> MujocoP
     """A serial servo at joint one, a CAN actuator at joint two whose encoder reads 300 where that hangs."""
     text = ARMS.format(friction=friction, actuator="one").replace("<position ", '<position name="one" ')
     ticks = sign * ratio * TURN / (2 * pi)
-    can = ServoMotor("two", 300.0, ticks, ratio, speed_lsb=COUNT, torque_lsb=EFFORT, stall=10.0)
+    can = ServoMotor("two", 300.0, ticks, ratio, speed_lsb=COUNT)
     return MujocoPhysics(
         mujoco.MjSpec.from_string(text), [ServoMotor("one", 2000.0, TICKS), can], pinned=True
     )

@@ -4,9 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
+from twind_drivers.virtual.servo_physics import IDLE, DriveState, FirstOrderPhysics
 
 ONE = np.ones(1)
+# An XM430-W350 at 12 V, raw (e-manual, "Specifications"): 46 rpm, 2.3 A
+FREE = 46.0 / 0.229
+STALL = 2.3 / 0.00269
 TICKS = 0.229 / 60 * 4096  # ticks/s per raw velocity
 
 
@@ -95,7 +98,7 @@ def test_time_that_has_passed_already_changes_nothing() -> None:
     assert muscles.position[0] == before[0]
 
 
-@pytest.mark.parametrize(("goal", "speed"), [(100.0, 100.0), (-50.0, -50.0), (1000.0, 201.0)])
+@pytest.mark.parametrize(("goal", "speed"), [(100.0, 100.0), (-50.0, -50.0), (1000.0, FREE)])
 def test_in_velocity_mode_it_turns_at_the_goal_for_ever(goal: float, speed: float) -> None:
     """e-manual, "Operating Mode" 1: endless; no faster than 46 rpm, "Specifications" of the XM430-W350."""
     muscles = powered(mode=1)
@@ -130,14 +133,14 @@ def test_in_current_mode_the_current_is_the_goal_while_the_voltage_suffices() ->
             assert np.sign(muscles.velocity[0]) == np.sign(goal)
     muscles.set_goals(np.array([900.0]))
     muscles.advance(5.0)
-    assert muscles.velocity[0] == pytest.approx(201.0), (
+    assert muscles.velocity[0] == pytest.approx(FREE), (
         "free speed; the rest of the current has nothing to push"
     )
-    assert muscles.current[0] == pytest.approx(20.1)
+    assert muscles.current[0] == pytest.approx(IDLE * STALL)
 
 
 def test_in_pwm_mode_the_speed_is_in_proportion_to_output_and_supply() -> None:
-    for goal, supply, speed in ((885.0, 1.0, 201.0), (-442.5, 1.0, -100.5), (885.0, 0.5, 100.5)):
+    for goal, supply, speed in ((885.0, 1.0, FREE), (-442.5, 1.0, -0.5 * FREE), (885.0, 0.5, 0.5 * FREE)):
         muscles = powered(mode=16, supply=supply)
         muscles.set_goals(np.array([goal]))
         muscles.advance(2.0)
@@ -148,7 +151,7 @@ def test_in_pwm_mode_the_speed_is_in_proportion_to_output_and_supply() -> None:
 @pytest.mark.parametrize("mode", [1, 3, 5])
 def test_less_output_or_less_current_is_less_speed_in_every_mode(mode: int) -> None:
     """e-manual, "Goal PWM": a cap in every mode; "Goal Current": a cap in mode 5."""
-    for caps, fastest in (({"pwm": 88.5}, 20.1), ({"current": 5.0}, 50.0)):
+    for caps, fastest in (({"pwm": 88.5}, 0.1 * FREE), ({"current": 5.0}, 5.0 * FREE / (IDLE * STALL))):
         muscles = powered(mode=mode, **caps)
         muscles.set_goals(np.array([150_000.0]))
         muscles.advance(1.0)
@@ -157,11 +160,11 @@ def test_less_output_or_less_current_is_less_speed_in_every_mode(mode: int) -> N
 
 def test_a_blocked_shaft_turns_its_output_into_current() -> None:
     for mode, goal, current in (
-        (3, 3000.0, 855),
+        (3, 3000.0, STALL),
         (5, 3000.0, 300),
         (0, 200.0, 200),
-        (1, -50.0, -855),
-        (16, 442.5, 427.5),
+        (1, -50.0, -STALL),
+        (16, 442.5, 0.5 * STALL),
     ):
         muscles = powered(mode=mode, current=300.0 if mode == 5 else 1193.0)
         muscles.block(np.array([True]))

@@ -53,11 +53,6 @@ class TypeSpec(ABC):
         """Largest torque, N·m; NaN: unknown."""
 
     @property
-    def strength(self) -> tuple[float, float]:
-        """Stall torque (N·m) and speed without load (rad/s) of the shaft, for a virtual one; NaN: unknown."""
-        return nan, nan
-
-    @property
     @abstractmethod
     def full_effort(self) -> float:
         """Raw effort at full load; NaN: unknown."""
@@ -82,6 +77,10 @@ class TypeSpec(ABC):
     def current_cap(self, mode: str) -> int | None:
         """Largest current (counts) that it may use, where `mode` takes such a cap."""
         return None
+
+    def refuse_registers(self, registers: Mapping[str, int]) -> Iterator[str]:
+        """Yield why a register of the robot file cannot hold its value; by default nothing."""
+        yield from ()
 
     @property
     def watched(self) -> bool:

@@ -12,6 +12,7 @@ from twind.config.calibration_file import Calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.cycle_budget import budgets
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
+from twind.config.travel import travel_refusal
 
 HEADINGS = (
     "joint",
@@ -59,6 +60,7 @@ def check_robot(
     ]
     errors = [each.refusal for each in cycle if each.refusal is not None]
     for joint, zero_ticks in zip(robot.joints, zeros, strict=True):
+        errors.extend(_unfit(joint))
         errors.extend(_out_of_turn(joint, zero_ticks, joint.actuator in known))
     return RobotReport(tuple(lines), tuple(errors))
 
@@ -100,6 +102,14 @@ def _out_of_turn(joint: JointSpec, zero: int, calibrated: bool) -> list[str]:
     where = f"counts {min(ends)}..{max(ends)} leave the servo's turn {first}..{last}"
     name = f"actuators.{joint.actuator}" if joint.transmission else f"joints.{joint.name}"
     return [f"{name}: {where}: remount the horn, then calibrate again"]
+
+
+def _unfit(joint: JointSpec) -> list[str]:
+    """Return what no actuator of this joint can have: its travel, contents of its registers."""
+    found = [] if (refusal := travel_refusal(joint)) is None else [refusal]
+    found += joint.type.refuse_registers(joint.registers)
+    where = f"actuators.{joint.actuator}" if joint.transmission else f"joints.{joint.name}"
+    return [f"{where}: {each}" for each in found]
 
 
 def _ends(joint: JointSpec, zero: int) -> list[int]:

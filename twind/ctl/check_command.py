@@ -12,7 +12,7 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator, remote_robot, show
 from twind.ctl.motion_commands import asked_motion
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 
 group = "set up"
 supports_remote = True
@@ -81,7 +81,7 @@ def _offline(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _robot(options: argparse.Namespace) -> int:
-    """Without a daemon: the file's grammar, its devices, its cycle budget, its model, and its clearances."""
+    """Without a daemon: grammar, devices, travel, cycle budget, model, clearances, and the virtual body."""
     # MuJoCo, numpy and YAML: a second that no other verb pays.
     from twind.config.robot_file import load_robot
     from twind.config.robot_report import check_robot
@@ -89,6 +89,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.ctl.offline_check import motions_of
     from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
+    from twind.twin.mujoco_physics import body_of
 
     try:
         with ProgressLine(options, "check") as progress:
@@ -103,7 +104,9 @@ def _robot(options: argparse.Namespace) -> int:
                 said += [f"warning: {each}" for each in wrong]
                 progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
                 near = survey(bind(robot, None), motions)
-            except InvalidInput as error:
+                progress.update("the virtual body")
+                body_of(robot, {joint.name: joint.type.centre for joint in robot.joints})
+            except (InvalidInput, OperationFailed) as error:
                 errors.append(str(error))
     except ConfigError as error:
         raise Rejected(str(error)) from None

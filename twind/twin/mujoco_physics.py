@@ -13,14 +13,15 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_spec import RobotFile
-from twind.exceptions import OperationFailed
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.robot.arrays import Bools, Floats
 from twind.robot.joint_state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
 from twind.twin.base_support import BY_TORQUE, BaseHold, BaseSupport, hang
 from twind.twin.imu_model import ImuModel, feel, require_site
+from twind.twin.motor_drive import MotorDrive
 from twind.twin.pinning import pin
-from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, ServoMotor
+from twind.twin.servo_motor import STEP, MotorControlLoops, Places, ServoMotor
 from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
 
 __all__ = ["BusPhysics", "MujocoPhysics", "OperationFailed", "ServoMotor", "body_of"]
@@ -48,7 +49,7 @@ class MujocoPhysics:
 
         `pinned` removes the free joint; `stands`: hold of a base that keeps it; `site`: place of an inertial
         sensor; `groups`: motors that drive joints together. Raises KeyError for a motor whose joint the model
-        lacks.
+        lacks, InvalidInput for a model that does not compile, OperationFailed for one that breaks down.
         """
         self._warnings: list[str] = []
         mujoco.set_mju_user_warning(self._warnings.append)  # else MuJoCo writes MUJOCO_LOG.TXT
@@ -60,7 +61,6 @@ class MujocoPhysics:
         self.crane = None if stands is None else BaseSupport(model, data, stands)
         self._felt = None if site is None else ImuModel(model, data, site)
         self._everyone = np.arange(len(motors))
-        self.stall = self._loops.stall
         self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
         self._settle()
         self._time = now
@@ -160,7 +160,6 @@ class BusPhysics(_PartPhysics):
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         super().__init__(whole, loops, at)
-        self.stall = whole.stall[at]
         self.position = whole.position[at]
         self.velocity = whole.velocity[at]
         self.current = whole.current[at]
@@ -243,7 +242,7 @@ def body_of(
 
     `friction` (N·m), `stops` (rad): of joints where they differ from the model. `base`: its pose
     (`base_pose.BASES`); a lying one has a bench under it and does not move. `hold`: of `base_support.HOLDS`,
-    for an upright robot with support free.
+    for an upright robot with support free. Raises InvalidInput, OperationFailed.
     """
     rub = friction or {}
     ends = stops or {}
@@ -297,7 +296,10 @@ def _compile(
     stands: BaseHold | None,
     site: str | None,
 ) -> mujoco.MjModel:
-    """Compile the model with our motors instead of its own; sensors and key poses are removed with them."""
+    """Compile the model with our motors instead of its own; sensors and key poses are removed with them.
+
+    Raises KeyError, InvalidInput.
+    """
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(element)
     if pinned:
@@ -319,9 +321,16 @@ def _compile(
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.forcelimited = True
         actuator.forcerange = [-1.0, 1.0]
-        actuator.ctrllimited = False  # whatever the model's own servos inherit: N·m or rad/s are no angle
-    strung(spec, groups)
+        # Whatever the model's own servos inherit: N·m or rad/s are no angle, and a shaft has no range.
+        actuator.ctrllimited = actuator.actlimited = False
+        actuator.inheritrange = 0.0
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
+        actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    return spec.compile()
+    try:
+        strung(spec, groups)
+        return spec.compile()
+    except ValueError as error:
+        raise InvalidInput(f"model of the virtual body: {' '.join(str(error).split())}") from None

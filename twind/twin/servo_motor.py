@@ -1,17 +1,18 @@
 """The motors of virtual servos as MuJoCo actuators: effect of firmware modes, gains, caps and goals.
 
-Runs in `twind-virtual` (and in tests). The motor is an XM430-W350 at 12 V (e-manual): position gain P makes P
-/ 128 PWM counts per tick of error, 885 counts are the whole supply voltage. It stalls at 4.1 N·m and runs
-free at 4.82 rad/s. P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85 N·m·s/rad. I and D act once a
-millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per raw velocity of error and I
-/ 65536 more each millisecond (the manual's conversion coefficient is unknown: assumed 1). Current follows
-from output and back-EMF: where it is the goal (mode 0) or capped (mode 5), the output follows the speed.
+Runs in `twind-virtual` (and in tests). The strength of each motor comes with its drive. An XM430-W350 at 12 V
+stalls at 4.1 N·m and runs free at 4.82 rad/s; position gain P makes P / 128 PWM counts per tick of error, 885
+counts are the whole supply voltage (e-manual). P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85
+N·m·s/rad. I and D act once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts
+per raw velocity of error and I / 65536 more each millisecond (the manual's conversion coefficient is unknown:
+assumed 1). Current follows from output and back-EMF: where it is the goal (mode 0) or capped (mode 5), the
+output follows the speed.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,56 +20,22 @@ from numpy.typing import NDArray
 
 from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Bools, Floats
+from twind.twin.gear_friction import GearFriction
+from twind.twin.motor_drive import MotorDrive
 from twind.twin.tendon_coupling import Coupling, MotorGroup
 
 STEP = 0.002  # s
-# N·m, rad/s at full voltage
-STALL = 4.1
-FREE = 4.82
 CYCLE = 0.001  # s, of the servo's own loop
-# N·m, N·m·s/rad: the least of a gear of 353:1
-FRICTION = 0.05
-DAMPING = 0.01
-TORQUE_CONSTANT = 1.78  # N·m/A where the robot file has none (XM430-W350)
 # operating modes; 3 and 4 control a position too
 CURRENT = 0
 VELOCITY = 1
 CURRENT_POSITION = 5
 PWM = 16
-BLOCKED = 1e4  # N·m, the friction of a blocked joint
 HAND = 30.0  # N·m of a hand at a limp joint: it lifts every limb, and slips at a hard stop
 # N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
 GRIP = 5000.0
 STEADY = 250.0
 Places = NDArray[np.intp]
-
-
-class MotorDrive(Protocol):
-    """Firmware state of the motors, as `twind_drivers.virtual.servo_physics.DriveState`; arrays (m,)."""
-
-    # ruff: noqa: D102
-    @property
-    def on(self) -> Bools: ...
-    @property
-    def mode(self) -> NDArray[Any]: ...
-    @property
-    def p(self) -> Floats: ...
-    @property
-    def i(self) -> Floats: ...
-    @property
-    def d(self) -> Floats: ...
-    @property
-    def velocity_p(self) -> Floats: ...
-    @property
-    def velocity_i(self) -> Floats: ...
-    @property
-    def pwm_cap(self) -> Floats: ...
-    @property
-    def current_cap(self) -> Floats: ...
-    @property
-    def supply(self) -> Floats: ...
-    @property
-    def full(self) -> Floats | float: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +47,6 @@ class ServoMotor:
     ticks: float  # per rad of the joint, signed
     ratio: float = 1.0  # shaft turns per joint turn
     speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
-    torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
-    stall: float = STALL  # N·m of the shaft at full voltage
-    free: float = FREE  # rad/s of the shaft without load at full voltage
     friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least of a gear
     stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
@@ -97,18 +61,12 @@ class ServoMotor:
     ) -> "ServoMotor":
         """Return the motor of a robot file's joint. `zero`: ticks at joint angle 0."""
         kind = joint.type
-        unit = kind.effort_lsb_nm
-        own, free = kind.strength
-        limit = own if math.isfinite(own) else kind.effort_limit_nm
         return cls(
             joint=joint.model_joint,
             zero=zero,
             ticks=joint.sign * joint.ratio * kind.ticks_per_turn / (2.0 * math.pi),
             ratio=joint.ratio,
             speed_lsb=kind.velocity_lsb_rad_s,
-            torque_lsb=unit if math.isfinite(unit) else TORQUE_CONSTANT * 0.00269,
-            stall=limit if math.isfinite(limit) else STALL,
-            free=free if math.isfinite(free) else FREE,
             friction=friction,
             stops=stops,
         )
@@ -127,11 +85,11 @@ class MotorControlLoops:
         joints = [model.joint(motor.joint) for motor in motors]
         self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
         self.v: Places = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
-        self._zero, self._ticks, self._ratio, self._speed_lsb, self._torque_lsb, self._stall, free = (
+        self._zero, self._ticks, self._ratio, self._speed_lsb = (
             np.array([getattr(motor, name) for motor in motors], np.float64)
-            for name in ("zero", "ticks", "ratio", "speed_lsb", "torque_lsb", "stall", "free")
+            for name in ("zero", "ticks", "ratio", "speed_lsb")
         )
-        self.stall = self._stall / self._torque_lsb  # raw current
+        self._torque_lsb = np.ones(len(motors))  # N·m of the shaft per raw current
         self._way = np.copysign(1.0, self._ticks)
         self._angle = self._ratio / np.abs(self._ticks)  # rad of the shaft per tick
         self._model = model
@@ -139,18 +97,11 @@ class MotorControlLoops:
         self._tendon = np.full(len(motors), -1, np.intp)
         for each in self._couplings:
             self._tendon[each.rows] = each.tendons
-        direct = self._tendon < 0  # the joint's own damping and friction are the gear's
-        self._damping = np.where(direct, np.maximum(model.dof_damping[self.v], DAMPING), DAMPING)
-        own = np.array([motor.friction for motor in motors])
-        usual = np.where(direct, np.maximum(model.dof_frictionloss[self.v], FRICTION), FRICTION)
-        self._friction = np.where(np.isnan(own), usual, own)
-        self._back_emf = self._stall / free * self._ratio**2  # N·m·s/rad, while powered
+        friction = np.array([motor.friction for motor in motors])
+        self._gears = GearFriction(model, self.v, self._tendon, self._ratio, friction)
         model.actuator_gainprm[:, 0] = 0.0
         model.actuator_biasprm[:, :3] = 0.0
         model.actuator_forcerange[:] = 0.0
-        everyone = np.arange(len(motors))
-        self._damp(everyone, self._damping)
-        self._rub(everyone, self._friction)
         model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
         model.dof_solref[self.v, 0] = 2.0 * STEP
         model.tendon_solimp_fri[:, :2] = 0.9999
@@ -177,7 +128,8 @@ class MotorControlLoops:
     @property
     def busy(self) -> bool:
         """True while `step` must be called before every step of the physics."""
-        return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings)
+        loaded = self._gears.loaded.size > 0
+        return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings) or loaded
 
     @property
     def on(self) -> Bools:
@@ -193,23 +145,25 @@ class MotorControlLoops:
         on = drive.on
         seeks = (mode >= 3) & (mode <= CURRENT_POSITION)
         spins = mode == VELOCITY
-        full = self._stall[at] / drive.full * ratio * drive.supply  # N·m per count
+        motor = drive.motor
+        full = motor.stall / drive.full * ratio * drive.supply  # N·m per count
         raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
-        kp = np.where(on & seeks, drive.p / 128.0 * ticks, 0.0) * full
+        kp = np.where(on & seeks, drive.p / motor.divisor * ticks, 0.0) * full
         kd = np.select(
             [on & seeks, on & spins], [drive.d / 16.0 * ticks * CYCLE, drive.velocity_p / 128.0 * raw]
         )
         kd = kd * full
         counts = np.where(on & (mode == PWM), full * self._way[at], 0.0)
         output = np.where(on, drive.pwm_cap * full, 0.0)
+        self._torque_lsb[at] = motor.torque_constant * drive.ampere
         current = np.where(on, drive.current_cap * self._torque_lsb[at] * ratio, 0.0)
         model.actuator_gainprm[at, 0] = kp + np.where(spins, kd, 0.0) + counts
         model.actuator_biasprm[at, 1] = -kp
         model.actuator_biasprm[at, 2] = -kd
         bound = np.minimum(output, current)
         model.actuator_forcerange[at] = np.stack([-bound, bound], axis=-1)
-        self._emf[at] = np.where(on, self._back_emf[at], 0.0)
-        self._damp(at, self._damping[at] + self._emf[at])
+        self._emf[at] = np.where(on, motor.stall / motor.speed * ratio**2, 0.0)
+        self._gears.set(at, motor, self._emf[at])
         ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
         self._ki[at] = ki / 65536.0 * full / CYCLE
         self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
@@ -258,7 +212,7 @@ class MotorControlLoops:
         model.actuator_forcerange[at] = np.stack([-most, most], axis=-1)
         self._emf[at] = 0.0
         self._each[at] = False
-        self._damp(at, self._damping[at])
+        self._gears.brake(at, 0.0)
         self._live = np.flatnonzero(self._each)
         self._grasp(at, on)
 
@@ -325,6 +279,8 @@ class MotorControlLoops:
             each.set_tendon_positions(data, turned[each.rows])
         if self._gripped.size:
             self._carry(data, turned)
+        if self._gears.loaded.size:
+            self._gears.bear(data, data.actuator_force + self.integral - self._emf * speeds)
         at = self._live
         speed = speeds[at]
         most = self._output[at]
@@ -343,7 +299,7 @@ class MotorControlLoops:
 
     def block(self, at: Places, held: Bools) -> None:
         """Block the joints of the motors `at`, or free them."""
-        self._rub(at, np.where(held, BLOCKED, self._friction[at]))
+        self._gears.block(at, held)
 
     def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
         """Return encoder ticks, raw velocity, raw current, PWM counts (n,)."""
@@ -363,16 +319,6 @@ class MotorControlLoops:
         for each in self._couplings:
             angle[each.rows], speed[each.rows] = each.place(data)
         return angle, speed
-
-    def _damp(self, at: Places, damping: Floats) -> None:
-        tendon = self._tendon[at]
-        self._model.dof_damping[self.v[at[tendon < 0]]] = damping[tendon < 0]
-        self._model.tendon_damping[tendon[tendon >= 0]] = damping[tendon >= 0]
-
-    def _rub(self, at: Places, friction: Floats) -> None:
-        tendon = self._tendon[at]
-        self._model.dof_frictionloss[self.v[at[tendon < 0]]] = friction[tendon < 0]
-        self._model.tendon_frictionloss[tendon[tendon >= 0]] = friction[tendon >= 0]
 
 
 def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[ServoMotor]) -> None:

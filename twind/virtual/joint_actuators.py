@@ -7,16 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
-from twind.config.calibration_file import SWEEP_MARGIN
-from twind.config.counts import rad_per_tick, tick_range, turn_start
+from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec
+from twind.config.travel import travel_refusal, zero_range
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind_drivers.virtual.hinge import Hinge
 
 SCATTER = 400  # ticks either side of the middle of what the travel allows
-SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 
 class EndstopPhysics(Protocol):
@@ -26,12 +25,6 @@ class EndstopPhysics(Protocol):
         """Set the ends (m,) of the shafts, in the unit of their positions."""
 
 
-def margined(joint: JointSpec) -> tuple[float, float]:
-    """Return the range (rad) of an actuator in a sweep by hand where no stop limits it."""
-    lower, upper = joint.span
-    return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
-
-
 def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     """Return the encoder position at joint angle 0: from the truth, else fixed by the names.
 
@@ -39,13 +32,10 @@ def zero_of(robot: str, joint: JointSpec, truth: JointGroundTruth) -> int:
     """
     if truth.zero_ticks is not None:
         return truth.zero_ticks
-    turn = joint.type.ticks_per_turn
-    start = turn_start(joint.type)
-    low, high = tick_range(joint, 0, *margined(joint))
-    first = start + SEAM - low
-    last = start + turn - 1 - SEAM - high
-    if first > last:
-        raise InvalidInput(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
+    refusal = travel_refusal(joint)
+    if refusal is not None:
+        raise InvalidInput(f"{joint.name}: {refusal}")
+    first, last = zero_range(joint)
     middle = (first + last) // 2
     first = max(first, middle - SCATTER)
     last = min(last, middle + SCATTER)

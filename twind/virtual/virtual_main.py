@@ -18,8 +18,9 @@ from typing import Any
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.loop.process import realtime
+from twind.standard_streams import write_line
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
 from twind.virtual.bench_servos import bench, by_bus, servo
@@ -65,6 +66,9 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--latency-timer", type=float, default=0.0, metavar="MS", help="latency timer of the adapter"
     )
+    parser.add_argument(
+        "--supply", type=float, metavar="V", help="supply of the servos (default: what the model is made for)"
+    )
     parser.add_argument("--echo", action="store_true", help="the adapter echoes what the host sends")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
     parser.add_argument(
@@ -101,10 +105,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         clock = ServoClock(MonotonicClock())
         virtual, crane = _buses(options, clock.now())
+        prepare_motors(virtual, options.supply)
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
-    except (ConfigError, InvalidInput, OSError) as error:
+    except (ConfigError, InvalidInput, OperationFailed, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
     return 0
@@ -160,6 +165,19 @@ def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableB
     if options.calibration is not None:
         save(one, options.calibration)
     return _served(virtual, options), None if body is None else body.crane
+
+
+def prepare_motors(virtual: dict[str, ServableBus], volts: float | None) -> None:
+    """Set the supply, and report models whose motors are those of another. Raises InvalidInput."""
+    for bus in virtual.values():
+        try:
+            if volts is not None:
+                bus.faults.supply(volts)
+        except ValueError as error:
+            raise InvalidInput(f"--supply: {error}") from None
+        for model, other in bus.motor_stand_ins().items():
+            text = f"no motor figures are published for {model}: it is as strong as {other}"
+            write_line(2, "warning", f"twind-virtual: {text}")
 
 
 def _truth(robot: RobotFile, options: argparse.Namespace) -> RobotGroundTruth | None:

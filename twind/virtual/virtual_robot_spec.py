@@ -26,6 +26,7 @@ from twind.config.calibration_file import (
 from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.driver_family import family, family_of
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
+from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.attitude import Quaternion, matrix, product
@@ -35,7 +36,7 @@ from twind.twin.base_support import BY_TORQUE
 from twind.twin.imu_model import mount_of, still
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.version import __version__
-from twind.virtual.joint_actuators import hinge_of, margined, zero_of
+from twind.virtual.joint_actuators import hinge_of, zero_of
 from twind.virtual.robot_ground_truth import RobotGroundTruth, mechanical_stops, refuse_impossible
 from twind.virtual.virtual_twin import (
     BusTiming,
@@ -171,7 +172,7 @@ def _with_travel(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):
-        ends = margined(joint)
+        ends = sweep_range(joint)
     places = (ticks_of(joint, made.zeros[holder], end) for end in ends)
     low, high = sorted(map(made.frames[holder].shown, places))
     turn = joint.type.ticks_per_turn

@@ -10,9 +10,10 @@ import numpy as np
 
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
+from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
 from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
-from twind.virtual.joint_actuators import fence, margined
+from twind.virtual.joint_actuators import fence
 from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind.virtual.virtual_twin import (
     BenchRequest,
@@ -108,7 +109,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
     asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
     try:
         servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, OverflowError) as error:
         raise InvalidInput(f"bus {bus}: {error.args[0]}") from None
     return [
         EncoderFrame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)
@@ -117,7 +118,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
 
 def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
     """Set the servo's own limits around the travel; as delivered if one turn of registers cannot hold it."""
-    ends = tick_range(joint, zero, *margined(joint))
+    ends = tick_range(joint, zero, *sweep_range(joint))
     low, high = sorted(frame.shown(end) for end in ends)
     register = table(number_of(spec.model), spec.firmware)["min_position_limit"]
     if not (register.takes(low) and register.takes(high)):

@@ -71,6 +71,14 @@ class ServoType(TypeSpec):
         known = table(number_of(self.device)).facts.centre
         return self.ticks_per_turn // 2 if known is None else known
 
+    def refuse_registers(self, registers: Mapping[str, int]) -> Iterator[str]:
+        """Yield each value outside the bounds of its register in the control table."""
+        known = table(number_of(self.device))
+        for key, value in registers.items():
+            if not known[key].takes(value):
+                low, high = known[key].bounds
+                yield f"registers.{key}: {value} is outside {low}..{high}, so no servo can hold it"
+
     def operating_mode(self, mode: str) -> int:
         """Return the value of register 11 (operating mode) for `mode`."""
         return OPERATING_MODES[mode]

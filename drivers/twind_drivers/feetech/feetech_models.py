@@ -14,6 +14,9 @@ RPM = pi / 30.0  # rad/s
 AMPERE = 0.0065  # A per count of the current register
 
 
+STAND_IN = "STS3215"  # model whose figures stand for those of models that no page gives any for
+
+
 @dataclass(frozen=True, slots=True)
 class FeetechModel:
     """One model. `strength`: stall torque (N·m) and speed without load (rad/s) by supply voltage (V)."""

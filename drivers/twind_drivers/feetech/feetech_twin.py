@@ -10,9 +10,10 @@ from math import floor
 import numpy as np
 
 from twind.config.counts import tick_range
+from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
 from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
-from twind.virtual.joint_actuators import fence, margined
+from twind.virtual.joint_actuators import fence
 from twind.virtual.virtual_twin import (
     BenchRequest,
     EncoderFrame,
@@ -76,7 +77,7 @@ def _servo_of(device: JointDevice, base: dict[str, int]) -> tuple[FeetechServoSp
     else:
         turn = kind.map.turn
         frame = EncoderFrame(1, -round(offset + turn * floor((device.start - offset) / turn)))
-        low, high = sorted(frame.shown(end) for end in tick_range(joint, device.zero, *margined(joint)))
+        low, high = sorted(frame.shown(end) for end in tick_range(joint, device.zero, *sweep_range(joint)))
         last = 2 * kind.centre - 1
         own = {"min_position_limit": max(low, 0), "max_position_limit": min(high, last)}
     settings = own | base | dict(joint.registers) | {"homing_offset": offset} | dict(truth.registers)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from itertools import accumulate
 
+from twind_drivers.feetech.feetech_models import STAND_IN
 from twind_drivers.feetech.feetech_packet import (
     BROADCAST,
     HEADER,
@@ -82,6 +83,10 @@ class VirtualFeetechBus:
     def truth(self, now: float) -> list[dict[str, object]]:
         """Return the true state of each servo at `now`, independent of the bus."""
         return self.servos.truth(now)
+
+    def motor_stand_ins(self) -> dict[str, str]:
+        """Return the models without motor figures, and the one whose figures they have."""
+        return {each.name: STAND_IN for each in self.servos.models if not each.strength}
 
     def skip_time(self, seconds: float) -> None:
         """Skip time in which the servos do not run: they have no clock of their own."""

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from twind_drivers.feetech.feetech_goals import GOAL
-from twind_drivers.feetech.feetech_models import AMPERE, RPM, FeetechModel, model
+from twind_drivers.feetech.feetech_models import AMPERE, STAND_IN, FeetechModel, model
 from twind_drivers.feetech.feetech_registers import EPROM_END, RegisterMap, register_map
 from twind_drivers.virtual.hinge import Hinge
-from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
+from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
 BOOT = 0.8  # s in the boot loader after each reset
@@ -87,14 +88,14 @@ class VirtualFeetechServos:
         self.models: list[FeetechModel] = [model(spec.model) for spec in specs]
         self.maps: list[RegisterMap] = [register_map(each.map) for each in self.models]
         self.muscles = muscles
-        if isinstance(muscles, FirstOrderPhysics):
-            known = [each.at(spec.volts) for each, spec in zip(self.models, specs, strict=True)]
-            muscles.free_rpm = np.array(
-                [
-                    own if each is None else each[1] / RPM
-                    for own, each in zip(muscles.free_rpm, known, strict=True)
-                ]
-            )
+        other = model(STAND_IN)
+        known = [
+            each.at(spec.volts) or other.at(spec.volts) for each, spec in zip(self.models, specs, strict=True)
+        ]
+        stall, speed = np.array(known, np.float64).reshape(-1, 2).T
+        self._motor = MotorStrength(
+            stall=stall, speed=speed, friction=DRY * stall, damping=VISCOUS * stall / speed
+        )
         self.now = now
         self.history: ShownPositionLog | None = None
         self.hinges = [spec.hinge for spec in specs]
@@ -334,6 +335,7 @@ class VirtualFeetechServos:
                 1000.0,
                 turn,
                 60.0 / turn,
+                motor=self._motor,
             )
         )
         self._set_goals()

@@ -23,7 +23,6 @@ class Backlash:
         self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
         self.current = muscles.current
         self.pwm = muscles.pwm
-        self.stall = muscles.stall
 
     def drive(self, drive: DriveState) -> None:
         """See `ServoPhysics.drive`."""

@@ -22,6 +22,7 @@ from twind_drivers.virtual.mode_units import (
 from twind_drivers.virtual.register_columns import RegisterColumns
 from twind_drivers.virtual.register_memory import RegisterMemory
 from twind_drivers.virtual.servo_physics import DriveState
+from twind_drivers.virtual.servo_strength import MotorStrength
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -45,7 +46,7 @@ class DriveFirmware:
         wide = [each["goal_position"].bounds for each in memory.tables]
         self._widest = np.array(wide, np.int64).reshape(-1, 2).T  # ticks, where no limit register counts
         facts = [each.facts for each in memory.tables]
-        self._full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
+        self.full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
         self.turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
         self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
         # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
@@ -81,8 +82,8 @@ class DriveFirmware:
         velocity = np.where(self.seeks, self._registers["profile_velocity"], 0)
         return velocity, self._registers["profile_acceleration"], self.timed, self.spins
 
-    def drive(self, supply: Floats) -> DriveState:
-        """Return the drive of each motor; `supply` (m,): share of the nominal voltage.
+    def drive(self, supply: Floats, ampere: Floats, motor: MotorStrength) -> DriveState:
+        """Return the drive of each motor. `supply` (m,): share of the nominal voltage; `ampere`: per count.
 
         A slave follows only its master's cable (e-manual, "Dual Mode"), which is not simulated: it has no
         drive.
@@ -91,7 +92,9 @@ class DriveFirmware:
         gains = {key: registers[key].astype(np.float64) for key in GAINS}
         most = registers["pwm_limit"].astype(np.float64)
         goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
-        current = np.where(self._capped, registers["current_limit"], inf)
+        # In the other modes nothing limits the current: an XL330 at its limit register kept full output.
+        limited = self._capped & ((self.mode == CURRENT) | (self.mode == CURRENT_POSITION))
+        current = np.where(limited, registers["current_limit"], inf)
         goal_current = np.abs(registers["goal_current"].astype(np.float64))
         return DriveState(
             on=self.on & ((registers["drive_mode"] & SLAVE) == 0),
@@ -104,9 +107,11 @@ class DriveFirmware:
             pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
             current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
             supply=supply,
-            full=self._full,
+            full=self.full,
             turn=self.turn,
             rpm=self.rpm,
+            ampere=ampere,
+            motor=motor,
         )
 
     def goals(self, position: Floats) -> Floats:

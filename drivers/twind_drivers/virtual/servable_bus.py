@@ -1,5 +1,6 @@
 """Interface of a virtual bus to its servers (a pseudo-terminal, the loopback), for any kind of device."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
@@ -52,6 +53,9 @@ class ServableBus(Protocol):
 
     def truth(self, now: float) -> list[dict[str, object]]:
         """Return the true state of each device at `now`, independent of the bus."""
+
+    def motor_stand_ins(self) -> Mapping[str, str]:
+        """Return, for each model here without motor figures, the model that lends its own."""
 
     def skip_time(self, seconds: float) -> None:
         """Skip time in which the devices do not run; those of their clocks that go on count it."""

@@ -4,17 +4,19 @@ A servo uses encoder ticks, raw velocity, raw current and raw PWM. A formula or 
 Ticks here are the bare encoder's, continuous over turns, without homing offset.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.virtual.mode_units import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_position
+from twind_drivers.virtual.servo_strength import RAD_S, MotorStrength
 from twind_drivers.virtual.shaft_physics import Bools, Floats, ShaftPhysics
 
 RPM = 0.229  # per raw velocity of the X series
-FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
+AMPERE = 0.00269  # A per raw current of the X series
+IDLE = 0.0235  # of the stall current: what a motor without load draws at full speed
 COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
 QUICK = 0.02  # s, time constant of the speed loop at the factory gains
 # velocity gains of an XM430
@@ -39,6 +41,8 @@ class DriveState:
     full: Floats | float = FULL_PWM  # PWM counts that are all of the supply
     turn: Floats | float = 4096.0  # ticks per turn of the shaft
     rpm: Floats | float = RPM  # per raw velocity
+    ampere: Floats | float = AMPERE  # per raw current
+    motor: MotorStrength = field(default_factory=MotorStrength)  # at this supply
 
 
 class ServoPhysics(ShaftPhysics, Protocol):
@@ -49,7 +53,6 @@ class ServoPhysics(ShaftPhysics, Protocol):
 
     current: Floats  # raw, the model's current unit
     pwm: Floats  # raw, 0.113 % but for the P series
-    stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
     def drive(self, drive: DriveState) -> None:
         """Set torque, mode, gains and caps from now on. `set_goals` must follow where a mode changed."""
@@ -61,19 +64,13 @@ class ServoPhysics(ShaftPhysics, Protocol):
         """
 
 
-# An XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").
-FASTEST = 201.0  # raw velocity
-STALL = 855.0  # raw current
-LAG = 0.04  # s, time constant at a P gain of ...
-GAIN = 800.0
-
-
 class FirstOrderPhysics:
     """Joints without load: the error decays with a time constant, the speed is capped, off means it stays.
 
     Every step is exact for any length, so an hour of robot needs no small steps. In modes 3 to 5 the error of
-    the position decays, in the others that of the speed. I and D of the position do nothing: nothing loads
-    these joints. A blocked joint draws what its output drives into it.
+    the position decays, in the others that of the speed. A motor without load runs at the share of its
+    no-load speed that its output is of the supply, so the gain gives the rate. I and D of the position do
+    nothing: nothing loads these joints. A blocked joint draws what its output drives into it.
     """
 
     def __init__(
@@ -87,8 +84,6 @@ class FirstOrderPhysics:
         self.velocity = np.zeros_like(self.position)
         self.current = np.zeros_like(self.position)
         self.pwm = np.zeros_like(self.position)
-        self.stall = np.full_like(self.position, STALL)
-        self.free_rpm = np.full_like(self.position, FASTEST * RPM)  # rpm without load at the nominal voltage
         self.goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
@@ -112,16 +107,19 @@ class FirstOrderPhysics:
         whole = np.ones_like(self.position)
         self._full = drive.full * whole
         self._ticks = drive.rpm / 60.0 * drive.turn * whole
-        self._free = self.free_rpm / drive.rpm * whole
-        self._friction = FRICTION * drive.rpm / RPM * whole
+        motor = drive.motor
+        self._free = motor.speed / RAD_S / drive.rpm * whole
+        self._stall = motor.stall / motor.torque_constant / drive.ampere * whole  # raw current
+        self._friction = IDLE * self._stall / self._free
         duty = np.minimum(self._cap / self._full, 1.0)
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
         self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
-        self._rate = np.where(pulls & seeks, drive.p / (GAIN * LAG), 0.0)
+        gain = drive.p / motor.divisor  # counts per tick
+        self._rate = np.where(pulls & seeks, gain / self._full * self._free * self._ticks * self._volts, 0.0)
         self._pulled = self._rate > 0.0
         self._slowest = np.maximum(self._rate, 1e-9)
         self._per_tick = self._rate / self._ticks  # raw velocity per tick of error
-        self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
+        self._p = np.where(pulls & seeks, gain, 0.0)
         gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
         rate = np.select(
             [self._mode == VELOCITY, self._mode == CURRENT], [gains / QUICK, 1.0 / COAST], 1.0 / QUICK
@@ -239,7 +237,7 @@ class FirstOrderPhysics:
         cap = self._cap[at]
         most = self._current_cap[at]
         self.current[at] = np.clip(torque, -most, most)
-        output = (now / free + self.current[at] / self.stall[at]) / self._volts[at] * full
+        output = (now / free + self.current[at] / self._stall[at]) / self._volts[at] * full
         self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
 
     def _jam(self, at: NDArray[np.intp]) -> None:
@@ -247,7 +245,7 @@ class FirstOrderPhysics:
         mode = self._mode[at]
         goal = self.goal[at]
         cap = self._cap[at]
-        full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
+        full = self._stall[at] * self._volts[at] / self._full[at]  # raw current per count
         pull = self._p[at] * (goal - self.position[at])
         spin = np.where(goal == 0.0, 0.0, np.copysign(cap, goal))
         output = np.select([mode == CURRENT, mode == VELOCITY, mode == PWM], [goal / full, spin, goal], pull)

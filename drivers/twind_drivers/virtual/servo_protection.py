@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.dynamixel.control_tables import ControlTable
+from twind_drivers.virtual.dynamixel_motor_figures import motor_figures
+from twind_drivers.virtual.servo_strength import BEARABLE, Motors
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -20,13 +22,14 @@ ENCODER = 8
 SHOCK = 16
 OVERLOAD = 32
 AMBIENT = 25.0  # °C
-WARMTH = np.array([[5.0], [15.0]])  # °C per A² at rest: of the winding, of the case around it
+# °C of a blocked motor at rest: of the winding, of the case around it. An XM430's stall current is 2.3 A.
+WARMTH = np.array([[26.45], [79.35]])
 SLOWNESS = np.array([[12.0], [180.0]])  # s, their time constants
 SAG = 0.05  # Ω of cable and supply, shared by the bus
 # An XM430 held 0.94 A, 41 % of its stall current, for seconds only (DynamixelSDK #285), one with its current
 # limited to 47 % got overload errors in a grip (jsk_aerial_robot #281). So a load r of the stall current
 # tires it by r² - BEARABLE² a second, until TIRED; less rests it. Stalled it lasts 1 s, at half of that 7 s.
-BEARABLE = 0.35
+# Other models: as the share of the current that they bear, of the pages for some (`servo_strength`).
 TIRED = 1.0 - BEARABLE**2
 BROWN_OUT = 0.5  # of the nominal voltage: below it the controller stops
 # V
@@ -52,16 +55,16 @@ def nominal(table: ControlTable) -> float:
 class ServoProtection:
     """Voltage, temperature and load of m servos. Its owner calls `step` ten times a second."""
 
-    def __init__(self, tables: Sequence[ControlTable], stall: Floats, now: float = 0.0) -> None:
-        """Begin at `AMBIENT` and the nominal voltage. `stall` (m,): raw current of a blocked motor."""
+    def __init__(self, tables: Sequence[ControlTable], now: float = 0.0) -> None:
+        """Begin at `AMBIENT` and the nominal voltage."""
         self.ampere = np.array([ampere(each) for each in tables])
         self.nominal = np.array([nominal(each) for each in tables])
+        self.motors = Motors([motor_figures(each) for each in tables], self.nominal)
         self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
         self.own = self.nominal < self.source  # fed through a converter of their own
         self.surroundings = np.full(len(tables), AMBIENT)
         self._warm = np.zeros((2, len(tables)))  # °C above the surroundings: winding, case
-        self._drawn = 0.0  # A, all of them
-        self._bearable = BEARABLE * stall * self.ampere  # A
+        self._drawn = 0.0  # A, all of them, from the supply
         self._tired = np.zeros(len(tables))
         self._weary = False  # is anyone tired?
         self._time = now
@@ -107,9 +110,9 @@ class ServoProtection:
         self._sense()
 
     @property
-    def strength(self) -> Floats:
-        """Supply over nominal voltage (m,): the value of 100 % PWM. The sag is left out."""
-        return np.where(self.own, 1.0, self.source / self.nominal)
+    def supply_share(self) -> Floats:
+        """Voltage at the servos, as a share of the nominal one (m,): the value of 100 % PWM."""
+        return np.asarray(np.maximum(self.volts, 0.0) / self.nominal)
 
     @property
     def dark(self) -> Bools:
@@ -120,8 +123,11 @@ class ServoProtection:
         """A boot forgets how tired the servo was, not how warm it is."""
         self._tired[row] = 0.0
 
-    def step(self, now: float, current: Floats) -> bool:
-        """Let time pass until `now` (s) with this raw current (m,). Is there anything to react to?"""
+    def step(self, now: float, current: Floats, duty: Floats | float = 1.0) -> bool:
+        """Let time pass until `now` (s) with this raw current (m,). Is there anything to react to?
+
+        `duty` (m,): share of the time in which the motor's current comes from the supply.
+        """
         span = max(now - self._time, 0.0)
         self._time = max(now, self._time)
         if abs(span - self._span) > 1e-9:
@@ -129,12 +135,13 @@ class ServoProtection:
             self._kept = np.exp(-span / SLOWNESS)
             self._gained = WARMTH * (1.0 - self._kept)
         amperes = np.abs(current) * self.ampere
-        self._drawn = float(np.add.reduce(amperes))
+        self._drawn = float(np.add.reduce(amperes * duty))
         self._warm *= self._kept
-        self._warm += self._gained * (amperes * amperes)
+        load = amperes / self.motors.bearable
+        self._warm += self._gained * (BEARABLE * load) ** 2
         self._sense()
-        if self._weary or np.count_nonzero(amperes > self._bearable):
-            self._tire(amperes, span)
+        if self._weary or np.count_nonzero(load > 1.0):
+            self._tire(load, span)
         fine = (self.volts >= self._lowest) & (self.volts >= self._least) & (self.volts <= self._highest)
         return self._weary or bool(np.count_nonzero(fine & (self.celsius < self._hottest)) < len(fine))
 
@@ -145,11 +152,14 @@ class ServoProtection:
         return np.asarray(bits + np.where(self._tired < TIRED - 1e-9, 0, OVERLOAD), np.int64)
 
     def _sense(self) -> None:
-        """Return the sensor values (m,): °C, and V with the sag by the current of all servos."""
-        self.celsius = self.surroundings + self._warm[0] + self._warm[1]
-        self.volts = self.connector_volts - SAG * self._drawn - self._lost
+        """Update the sensor values (m,): °C, and V with the sag by the current of all servos.
 
-    def _tire(self, amperes: Floats, span: float) -> None:
-        effort = (amperes / self._bearable * BEARABLE) ** 2 - BEARABLE**2
+        A converter keeps its voltage.
+        """
+        self.celsius = self.surroundings + self._warm[0] + self._warm[1]
+        self.volts = self.connector_volts - np.where(self.own, 0.0, SAG * self._drawn) - self._lost
+
+    def _tire(self, load: Floats, span: float) -> None:
+        effort = (load * BEARABLE) ** 2 - BEARABLE**2
         self._tired = np.clip(self._tired + effort * span, 0.0, TIRED)
         self._weary = bool(np.count_nonzero(self._tired))

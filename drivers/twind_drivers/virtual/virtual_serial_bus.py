@@ -22,6 +22,7 @@ from twind_drivers.dynamixel.packet import (
     fast_status,
     status,
 )
+from twind_drivers.virtual.dynamixel_motor_figures import stand_in
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
 from twind_drivers.virtual.group_read import FastSyncReadGroup, SyncReadGroup
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
@@ -105,6 +106,11 @@ class VirtualBus:
         """Return the true state of each servo at `now`, independent of the bus: see `servo_ground_truth`."""
         self.advance(now)
         return truth(self.servos, now)
+
+    def motor_stand_ins(self) -> dict[str, str]:
+        """Return the models without motor figures, and the one whose figures they have."""
+        found = {each.model: stand_in(each) for each in self.servos.memory.tables}
+        return {model: other for model, other in found.items() if other is not None}
 
     def skip_time(self, seconds: float) -> None:
         """Skip time in which the servos do not run; their clock registers count it all the same."""

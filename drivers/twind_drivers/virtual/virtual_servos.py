@@ -31,6 +31,7 @@ SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_0
 BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
 REFRESH = 0.001  # s between two refreshes of the present registers
 CHECK = 0.1  # s between two checks of supply, heat and load
+SAGGED = 0.005  # share of the nominal voltage by which a changed supply changes the motors
 WATCHDOG_UNIT = 0.02  # s, register 98
 TRIPPED = 255  # what register 98 reads then (-1)
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
@@ -81,7 +82,7 @@ class VirtualServos:
         self.keep_goal = keep_goal
         self.now = now
         self.epoch = 0
-        self.protection = ServoProtection(memory.tables, muscles.stall, now)
+        self.protection = ServoProtection(memory.tables, now)
         self.readings = PresentRegisters(memory, muscles, self.protection)
         self.history: ShownPositionLog | None = (
             None  # of what the present position registers showed, on order
@@ -194,7 +195,13 @@ class VirtualServos:
     def _check(self, now: float) -> None:
         """Supply, heat and load: brown-outs and hardware errors that come by themselves."""
         self._check_at = now + CHECK
-        if not self.protection.step(now, self.muscles.current):
+        wrong = self.protection.step(
+            now, self.muscles.current, np.abs(self.muscles.pwm) / self._firmware.full
+        )
+        if np.abs(self.protection.supply_share - self._supply).max(initial=0.0) > SAGGED:
+            self._power()
+            self.muscles.set_goals(self.profile.reference)
+        if not wrong:
             return
         awake = np.isinf(self.power.boots_at)
         dark = self.protection.dark
@@ -204,6 +211,13 @@ class VirtualServos:
         found = np.where(awake & ~dark, self.protection.errors() & ~known, 0)
         for row in np.flatnonzero(found):
             self.inject_error(int(row), int(found[row]))
+
+    def _power(self) -> None:
+        """Give the motors the strength that the supply has now."""
+        protection = self.protection
+        self._supply = supply = protection.supply_share
+        strength = protection.motors.strength(supply)
+        self.muscles.drive(self._firmware.drive(supply, protection.ampere, strength))
 
     def _next(self) -> float:
         return float(min((self.heard_at + self._timeout).min(), self.power.boots_at.min()))
@@ -226,7 +240,7 @@ class VirtualServos:
         self.readings.follow(self._firmware.way, self._firmware.seeks)
         self.profile.limit(*self._firmware.shape())
         self.protection.watch(*self._firmware.bounds())
-        self.muscles.drive(self._firmware.drive(self.protection.strength))
+        self._power()
         self._retarget()
 
     def set_goals(self, goals: Ints, rows: Any = slice(None)) -> None:

@@ -117,6 +117,10 @@ class ReplayBus:
         """Return the registers, in the form that the virtual servos report."""
         return self._bus.truth(now)
 
+    def motor_stand_ins(self) -> dict[str, str]:
+        """Return nothing: a recording has no motors."""
+        return {}
+
     def skip_time(self, seconds: float) -> None:
         """The clocks here are those of the recording."""
 

@@ -73,5 +73,9 @@ class VirtualCanBus(VirtualCanSegment):
     def line(self, baud: int) -> None:
         """The host's port is set to `baud`: a USB adapter does not care."""
 
+    def motor_stand_ins(self) -> dict[str, str]:
+        """Return nothing: the robot file gives the torque of each actuator."""
+        return {}
+
     def skip_time(self, seconds: float) -> None:
         """Nodes have no clock register that goes on while time stands still."""
