@@ -33,7 +33,6 @@ class FeetechRig(DriverRig):
         own = specs or [FeetechServoSpec(id) for id in (1, 2, 3, 4)]
         middle = np.array([512.0 if each.model.startswith("SCS") else 2048.0 for each in own])
         self.muscles = FirstOrderPhysics(middle)
-        self.muscles.free_rpm[:] = 100.0  # for models without figures; 200 counts are 59 degrees
         self.bus = VirtualFeetechBus("test", own, self.muscles, **bus)
         self.servos = self.bus.servos
         self.clock = FakeClock()

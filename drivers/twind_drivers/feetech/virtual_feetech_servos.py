@@ -22,7 +22,7 @@ from twind_drivers.virtual.shown_position_log import ShownPositionLog
 BOOT = 0.8  # s in the boot loader after each reset
 CHECK = 0.01  # s between two checks of the load, the unit of the protection time
 NEVER = 1e18  # s: the end of a boot that waits for power
-GAIN = 25.0  # P 32, the factory value, holds as an XM430 does at 800 (assumed: no page gives the law)
+GAIN = 25.0  # P 32, the factory value, is as stiff as an XM430 at 800 (assumed: no page gives the law)
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4
 MIDDLE = 2048
@@ -314,7 +314,7 @@ class VirtualFeetechServos:
         rows = range(len(self.maps))
         on = np.array([self.get(row, "torque_enable") == 1 and self.listening_power(row) for row in rows])
         kind = np.array([self._mode(row) for row in rows])
-        p = np.array([GAIN * self.get(row, "position_p_gain") for row in rows])
+        p = np.array([GAIN * self.get(row, "position_p_gain") * 4096.0 / self.turn[row] for row in rows])
         nothing = np.zeros(len(self.maps))
         cap = np.array([self._cap(row) for row in rows])
         turn = np.array(self.turn)
