@@ -108,6 +108,15 @@ def test_a_family_of_another_package_reads_its_types_and_drives_its_bus(
     assert isinstance(reader, ToyReader)
 
 
+def test_the_driver_is_imported_before_a_bus_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An import takes longer than a tick."""
+    broken = replace(DYNAMIXEL, driver=FamilyPart("no.such.module:DRIVER"))
+    joints = bind(H24, None).joint_map
+    monkeypatch.setattr("twind.loop.bus.bus_opener.family", lambda kind: broken)
+    with pytest.raises(ModuleNotFoundError):
+        BusOpener(H24, joints, {}, 100.0)
+
+
 def test_a_device_that_two_families_know_is_of_the_one_whose_bus_the_file_has(
     entries: list[tuple[str, str]],
 ) -> None:
@@ -120,6 +129,8 @@ def test_a_device_that_two_families_know_is_of_the_one_whose_bus_the_file_has(
     ("added", "kind", "words"),
     [
         ([], "toy", "no installed package drives buses of kind 'toy'; installed: can, dynamixel2"),
+        ([("toy", "no.such.module:TOY")], "toy", "no.such.module:TOY cannot be imported: No module named"),
+        ([("toy", f"{__name__}:NONE")], "toy", "NONE cannot be imported: module .* has no attribute"),
         ([("toys", f"{__name__}:TOY")], "toys", "registered for kind toys, but drives toy"),
         ([("can", f"{__name__}:TOY")], "can", "two installed packages drive buses of kind can"),
     ],

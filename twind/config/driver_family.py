@@ -160,13 +160,16 @@ def kinds() -> tuple[str, ...]:
 
 @cache
 def family(kind: str) -> DriverFamily:
-    """Return the family of a kind of bus, imported. Raises InvalidInput: none, or one of another kind."""
+    """Return the family of a kind of bus, imported. Raises InvalidInput: none, or an unusable one."""
     point = registered().get(kind)
     if point is None:
         raise InvalidInput(
             f"no installed package drives buses of kind {kind!r}; installed: {', '.join(kinds()) or 'none'}"
         )
-    found: DriverFamily = point.load()
+    try:
+        found: DriverFamily = point.load()
+    except (ImportError, AttributeError) as error:
+        raise InvalidInput(f"driver family {kind}: {point.value} cannot be imported: {error}") from error
     if found.kind != kind:
         raise InvalidInput(f"{point.value} is registered for kind {kind}, but drives {found.kind}")
     return found

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from twind.config.driver_family import family
 from twind.config.port_names import Medium
@@ -71,9 +72,9 @@ def check_timers(context: CheckContext) -> Iterator[DoctorFinding]:
         file = context.host.sys / "class/tty" / node.tty / "device/latency_timer"
         wanted = max(1, context.bus(node.bus).latency_timer_ms)
         value = context.host.number(file)
-        if value is not None and value > wanted and node.bus in context.lines:
+        if value is not None and value > wanted and (line := _serial_lines(context).get(node.bus)):
             with suppress(OperationFailed):  # held, or not permitted: the timer stays as it is
-                context.lines[node.bus].transport  # noqa: B018  opening requests low latency
+                line.transport  # noqa: B018  opening requests low latency
             value = context.host.number(file)
         if value is not None and value > wanted:
             command = f"echo {wanted} | sudo tee {file}"
@@ -116,7 +117,7 @@ def check_rates(context: CheckContext) -> Iterator[DoctorFinding]:
             text = f"{node.baud} baud asked for (bus {node.bus}), its driver {driver} does {most} at most"
             yield DoctorFinding("BAUD_UNSUPPORTED", node.path, text, f"{most} baud or less")
             continue
-        line = context.lines.get(node.bus)
+        line = _serial_lines(context).get(node.bus)
         if line is None:
             continue
         try:
@@ -131,7 +132,7 @@ def check_latency(context: CheckContext) -> Iterator[DoctorFinding]:
     if context.daemon is not None:
         yield from _latency_by_daemon(context)
         return
-    lines = {bus.name: context.lines[bus.name] for bus in _serial_buses(context) if bus.name in context.lines}
+    lines = _serial_lines(context)
     if not lines:
         raise CheckNotApplicable("no serial port")
     silent: list[str] = []
@@ -201,6 +202,12 @@ def _serial_buses(context: CheckContext) -> list[BusSpec]:
     """List the serial buses whose family has a doctor."""
     buses = context.need_robot().buses
     return [bus for bus in buses if family(bus.kind).medium is Medium.SERIAL and family(bus.kind).doctor]
+
+
+def _serial_lines(context: CheckContext) -> dict[str, Any]:
+    """Return the inspectors of free serial buses, by bus."""
+    names = [bus.name for bus in _serial_buses(context)]
+    return {name: line for name, line in context.lines.items() if name in names}
 
 
 def _reading_time(context: CheckContext, bus: BusSpec) -> float:

@@ -66,7 +66,8 @@ def survey(virtual: Virtual, *words: str, running: Daemon | None = None, serial:
     socket = "/nowhere/at/all" if running is None else running.sockets
     seen = examine(options(*given, *words, socket=socket), HostInspector(), MonotonicClock())
     for name, line in seen.lines.items() if serial else ():
-        seen.surveys[name] = survey_port(line, seen.bus(name), seen.need_robot(), range(31))
+        if isinstance(line, SerialBusInspector):
+            seen.surveys[name] = survey_port(line, seen.bus(name), seen.need_robot(), range(31))
     return seen
 
 

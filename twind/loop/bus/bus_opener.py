@@ -27,6 +27,10 @@ class BusOpener:
     rate_hz: float
     tapes: Mapping[str, RecordingBusTap] = field(default_factory=dict)  # buses that are written down
 
+    def __post_init__(self) -> None:
+        for bus in self.robot.buses:  # an import in a tick would delay it
+            self._driver(bus.name)
+
     def open(self, name: str) -> BusReader:
         """Open a bus on its port and return the reader. Raises PortError."""
         port = self.ports[name]
