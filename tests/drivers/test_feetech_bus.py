@@ -11,7 +11,7 @@ from twind.config.robot_file import load_robot
 from twind.twin.servo_motor import ServoMotor
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech import feetech_packet as packet
-from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
+from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
 
