@@ -12,7 +12,7 @@ from tests.support.feetech_rig import Counted, FeetechRig
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
-from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
+from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 
 
 class DynamixelRig(DriverRig):

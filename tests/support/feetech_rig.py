@@ -10,7 +10,7 @@ from twind_drivers.clock import FakeClock
 from twind_drivers.feetech.feetech_reader import FeetechReader
 from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_bus import VirtualFeetechBus
-from twind_drivers.feetech.virtual_feetech_servos import FeetechServoSpec
+from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 

@@ -17,9 +17,9 @@ from twind_drivers.feetech.virtual_feetech_faults import FeetechBusFaults
 from twind_drivers.feetech.virtual_feetech_servos import (
     BOOT,
     MIDDLE,
-    FeetechServoSpec,
     VirtualFeetechServos,
 )
+from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.servo_physics import ServoPhysics

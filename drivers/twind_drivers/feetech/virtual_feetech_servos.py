@@ -4,8 +4,7 @@ No packets here (`virtual_feetech_bus`), no physics (`muscles`). Where sources d
 servo, `FeetechServoSpec` chooses. Positions of the motor are encoder counts, continuous over turns.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from math import floor, inf
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from twind_drivers.feetech.feetech_goals import GOAL
 from twind_drivers.feetech.feetech_models import AMPERE, STAND_IN, FeetechModel, model
 from twind_drivers.feetech.feetech_registers import EPROM_END, RegisterMap, register_map
-from twind_drivers.virtual.hinge import Hinge
+from twind_drivers.feetech.virtual_feetech_spec import DEFAULTS, FIRMWARE, FeetechServoSpec
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
@@ -27,56 +26,6 @@ CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4
 MIDDLE = 2048
 OVERLOAD = 0x20
-FIRMWARE: Mapping[str, tuple[int, int, int]] = {
-    "sts": (3, 10, 0),
-    "smbl": (2, 45, 0),
-    "hls": (3, 43, 0),
-    "scs": (0, 20, 1),
-}
-DEFAULTS: dict[str, int] = {
-    "baud_rate": 0,
-    "status_return_level": 1,
-    "max_position_limit": 4095,
-    "temperature_limit": 70,
-    "max_voltage_limit": 140,
-    "min_voltage_limit": 40,
-    "max_torque": 1000,
-    "phase": 12,
-    "shutdown": 44,
-    "led_alarm": 47,
-    "position_p_gain": 32,
-    "position_d_gain": 32,
-    "min_start_force": 16,
-    "dead_zone_cw": 1,
-    "dead_zone_ccw": 1,
-    "protection_current": 500,
-    "angular_resolution": 1,
-    "protective_torque": 20,
-    "protection_time": 200,
-    "overload_torque": 80,
-    "over_current_time": 200,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class FeetechServoSpec:
-    """One servo: id, model, and the EPROM settings that are not factory ones.
-
-    `firmware`: major, minor, END; None: that of its map. `sync_read`: it answers sync reads. `volts`: its
-    supply. `goal_arms`: a goal switches torque on. `boots_armed`: torque is on after power-up. `latches`:
-    only power-off ends an overload. `hinge`: its joint.
-    """
-
-    id: int
-    model: str = "STS3215"
-    settings: Mapping[str, int] = field(default_factory=dict)
-    firmware: tuple[int, int, int] | None = None
-    sync_read: bool = True
-    volts: float = 7.4
-    goal_arms: bool = False
-    boots_armed: bool = False
-    latches: bool = False
-    hinge: Hinge | None = None
 
 
 class VirtualFeetechServos:
