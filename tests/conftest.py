@@ -29,7 +29,9 @@ os.environ["STATE_DIRECTORY"] = tempfile.mkdtemp(prefix="twind-tests-state-")
 atexit.register(shutil.rmtree, os.environ["STATE_DIRECTORY"], ignore_errors=True)
 
 register_profiles()
-FAST_TESTS = "not slow and not campaign"  # the marker expression of pyproject.toml; another one takes all examples
+FAST_TESTS = (
+    "not slow and not campaign"  # the marker expression of pyproject.toml; another one takes all examples
+)
 
 
 # Begun first: two workers then end together.
