@@ -1,4 +1,4 @@
-"""Edges of the writer: pending goals, part of a bus, bus time of an order, and what preparing leaves alone."""
+"""Edges of the writer: pending goals, part of a bus, bus time of an order, what preparing leaves alone."""
 
 from collections.abc import Callable
 
@@ -25,13 +25,15 @@ HERE = np.array([2000, 2100, 2200])
 BOUNDS = np.full(3, 1000), np.full(3, 3000)
 
 
-def mixed(modes: list[int], **more: object) -> Bench:
+def mixed(modes: list[int], accelerations: list[int | None] | None = None) -> Bench:
     """Devices of these operating modes; speeds and currents of up to 1000 counts both ways."""
     lower = np.array([0 if mode in (3, 5) else -1000 for mode in modes])
     upper = np.array([4095 if mode in (3, 5) else 1000 for mode in modes])
     caps = [500 if mode == 5 else None for mode in modes]
     ids = range(1, len(modes) + 1)
-    return Bench(tuple(ids), modes=modes, lower=lower, upper=upper, current_caps=caps, **more)
+    return Bench(
+        tuple(ids), modes=modes, lower=lower, upper=upper, current_caps=caps, accelerations=accelerations
+    )
 
 
 def written(bench: Bench, address: int) -> list[list[int]]:
