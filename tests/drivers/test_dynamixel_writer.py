@@ -135,6 +135,7 @@ def test_eeprom_is_not_written_while_torque_is_on() -> None:
         ("goal_current", 5, "the goal of mode 0, and the cap of mode 5"),
         ("id", 9, "another id"),
         ("baud_rate", 3, "another baud rate"),
+        ("protocol_type", 1, "this protocol"),
         ("indirect_data_1", 1, "mapped to"),
         ("indirect_data_write", 1, "mapped to"),
     ],

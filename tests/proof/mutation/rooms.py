@@ -176,7 +176,14 @@ ROOMS = (
     Room(
         "writer",
         ("drivers/twind_drivers/dynamixel/dynamixel_writer.py",),
-        ("tests/drivers/test_dynamixel_writer.py",),
+        (
+            "tests/drivers/test_dynamixel_writer.py",
+            "tests/drivers/test_dynamixel_writer_edges.py",
+            "tests/drivers/test_operating_modes.py",
+            "tests/drivers/test_damping.py",
+            "tests/drivers/test_single_servo.py",
+            "tests/drivers/test_ram_restore.py",
+        ),
     ),
     Room(
         "homing",
