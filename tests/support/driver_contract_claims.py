@@ -255,12 +255,12 @@ class DriverContract:
     def test_armed_devices_follow_and_each_reading_is_whole(self, rig: DriverRig) -> None:
         here = rig.arm()
         for cycle in range(60):
-            goal = here + round(200 * np.sin(cycle / 15))
+            goal = here + round(rig.stroke * np.sin(cycle / 15))
             sample = rig.tick(goal)
             assert sample.heard.all()
             assert not sample.foreign
             assert not sample.discarded
-        assert abs(rig.places() - goal).max() < 80
+        assert abs(rig.places() - goal).max() < 0.4 * rig.stroke
         assert (rig.registers.torque == 1).all()
 
     def test_clear_drops_a_goal(self, rig: DriverRig) -> None:

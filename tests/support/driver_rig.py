@@ -42,6 +42,7 @@ class DriverRig:
     lower: np.ndarray  # (m,) goals that may be sent
     upper: np.ndarray
     rate_hz: float = RATE
+    stroke = 200.0  # counts: amplitude that these devices follow in an oscillation of 1 s
     first = 0.0  # s after the first cycle in which nobody need be heard yet
 
     # ------------------------------------------------------------------ what a driver's own rig answers

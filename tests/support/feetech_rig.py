@@ -32,6 +32,8 @@ class FeetechRig(DriverRig):
         self.name = "feetech"
         own = specs or [FeetechServoSpec(id) for id in (1, 2, 3, 4)]
         middle = np.array([512.0 if each.model.startswith("SCS") else 2048.0 for each in own])
+        if middle[0] < 2048.0:
+            self.stroke = 100.0  # their counts are 3.3 times as wide
         self.muscles = FirstOrderPhysics(middle)
         self.bus = VirtualFeetechBus("test", own, self.muscles, **bus)
         self.servos = self.bus.servos
