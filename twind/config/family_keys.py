@@ -15,7 +15,7 @@ class BusKeys(ConfigStruct):
     """Entry of `buses`, of any kind."""
 
     kind: Text
-    """`dynamixel2`, `can` | | driver family: servos or CAN actuators, or that of an installed package"""
+    """`dynamixel2`, `feetech`, `can` | | driver family, or that of an installed package"""
     port: Text | None = None
     """port | | as `ports` of the settings, which override it"""
 
