@@ -323,11 +323,7 @@ remove() {
         while read -r each; do
             rm -f "$DESTDIR$each"
         done <"$top/files"
-        for each in /examples /docs/pictures /docs/examples/arm/motions /docs/examples/arm \
-            /docs/examples/nine/motions /docs/examples/nine /docs/examples/ingest /docs/examples /docs /calibration /packaging/metrics /packaging /systemd \
-            /twind/robots /twind/protocol /twind ""; do
-            rmdir "$DESTDIR$SHARE/doc/twind$each" 2>/dev/null || :
-        done
+        [ ! -d "$DESTDIR$SHARE/doc/twind" ] || find "$DESTDIR$SHARE/doc/twind" -depth -type d -empty -delete
         for each in man/man1 man/man8 bash-completion/completions bash-completion zsh/site-functions zsh; do
             rmdir "$DESTDIR$SHARE/$each" 2>/dev/null || :
         done
