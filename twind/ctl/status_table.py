@@ -7,7 +7,7 @@ from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.ctl.estop import reset_after_estop
-from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamerReportMessage
+from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamingMessage
 from twind.robot.modes import RESET_STATES
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
@@ -106,7 +106,7 @@ def loop_text(loop: LoopMessage) -> str:
     return f"{text}; {scheduler}"
 
 
-def stream_text(report: StreamerReportMessage) -> str:
+def stream_text(report: StreamingMessage) -> str:
     """Format one streamer: endpoint, rate, counts, losses, error."""
     counts = [f"{report['rate_hz']:.4g} Hz", f"{report['sent']} sent", f"{report['waiting']} waiting"]
     lost = (report["dropped"], report["dead"], report["failures"])

@@ -87,7 +87,7 @@ class LeaseInfoMessage(TypedDict):
     expires_in: float
 
 
-class StreamerReportMessage(TypedDict):
+class StreamingMessage(TypedDict):
     """`Streaming` of the interface."""
 
     name: str
@@ -132,5 +132,5 @@ class StatusMessage(TypedDict):
     skew_ms: float | None
     skew_max_ms: float | None
     flight: FlightMessage | None
-    streams: list[StreamerReportMessage] | None
+    streams: list[StreamingMessage] | None
     latched: list[str] | None

@@ -23,7 +23,7 @@ from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool
 from twind.learn.streaming.spool_sender import SpoolSender
 from twind.learn.streaming.spool_writer import SpoolWriter
-from twind.protocol.messages import StreamerReportMessage
+from twind.protocol.messages import StreamingMessage
 
 LOOK = 0.5  # s between two looks at the others
 REPORT = 1.0  # s between two reports to the daemon
@@ -110,7 +110,7 @@ class StreamRunner:
             if self._options.seconds is not None and now - begun >= self._options.seconds:
                 break
 
-    def streaming(self) -> StreamerReportMessage:
+    def streaming(self) -> StreamingMessage:
         """`Streaming` of the interface. `error`: the first that is in the way, seen from the endpoint."""
         tally = self._spool.tally
         return {
