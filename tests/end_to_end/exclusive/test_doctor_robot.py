@@ -117,6 +117,8 @@ def test_a_healthy_robot_has_no_finding(ground: Ground) -> None:
 def test_planted_servo_faults_are_found_on_the_port_and_by_the_daemon_and_fixed(
     ground: Ground, tmp_path: Path
 ) -> None:
+    # Arming sets the watchdog anew, so one that is left hinders no live daemon.
+    told = tuple(case for case in LIMP if case.code != "WATCHDOG_LEFT")
     with planted(ground, LIMP):
         outcome = look(ground.virtual)
         require(LIMP, outcome)
@@ -133,14 +135,14 @@ def test_planted_servo_faults_are_found_on_the_port_and_by_the_daemon_and_fixed(
             ready(running)
             ready(running, "temperature")  # told last, with the voltage
             outcome = look(ground.virtual, running=running)
-            require(LIMP, outcome)
-            wanted = {case.code for case in LIMP if case.mended}
+            require(told, outcome)
+            wanted = {case.code for case in told if case.mended}
             done = mended(ground.virtual, outcome, wanted, running)
             assert set(done) == wanted
             assert not [each for each in done.values() if each.error or each.there]
             running.end()
         with Vendor(ground.port) as vendor:
-            for case in LIMP:
+            for case in told:
                 if case.mended:
                     assert vendor.read(case.id, case.mended[0]) == case.mended[1], case.code
     assert not describe(look(ground.virtual))
