@@ -157,10 +157,10 @@ def test_servo_alert_gives_no_finding_in_sim() -> None:
 class Clocks:
     """Servos whose clocks are read; joint 1 is the one that may restart."""
 
-    def __init__(self, start: int, **over: object) -> None:
+    def __init__(self, start: int, begin: float = 100.0, **over: object) -> None:
         self.guard = guard()
         self.over = over
-        self.now = 100.0
+        self.now = begin
         self.ticks = np.full(N, start, np.int64)
         self.read()
 
@@ -268,6 +268,19 @@ def test_servo_rebooted_while_arming_or_armed_it_is_a_fault_and_bars_arming(over
     clocks = Clocks(20_000, **over)
     assert clocks.restart(0.4, 0.2).latches
     assert [one.code for one in clocks.guard.bars] == [ReasonCode.SERVO_REBOOTED]
+
+
+@pytest.mark.parametrize(("uptime", "latches"), [(0.2, False), (0.16, False), (0.14, True), (0.05, True)])
+@pytest.mark.parametrize("over", [{}, ARMING])
+def test_servo_rebooted_a_restart_before_the_arming_is_reported_and_is_no_fault(
+    over: dict[str, object], uptime: float, latches: bool
+) -> None:
+    """Power that has just come back: the clock that tells of it is read only after the arming."""
+    clocks = Clocks(20_000, facts().now - 0.3, **DISARMED)
+    clocks.over = over
+    judgement = clocks.restart(0.4, uptime)
+    assert codes(judgement) == [ReasonCode.SERVO_REBOOTED]
+    assert judgement.latches is latches
 
 
 @pytest.mark.parametrize(("joint", "reaction"), [(0, Reaction.DAMP), (1, Reaction.SETTLE)])

@@ -48,6 +48,7 @@ class DeviceRules:
         self._unwatched = np.zeros(count, np.bool_)
         self._refreshed = np.full(count, -inf)  # s, readings up to here are judged or do not count
         self._taken = -inf  # s, when this daemon last had no torque on
+        self._unclaimed = -inf  # s, when it last neither had torque nor was arming
         self._tick = np.full(count, -1, np.int64)
         self._tick_time = np.full(count, -inf)
         self._seen = self._ticked = self._refreshed.tobytes()  # the two times, as bytes: mostly unchanged
@@ -74,6 +75,8 @@ class DeviceRules:
             yield from self._alerts(facts)
         if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
+        if not facts.torque_ours:
+            self._unclaimed = facts.now
         if not facts.torque_held:
             self._taken = facts.now
             self._tripped = []
@@ -120,13 +123,19 @@ class DeviceRules:
                 yield RuleResult(finding, bars=True)
 
     def _restarts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield SERVO_REBOOTED for a servo clock that is off and began after its last reading."""
+        """Yield SERVO_REBOOTED for a servo clock that is off and began after its last reading.
+
+        A restart before the arming is no fault, though its clock is read only after it: arming has read back
+        and set anew all that a restart loses.
+        """
         tick = facts.tick.astype(np.int64)
+        started = facts.health_time - 1e-3 * tick  # s, at the latest
+        ours = (started >= self._unclaimed - self._bounds.clock_slack) & facts.torque_ours
         for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
             finding = Finding(
                 ReasonCode.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
             )
-            if facts.torque_ours:
+            if ours[joint]:
                 yield RuleResult(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
                 yield RuleResult(finding, bars=True)
