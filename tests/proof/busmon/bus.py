@@ -7,9 +7,10 @@ from tests.proof.busmon.can.motors import CanLimits
 from tests.proof.busmon.can.read import is_can, read
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.monitor import Monitor
+from tests.proof.busmon.protocol1_monitor import Protocol1Monitor
 
 AnyLimits = Limits | CanLimits
-AnyMonitor = Monitor | CanMonitor
+AnyMonitor = Monitor | Protocol1Monitor | CanMonitor
 PORT_BAUD = 1_000_000  # of the adapter's port, where the bus has a bit rate of its own
 
 
@@ -26,6 +27,8 @@ def monitor_of(limits: AnyLimits, *, writes: bool = True, hearsay: float = 0.0) 
     """A monitor that has heard nothing yet."""
     if isinstance(limits, CanLimits):
         return CanMonitor(limits, writes=writes, hearsay=hearsay)
+    if limits.registers is not None:
+        return Protocol1Monitor(limits, writes=writes, hearsay=hearsay)
     return Monitor(limits, writes=writes, hearsay=hearsay)
 
 

@@ -1,6 +1,6 @@
 """Permitted commands of each servo of a bus, from the robot file and the calibration file, read on its own.
 
-Knows the X series (control tables 0..63 EEPROM, 64.. RAM); another kind of servo is refused, not guessed at.
+Knows the X series (control tables 0..63 EEPROM, 64.. RAM) and STS servos; any other is refused.
 """
 
 import math
@@ -10,8 +10,11 @@ from typing import Any
 
 import yaml
 
+from tests.proof.busmon.protocol1_packets import STS, Registers
+
 BEYOND = 0.05  # rad past `limits_rad` that the robot's hard limits lie
 MODES = {"position": 3, "extended_position": 4, "current_based_position": 5}
+TABLES = {"STS": STS}  # by the beginning of a model's name
 X_SERIES = ("XL", "XC", "XM", "XH", "XD", "XW", "2X")
 TURNS = 1_048_575  # counts either way in the modes that have no limit registers
 AMPERE = 0.00269  # A a count of an X series servo, where the robot file says nothing else
@@ -49,6 +52,7 @@ class Limits:
     baud: int
     support: str
     servos: dict[int, Servo]
+    registers: Registers | None = None  # of servos with packets of the first protocol
 
     @classmethod
     def read(
@@ -61,6 +65,7 @@ class Limits:
         if not 1.0 <= rate <= 1000.0:
             raise ValueError(f"a rate of {rate} Hz")
         servos = {}
+        registers = None
         for name, own in robot["joints"].items():
             joint = {**(robot.get("defaults") or {}), **own}
             if joint["bus"] == bus:
@@ -68,15 +73,26 @@ class Limits:
                 if servo.id in servos:
                     raise ValueError(f"id {servo.id} twice on {bus}")
                 servos[servo.id] = servo
+                registers = _registers(name, robot["types"][joint["type"]])
         if not servos:
             raise ValueError(f"no servo on bus {bus}")
         baud = int(robot["buses"][bus].get("baud", 1_000_000))
-        return cls(bus, 1.0 / rate, baud, str(robot.get("support", "free")), servos)
+        return cls(bus, 1.0 / rate, baud, str(robot.get("support", "free")), servos, registers)
+
+
+def _registers(name: str, kind: dict[str, Any]) -> Registers | None:
+    """Memory table of a servo; None: of the X series."""
+    device = str(kind["device"])
+    if device.startswith(X_SERIES):
+        return None
+    for beginning, table in TABLES.items():
+        if device.startswith(beginning):
+            return table
+    raise ValueError(f"{name}: {device} is not of the X series: its registers are not known here")
 
 
 def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dict[str, Any]) -> Servo:
-    if not str(kind["device"]).startswith(X_SERIES):
-        raise ValueError(f"{name}: {kind['device']} is not of the X series: its registers are not known here")
+    _registers(name, kind)
     mode = MODES[joint.get("mode", kind.get("mode", "position"))]
     sign = int(joint.get("sign", 1))
     ratio = float(joint.get("ratio", 1.0))

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.proof.faults.fault import Fault
-from tests.proof.faults.robot import CLEAR, TICK
+from tests.proof.faults.robot import TICK
 from tests.proof.faults.world import World
 from tests.support.daemon_rig import Rig
 from tests.support.fault_cases import Order
-from twind import link
 from twind.robot.modes import RobotState
-from twind.virtual.fault_commands import arguments
-from twind_drivers.can.can_twin import CAN_FAULTS
-from twind_drivers.dynamixel.servo_twin import FAULTS
 
 ROBOT = "h24-mixed"
 LEGS = ("l_leg", "r_leg")
@@ -83,61 +78,17 @@ class CanWorld(World):
         """The same, armed and on its way; `joint` is one of `bus`."""
         rig = self.armed(robot, **how)
         mine = [at for at, joint in enumerate(rig.robot.joints) if joint.bus == self.bus]
-        self.joint = int(self.random.choice([at for at in mine if abs(CLEAR[rig.names[at]]) >= far]))
+        self.joint = int(self.random.choice([at for at in mine if abs(self.clear[rig.names[at]]) >= far]))
         self.id = self.id_of(self.joint)
         self.move()
         self.ticks(int(self.random.integers(20, 120)))
         return rig
-
-    def arm(self) -> None:
-        """Leased and armed, once heat of all has been read. Raises AssertionError."""
-        slow = self.rig.loop.hardware.slow
-        self.until(lambda: bool(np.isfinite(slow.temperature).all()), 1.5)
-        self.ticks(2)
-        self.call(link.AcquireLease)
-        reply = self.call(link.Arm)
-        assert reply.error is None, reply
-
-    # ------------------------------------------------------------------------------------ places
-
-    def _sizes(self) -> list[int]:
-        return [len(bus.ids()) for bus in self.rig.virtual.values()]
-
-    def rows(self, but: Iterable[int] = ()) -> NDArray[np.bool_]:
-        """(m,) all actuators but these places, in the order of the trace."""
-        found = np.ones(sum(self._sizes()), np.bool_)
-        found[list(but)] = False
-        return found
-
-    def of_bus(self, name: str) -> list[int]:
-        """Places of the actuators of a bus."""
-        names = list(self.rig.virtual)
-        sizes = self._sizes()
-        at = sum(sizes[: names.index(name)])
-        return list(range(at, at + sizes[names.index(name)]))
-
-    def row(self, joint: int) -> int:
-        """Place of a joint in the trace."""
-        spec = self.rig.robot.joints[joint]
-        return self.of_bus(spec.bus)[list(self.rig.virtual[spec.bus].ids()).index(spec.id)]
 
     # ------------------------------------------------------------------------------------ injecting
 
     def on_bus(self, fault: str, **given: Any) -> Order:
         """An order to the bus that it happens on."""
         return {"fault": fault, "bus": self.bus, **given}
-
-    def obey(self, *orders: Order) -> None:
-        """Orders of the socket, on every bus that is named and has the id."""
-        for each in orders:
-            for bus in self.rig.virtual.values():
-                if "bus" in each and each["bus"] != bus.name:
-                    continue
-                name, given = arguments(each, CAN_FAULTS if bus.kind == "can" else FAULTS)
-                if "id" in given and given["id"] not in bus.ids():
-                    continue
-                bus.advance(self.now)
-                getattr(bus.faults, name)(**given)
 
     # ------------------------------------------------------------------------------------ what must be seen
 

@@ -1,10 +1,10 @@
-"""The 40 rows, by number: what can go wrong, and how it is shown. A test walks 1 to 40."""
+"""The 41 rows, by number: what can go wrong, and how it is shown. A test walks 1 to 41."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from tests.proof.faults import can_rows, line, outside, port, servos, timing
+from tests.proof.faults import can_rows, holding_rows, line, outside, port, servos, timing
 from tests.proof.faults.fault import Fault
 from tests.proof.faults.real import REAL
 
@@ -27,9 +27,11 @@ ONLY_REAL = {
     ),
 }
 ROWS = {row.number: row for module in (port, line, servos, timing, outside) for row in module.ROWS} | {
-    38: can_rows.ROW
+    38: can_rows.ROW,
+    41: holding_rows.ROW,
 }
 NO_REAL = {
+    41: "real: the robot of the real runs has other servos; the bytes are those of virtual time",
     4: "real: other servos behind the port are other files to read; the bytes are those of virtual time",
     23: "real: the collector is off in the process that ticks; tests/loop/test_realtime.py holds it to that",
     30: "real: nobody may suspend this machine; a stopped process, row 25, is what it sees of it",
@@ -41,5 +43,5 @@ MATRIX: dict[int, Fault] = {
         real=REAL.get(number),
         instead=(ROWS | ONLY_REAL)[number].instead or ("" if number in REAL else NO_REAL.get(number, "")),
     )
-    for number in range(1, 41)
+    for number in range(1, 42)
 }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ from tests.support.daemon_rig import Rig
 from tests.support.fault_cases import Order
 from tests.support.fault_rig import Judge
 from twind import link
+from twind.config.driver_family import family
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.virtual.fault_commands import arguments
-from twind_drivers.dynamixel.servo_twin import FAULTS
+from twind.virtual.virtual_twin import twin_of
 
 TICK = 0.01  # s
 BRAKE = 0.4  # s: from 4 rad/s with 20 rad/s², and the shaft behind it
@@ -50,6 +52,11 @@ CLEAR = {
 
 class Robot:
     """`random` decides joint, motion, phase and strength; the same seed is the same run."""
+
+    clear: Mapping[str, float] = CLEAR
+    around: Mapping[str, float] = MappingProxyType(
+        {}
+    )  # rad, the pose between which and `clear` joints move; else 0
 
     def __init__(self, fault: Fault, seed: int) -> None:
         self.fault = fault
@@ -101,7 +108,11 @@ class Robot:
     def moving(self, robot: str = "h24", *, far: float = 0.0, **how: Any) -> Rig:
         """The same, on its way, at a random moment; `joint` is one that goes at least so far (rad)."""
         rig = self.armed(robot, **how)
-        joints = [joint for joint, name in enumerate(rig.names) if abs(CLEAR[name]) >= far]
+        joints = [
+            joint
+            for joint, name in enumerate(rig.names)
+            if abs(self.clear[name] - self.around.get(name, 0.0)) >= far
+        ]
         self.joint = int(self.random.choice(joints))
         self.id = self.id_of(self.joint)
         self.move()
@@ -166,7 +177,7 @@ class Robot:
     def arm(self) -> None:
         """Leased and armed, once heat and supply of all have been read. Raises AssertionError."""
         slow = self.rig.loop.hardware.slow
-        self.until(lambda: bool(np.isfinite(slow.temperature).all()), 1.0)
+        self.until(lambda: bool(np.isfinite(slow.temperature).all()), 1.5)
         self.ticks(2)
         self.call(link.AcquireLease)
         reply = self.call(link.Arm)
@@ -198,14 +209,15 @@ class Robot:
         assert self.call(link.AcquireLease).error is None
         reference = rig.loop.executor.reference
         here = reference.position if reference is not None else rig.loop.robot.measured.position
-        far = np.array([CLEAR[name] for name in rig.names])
+        far = np.array([self.clear[name] for name in rig.names])
         commanded = self.random.random(len(far)) < 0.7
         commanded[self.joint] = True
         share = self.random.uniform(0.5, 1.0, len(far))
         share[self.joint] = 1.0
         step = float(self.random.uniform(0.9, 1.2)) * pace / 0.6
         knots = int(50.0 / step)
-        way = (np.arange(knots)[:, None] + 1) % 2 * share * far
+        base = np.array([self.around.get(name, 0.0) for name in rig.names])
+        way = base + (np.arange(knots)[:, None] + 1) % 2 * share * (far - base)
         way = np.where(commanded, way, here)
         time = step * (1.0 + np.arange(knots))
         path = Trajectory(time, way, commanded, np.zeros_like(way))
@@ -246,11 +258,11 @@ class Robot:
     def obey(self, *orders: Order) -> None:
         """Orders of the socket, on every bus that has the id."""
         for each in orders:
-            name, given = arguments(each, FAULTS)
             for bus in self.rig.virtual.values():
-                if "id" in given and given["id"] not in bus.servos.registers.ids():
-                    continue
                 if "bus" in each and each["bus"] != bus.name:
+                    continue
+                name, given = arguments(each, twin_of(family(bus.kind)).faults)
+                if "id" in given and given["id"] not in bus.ids():
                     continue
                 bus.advance(self.now)
                 getattr(bus.faults, name)(**given)

@@ -99,17 +99,17 @@ class World(Robot):
     # ------------------------------------------------------------------------------------ reactions
 
     def rows(self, but: Iterable[int] = ()) -> NDArray[np.bool_]:
-        """(m,) all servos but these places, in the order of the trace."""
-        found = np.ones(sum(len(bus.servos.tripped) for bus in self.rig.virtual.values()), np.bool_)
+        """(m,) all actuators but these places, in the order of the trace."""
+        found = np.ones(sum(len(bus.ids()) for bus in self.rig.virtual.values()), np.bool_)
         found[list(but)] = False
         return found
 
     def of_bus(self, name: str) -> list[int]:
-        """Places of the servos of a bus."""
+        """Places of the actuators of a bus."""
         at = 0
         found = list[int]()
         for bus in self.rig.virtual.values():
-            count = len(bus.servos.tripped)
+            count = len(bus.ids())
             found += range(at, at + count) if bus.name == name else ()
             at += count
         return found
@@ -199,8 +199,7 @@ class World(Robot):
     def row(self, joint: int) -> int:
         """Place of a joint in the trace."""
         spec = self.rig.robot.joints[joint]
-        ids = self.rig.virtual[spec.bus].servos.registers.ids()
-        return self.of_bus(spec.bus)[ids.index(spec.id)]
+        return self.of_bus(spec.bus)[list(self.rig.virtual[spec.bus].ids()).index(spec.id)]
 
     # ------------------------------------------------------------------------------------ recovery
 
