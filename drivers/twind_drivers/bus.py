@@ -131,6 +131,9 @@ class BusSample:
     late: tuple[int, ...] = ()
 
 
+TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
+
+
 @dataclass(slots=True)
 class SlowRegisterValues:
     """The slowly read state of each device of a bus, in the order of its ids; `nan`/-1 until first read."""

@@ -27,6 +27,7 @@ from twind_drivers.feetech.feetech_models import model
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
 from twind_drivers.feetech.feetech_slow_registers import BLOCK, ROUNDS_HZ, FeetechSlowRegisters
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import wire
 from twind_drivers.half_duplex.serial_reader import SerialReader
 from twind_drivers.slow_read_rate import upkeep_stride
@@ -96,6 +97,7 @@ class FeetechReader(SerialReader):
         )
         self.slow: FeetechSlowRegisters = FeetechSlowRegisters(self.ids)
         self.registers: SlowRegisterValues = self.slow.registers
+        self.watchdog: HostWatchdog = HostWatchdog(self.registers)
         self._query = None
         self._known: dict[Query, SerialTransaction] = {}
         self._schedule()

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from twind_drivers.bus import (
+    TRIPPED,
     Bools,
     DeviceRefused,
     GroupWriteBatch,
@@ -113,14 +114,15 @@ class FeetechWriter:
         """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
 
         A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
-        which could switch torque on.
+        which could switch torque on. One that was silent for 0.1 s gets none until it is prepared.
         """
         self._line.goals = b""
         registers = self._reader.registers
         if registers.version != self._version:
             self._version = registers.version
             self._on &= registers.torque != 0
-            chosen = self._led & self._on & (registers.torque == 1)
+            well = (registers.torque == 1) & (registers.watchdog != TRIPPED) & ~self._reader.watchdog.overdue
+            chosen = self._led & self._on & well
             if np.flatnonzero(chosen).tolist() != self._goals.places:
                 self._goals.choose(chosen)
         self._line.goals = self._goals.encode(ticks)
@@ -202,6 +204,7 @@ class FeetechWriter:
             rows.append((id, "goal_velocity", SPEED[own.name]))
             rows.append((id, "goal_position", int(ticks[self._index[id]])))
         yield from self._set(rows)
+        self._reader.watchdog.clear(np.isin(self._ids, ids))
         yield from self._set(self._limits(holding, 1.0))
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
@@ -347,6 +350,7 @@ class FeetechWriter:
 
     def _switched(self, on: bool) -> None:
         self._on.fill(on)
+        self._reader.watchdog.watched = self._on
         self._version = -1
 
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:

@@ -25,6 +25,7 @@ from twind_drivers.bus import (
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.half_duplex.cyclic_read import CyclicRead
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import PendingReply, wire
 
 
@@ -58,6 +59,7 @@ class SerialReader:
     registers: SlowRegisterValues
     slice: float  # s, bus time that one transaction of a script may take
     overhead: int  # bytes of a status without data
+    watchdog: HostWatchdog | None = None  # of devices without one of their own
     _requested: Bools  # (m,) devices that the slices of slow registers are made for
     _query: Query | None  # the query of the rare transaction under way
 
@@ -91,6 +93,8 @@ class SerialReader:
         if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
         sample = self.cyclic.sample(self.line, now)
+        if self.watchdog is not None:
+            self.watchdog.record(sample.heard, now)
         if self._requested is not self.cyclic.attendance.asked:
             self._schedule()
         return sample

@@ -75,14 +75,19 @@ def babble(world: HoldingWorld) -> None:
 
 
 def one_silent(world: HoldingWorld) -> None:
-    """One connector is pulled: told, then everybody holds; it keeps its last goal meanwhile."""
+    """One connector is pulled: told, then everybody holds; it keeps its last goal, also when it is back."""
     rig = world.moving()
     world.inject({"fault": "silence", "id": world.id})
     world.detected(STALE, codes=LOST)
-    world.until(lambda: bool(rig.loop.condition.latches), 1.0)
-    world.claim(world.now - world.begun <= 0.5 + NEXT + 0.01, "no fault when it was silent for 0.5 s")
-    world.holds(world.now, but=[world.row(world.joint)])
+    if world.random.random() < 0.5:
+        world.until(lambda: bool(rig.loop.condition.latches), 1.0)
+        world.claim(world.now - world.begun <= 0.5 + NEXT + 0.01, "no fault when it was silent for 0.5 s")
+        world.holds(world.now, but=[world.row(world.joint)])
+    else:
+        world.seconds(float(world.random.uniform(0.15, 0.45)))
     world.obey({"fault": "silence", "id": world.id, "on": False})
+    world.stands(world.now)
+    world.latched(*LOST, "WATCHDOG_TRIPPED")
     world.stays_so()
     world.recover()
 
@@ -95,7 +100,7 @@ def all_silent(world: HoldingWorld) -> None:
     world.until(lambda: bool(rig.loop.condition.latches), 1.0)
     world.stops_where_it_was_sent(world.now)
     world.obey({"fault": "silence", "on": False})
-    world.stands(world.now + 0.3)
+    world.stands(world.now)
     world.recover()
 
 

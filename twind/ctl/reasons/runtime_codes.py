@@ -65,7 +65,9 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         f"check its power and cable; {AGAIN}",
     ),
     ReasonCode.WATCHDOG_TRIPPED: ReasonText(
-        "fault, HOLD", "A servo's watchdog tripped.", f"find out what stopped the loop; {AGAIN}"
+        "fault, HOLD",
+        "A servo's watchdog tripped, or a servo without one was silent for 0.1 s.",
+        f"find out what stopped the loop; {AGAIN}",
     ),
     ReasonCode.SENSE_JUMP: ReasonText(
         "reading dropped; armed, several: HOLD",

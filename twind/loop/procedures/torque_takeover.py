@@ -17,12 +17,11 @@ from twind.loop.procedures.torque_readback import torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
 from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
-from twind_drivers.bus import BusError, NoReply
+from twind_drivers.bus import TRIPPED, BusError, NoReply
 
 # s to wait for the turn of a joint; s, the age of a reading that makes the wait worthwhile
 KNOWN = 0.5
 RECENT = 0.1
-TRIPPED = 255  # value of a watchdog register that has stopped its servo
 
 
 def take_over(

@@ -1,0 +1,53 @@
+"""Watchdog that the driver keeps for devices without one: who was silent too long gets no goals. Pure.
+
+Such a device holds the last goal that it received. While it is silent the goals go on without it, so that the
+next one would be a step. A packet of goals leaves before the reply that shows its return, hence it gets none
+while it is silent. From its return it counts as tripped until it is prepared again, as a device whose own
+watchdog has tripped.
+"""
+
+import numpy as np
+
+from twind_drivers.bus import TRIPPED, Bools, SlowRegisterValues
+from twind_drivers.flags import every
+
+LIMIT = 0.1  # s of silence, as long as the bus watchdogs of devices that have one
+
+
+class HostWatchdog:
+    """Watchdog of m devices; the tripped ones read `TRIPPED` in `registers.watchdog`.
+
+    `watched` (m,): devices that get goals; the writer sets it. `overdue` (m,): those of them that are silent
+    for longer than `LIMIT` now. Times in s, never going back.
+    """
+
+    def __init__(self, registers: SlowRegisterValues) -> None:
+        self.watched: Bools = np.zeros(len(registers.watchdog), np.bool_)
+        self.overdue: Bools = np.zeros(len(registers.watchdog), np.bool_)
+        self._registers = registers
+        self._heard_at = np.full(len(registers.watchdog), np.inf)  # while one is missing
+        self._all_at = np.inf  # of the last reading of all devices
+        self._missing = False
+
+    def record(self, heard: Bools, now: float) -> None:
+        """Record the devices (m,) that a cyclic reading has heard at `now`."""
+        if not self._missing:
+            if every(heard):
+                self._all_at = now
+                return
+            self._missing = True
+            self._heard_at.fill(min(self._all_at, now))
+        late = (now - self._heard_at > LIMIT) & self.watched
+        self._registers.watchdog[late & heard] = TRIPPED
+        self.overdue = late & ~heard
+        if late.any():
+            self._registers.version += 1
+        self._heard_at[heard] = now
+        if every(heard):
+            self._missing = False
+            self._all_at = now
+
+    def clear(self, devices: Bools) -> None:
+        """Release devices (m,) that are prepared: their next goal is where they are."""
+        self._registers.watchdog[devices] = -1
+        self._registers.version += 1
