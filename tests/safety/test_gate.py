@@ -432,3 +432,24 @@ def test_any_numbers_get_a_verdict_and_never_an_exception(
         assert np.isfinite(final.position[:, final.commanded]).all()
         assert (np.diff(final.time) > 0.0).all()
         assert (np.abs(final.position[:, final.commanded]) <= 2.0).all()
+
+
+FAST = w.path([1.0, 1.1], [[0.0, 0.0], [0.7, 0.1]])  # 7 rad/s on the way, at most 4
+
+
+def test_a_refusal_for_speed_names_the_time_with_which_the_path_passes() -> None:
+    refusals = check(FAST, w.snapshot(2), w.limits(), TrajectoryRequest(), w.TH).verdict.refusals
+    text = refusals[0].message
+    seconds = float(text.rpartition("needs ")[2].removesuffix(" s"))
+    assert text.endswith(f"; the whole path needs {seconds:.2f} s")
+    assert judged(FAST.stretched(seconds / 1.1)) == []
+    assert judged(FAST.stretched((seconds - 0.02) / 1.1)) != []
+
+
+def test_a_refusal_names_no_time_where_more_time_would_not_do() -> None:
+    moving = Reference(np.zeros(2), np.array([0.5, 0.0]), np.zeros(2))
+    beyond = w.path([1.0, 1.1], [[0.0, 0.0], [2.5, 0.1]])
+    for path, over in ((FAST, {"reference": moving}), (beyond, {})):
+        refusals = check(path, w.snapshot(2, **over), w.limits(), TrajectoryRequest(), w.TH).verdict.refusals
+        assert refusals
+        assert not any("needs" in each.message for each in refusals)

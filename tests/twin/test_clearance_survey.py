@@ -40,12 +40,39 @@ def test_a_pose_and_a_motion_that_come_near_are_named_and_proposed(tmp_path: Pat
     by_pair = {near.bodies: near for near in found.near}
     assert by_pair["base", "middle"].clearance < 0.0
     assert by_pair["base", "middle"].where.startswith("motion fold at ")
-    assert set(found.proposed) == set(by_pair)
-    assert any(line.startswith("too close: base and middle") for line in found.lines())
+    lines = found.lines()
+    assert any(line.startswith("too close: base and middle") for line in lines)
+    assert found.proposed
+    for near in found.near:
+        (line,) = [line for line in lines if line.startswith(f"too close: {' and '.join(near.bodies)}")]
+        if near.bodies in found.proposed:
+            assert line.endswith(
+                f"neighbours; if they are built so close: collision: {{allow: [[{', '.join(near.bodies)}]]}})"
+            )
     allow = ", ".join(f"[{a}, {b}]" for a, b in found.proposed)
-    assert f"if they may touch: collision: {{allow: [{allow}]}}" in found.lines()
     (tmp_path / "arm.yaml").write_text(text.replace("collision: {}", f"collision: {{allow: [{allow}]}}"))
-    assert survey(bind(read_robot(tmp_path / "arm.yaml"), None), {"fold": motion}).near == ()
+    left = survey(bind(read_robot(tmp_path / "arm.yaml"), None), {"fold": motion})
+    assert left.proposed == ()
+    assert {near.bodies for near in left.near} == set(by_pair) - set(found.proposed)
+
+
+def test_bodies_far_apart_in_the_tree_are_never_proposed(tmp_path: Path) -> None:
+    robot = arm_file(tmp_path)
+    motion = Trajectory(np.array([1.0]), np.array([[0.0, 2.85, 0.0]]), ALL)
+    found = survey(bind(robot, None), {"curl": motion})
+    (near,) = [each for each in found.near if set(each.bodies) == {"base", "tip"}]
+    assert near.refused
+    assert near.joints == 3
+    assert near.bodies not in found.proposed
+    assert any("3 joints apart, so they collide" in line for line in found.lines())
+
+
+def test_a_pair_that_is_only_near_is_named_and_not_proposed(tmp_path: Path) -> None:
+    robot = arm_file(tmp_path, "{warn_m: 0.06}")
+    found = survey(bind(robot, None), {})
+    assert found.near
+    assert not any(near.refused for near in found.near)
+    assert found.proposed == ()
 
 
 def test_a_robot_in_which_nothing_can_collide_is_an_error(tmp_path: Path) -> None:

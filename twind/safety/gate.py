@@ -6,6 +6,8 @@ in the loop, a slice per tick (`checking`).
 """
 
 from collections.abc import Generator, Iterable
+from dataclasses import replace
+from math import ceil, inf
 
 import numpy as np
 
@@ -130,7 +132,8 @@ def _slices(
             changes.append(Finding(ReasonCode.RETIMED, value=factor, bound=1.0, message=reason))
     refusals += _worst(spots, ReasonCode.POS_LIMIT)
     refusals += _start_jump(path, snapshot.reference, limits, thresholds)
-    refusals += [finding for code in retime.HEALED for finding in _worst(spots, code)]
+    too_fast = [finding for code in retime.HEALED for finding in _worst(spots, code)]
+    refusals += _with_needed_time(too_fast, path, snapshot.reference) if _slower_heals(spots) else too_fast
     refusals += [*_end(path, thresholds), *busy]
     warnings = (*admission.warnings, *_worst(spots, ReasonCode.JERK_LIMIT))
     with np.errstate(all="ignore"):
@@ -259,6 +262,16 @@ def _end(path: Trajectory, thresholds: GateThresholds) -> list[Finding]:
         Finding(ReasonCode.END_NOT_AT_REST, int(joint), point, t, float(last[joint]), bound, reason)
         for joint in np.flatnonzero(path.commanded & ~(last <= bound))
     ]
+
+
+def _with_needed_time(findings: list[Finding], path: Trajectory, before: Reference) -> list[Finding]:
+    """Return the findings with the duration (s) at which the path would pass, where it begins at rest."""
+    moving = before.velocity[path.commanded].any() or before.acceleration[path.commanded].any()
+    seconds = float(path.time[-1]) * retime.needed(findings)
+    if moving or not 0.0 < seconds < inf:
+        return findings
+    text = f"; the whole path needs {ceil(seconds * 100.0) / 100.0:.2f} s"
+    return [replace(each, message=each.message + text) for each in findings]
 
 
 def _worst(spots: Spots, code: ReasonCode) -> Iterable[Finding]:

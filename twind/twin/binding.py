@@ -136,7 +136,8 @@ def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
     where = f"{robot.path}: joints.{joint.name}"
     if number < 0:
         names = ", ".join(_names(model))
-        raise InvalidInput(f"{where}: the model has no joint {joint.model_joint!r}; it has {names}")
+        at = place(robot.path, robot.text_sha256, ("joints", joint.name))
+        raise InvalidInput(f"{at}: the model has no joint {joint.model_joint!r}; it has {names}")
     if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
         raise InvalidInput(
             f"{where}: model joint {joint.model_joint!r} is no hinge: only hinges can be driven"
@@ -146,8 +147,16 @@ def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
         if joint.lower < low - TOLERANCE or joint.upper > high + TOLERANCE:
             limits = f"limits {joint.lower:g}..{joint.upper:g} rad"
             at = place(robot.path, robot.text_sha256, ("joints", joint.name, "limits_rad"))
-            raise InvalidInput(f"{at}: {limits} are outside the model's range {low:g}..{high:g}")
+            span = f"{low:g}..{high:g}{_degrees_hint(joint, low, high)}"
+            raise InvalidInput(f"{at}: {limits} are outside the model's range {span}")
     return int(number)
+
+
+def _degrees_hint(joint: JointSpec, low: float, high: float) -> str:
+    """Return a hint where the range would fit if the numbers of the model were radians, not degrees."""
+    if joint.lower < math.degrees(low) - TOLERANCE or joint.upper > math.degrees(high) + TOLERANCE:
+        return ""
+    return '; is `<compiler angle="radian"/>` missing in the model? Without it ranges are degrees'
 
 
 def _names(model: Any) -> list[str]:

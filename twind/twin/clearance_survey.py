@@ -6,6 +6,7 @@ good.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory
@@ -13,6 +14,8 @@ from twind.twin.binding import Binding
 from twind.twin.collision_model import CollisionModel, candidates
 from twind.twin.curve_sweep import CurveSweep, SweepResult
 from twind.twin.trajectory_precheck import along_the_way
+
+NEIGHBOURS = 2  # joints between two bodies that are often built closer than the blocking distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +27,24 @@ class NearBodies:
     where: str  # pose wave, motion squat at 1.2 s
     block: float  # m
     own: bool  # both belong to the robot
+    joints: int  # between them, along the tree of bodies
+
+    @property
+    def refused(self) -> bool:
+        """Whether a motion through this place is refused."""
+        return self.clearance <= self.block
+
+    @property
+    def remedy(self) -> str:
+        """What to do about a refused pair."""
+        if not self.own:
+            return "the robot meets its surroundings: change the pose or the motion"
+        if self.joints > NEIGHBOURS:
+            return (
+                f"{self.joints} joints apart, so they collide: change the pose, or geoms that are too large"
+            )
+        pair = ", ".join(self.bodies)
+        return f"neighbours; if they are built so close: collision: {{allow: [[{pair}]]}}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +67,19 @@ class ClearanceSurvey:
 
     @property
     def proposed(self) -> tuple[tuple[str, str], ...]:
-        """Entries of `allow` with which all pairs would pass without a warning."""
-        return tuple(near.bodies for near in self.near if near.own)
+        """Entries of `allow` for neighbours that are refused; what is only near needs none."""
+        return tuple(
+            near.bodies for near in self.near if near.refused and near.own and near.joints <= NEIGHBOURS
+        )
 
     def lines(self) -> list[str]:
         """Return the result as lines for people."""
         texts = [f"clearance: {self.judged} pairs of geoms are judged, of {self.possible} that can collide"]
         for near in self.near:
-            word = "too close" if near.clearance <= near.block else "near"
+            word = "too close" if near.refused else "near"
             pair = " and ".join(near.bodies)
-            texts.append(f"{word}: {pair}: {near.clearance * 1e3:.1f} mm in {near.where}")
-        if self.proposed:
-            pairs = ", ".join(f"[{one}, {other}]" for one, other in self.proposed)
-            texts.append(f"if they may touch: collision: {{allow: [{pairs}]}}")
+            remedy = f" ({near.remedy})" if near.refused else ""
+            texts.append(f"{word}: {pair}: {near.clearance * 1e3:.1f} mm in {near.where}{remedy}")
         return texts
 
 
@@ -98,4 +119,19 @@ def _keep(
         own = pair.code is ReasonCode.SELF_COLLISION
         before = found.get(pair.bodies)
         if before is None or close.clearance < before.clearance:
-            found[pair.bodies] = NearBodies(pair.bodies, close.clearance, place, pair.block, own)
+            apart = _joints_between(bodies.model, pair.geoms)
+            found[pair.bodies] = NearBodies(pair.bodies, close.clearance, place, pair.block, own, apart)
+
+
+def _joints_between(model: Any, geoms: tuple[int, int]) -> int:
+    """Count the steps from the body of one geom to that of the other along the tree."""
+    ways = []
+    for geom in geoms:
+        body = int(model.geom_bodyid[geom])
+        way = [body]
+        while body:
+            body = int(model.body_parentid[body])
+            way.append(body)
+        ways.append(way)
+    one, other = ways
+    return min(one.index(body) + other.index(body) for body in one if body in other)

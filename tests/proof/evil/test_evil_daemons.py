@@ -77,7 +77,7 @@ def test_a_mirror_without_mode_reports_is_recognised_by_its_monitor() -> None:
 ELSEWHERE = {
     "self._broken(rule, time, id, text)": "tests/proof/busmon/test_busmon_rules.py",
     'self._broken("W5", self._goal_at': "tests/proof/busmon/test_busmon_rules.py",
-    'self._broken("W9", now, None, f"a second talker': "tests/end_to_end/exclusive/test_evil_daemons_live.py",
+    'self._broken("W9", now, None, f"a second talker': "tests/end_to_end/wired/test_evil_daemons_live.py",
     'self._broken("W11", now, id, f"its watchdog tripped': "tests/proof/busmon/test_busmon_rules.py",
 }
 
