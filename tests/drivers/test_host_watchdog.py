@@ -20,13 +20,13 @@ def make() -> tuple[HostWatchdog, SlowRegisterValues]:
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=60))
 def test_a_device_trips_at_its_return_after_more_than_the_limit_and_never_else(
-    heard: list[tuple[bool, bool]],
+    history: list[tuple[bool, bool]],
 ) -> None:
     watchdog, registers = make()
     watchdog.record(ALL, 0.0)
     last = np.zeros(2)
     expected = np.zeros(2, np.bool_)
-    for step, replies in enumerate(heard, 1):
+    for step, replies in enumerate(history, 1):
         now = step * 0.03
         rows = np.array(replies)
         expected |= rows & (now - last > LIMIT)

@@ -36,7 +36,7 @@ class NearBodies:
 
     @property
     def remedy(self) -> str:
-        """What to do about a refused pair."""
+        """Remedy for a refused pair."""
         if not self.own:
             return "the robot meets its surroundings: change the pose or the motion"
         if self.joints > NEIGHBOURS:

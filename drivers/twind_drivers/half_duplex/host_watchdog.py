@@ -29,21 +29,21 @@ class HostWatchdog:
         self._all_at = np.inf  # of the last reading of all devices
         self._missing = False
 
-    def record(self, heard: Bools, now: float) -> None:
-        """Record the devices (m,) that a cyclic reading has heard at `now`."""
+    def record(self, replied: Bools, now: float) -> None:
+        """Record the devices (m,) whose replies a cyclic reading holds, at `now`."""
         if not self._missing:
-            if every(heard):
+            if every(replied):
                 self._all_at = now
                 return
             self._missing = True
             self._heard_at.fill(min(self._all_at, now))
         late = (now - self._heard_at > LIMIT) & self.watched
-        self._registers.watchdog[late & heard] = TRIPPED
-        self.overdue = late & ~heard
+        self._registers.watchdog[late & replied] = TRIPPED
+        self.overdue = late & ~replied
         if late.any():
             self._registers.version += 1
-        self._heard_at[heard] = now
-        if every(heard):
+        self._heard_at[replied] = now
+        if every(replied):
             self._missing = False
             self._all_at = now
 
