@@ -31,7 +31,7 @@ class NearBodies:
 
     @property
     def refused(self) -> bool:
-        """Whether a motion through this place is refused."""
+        """True: a motion through this place is refused."""
         return self.clearance <= self.block
 
     @property

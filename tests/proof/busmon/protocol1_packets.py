@@ -31,7 +31,7 @@ SMALLEST = 6
 
 @dataclass(frozen=True)
 class Registers:
-    """What a bus monitor must know of a memory table."""
+    """Facts of a memory table that a bus monitor needs."""
 
     instructions: frozenset[int]
     stored: int  # registers below survive power-off
@@ -74,7 +74,7 @@ class Command:
 
     @property
     def writes(self) -> bool:
-        """Does it change anything?"""
+        """True: it changes something."""
         return self.instruction in (WRITE, SYNC_WRITE, REBOOT)
 
 
@@ -91,7 +91,7 @@ def size_of(data: bytes, at: int) -> int:
 
 
 def is_sound(packet: bytes) -> bool:
-    """Is the checksum right?"""
+    """Check the checksum of a whole packet."""
     return sum(packet[2:]) & 0xFF == 0xFF
 
 
