@@ -46,13 +46,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _trajectory(options: argparse.Namespace) -> int:
     """By the daemon's own gate for the robot as it stands now, or without a daemon for one in a pose."""
-    verdict = _make_request(options) if options.robot is None else _offline(options)
+    verdict, notes = (_make_request(options), []) if options.robot is None else _offline(options)
     lines = [
         line
         for key, mark in (("refusals", "refused"), ("warnings", "warning"), ("changes", "changed"))
         for line in finding_lines(verdict[key], mark)
     ]
-    show(options, verdict, "\n".join([*lines, "refused" if verdict["refusals"] else "accepted"]))
+    show(options, verdict, "\n".join([*lines, *notes, "refused" if verdict["refusals"] else "accepted"]))
     return REFUSED if verdict["refusals"] else DONE
 
 
@@ -60,14 +60,17 @@ def _make_request(options: argparse.Namespace) -> dict[str, Any]:
     with operator(options) as client:
         trajectory = asked_motion(client, options.file, options)
         verdict: dict[str, Any] = client.call("Check", trajectory=trajectory)["verdict"]
+        # A check moves nothing and needs no lease.
+        verdict["warnings"] = [each for each in verdict["warnings"] if each["code"] != "LEASE_MISSING"]
         return verdict
 
 
-def _offline(options: argparse.Namespace) -> dict[str, Any]:
+def _offline(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
+    """Return the verdict without a daemon, and notes on what it rests on."""
     from twind.config.calibration_file import load_calibration
     from twind.config.robot_file import load_robot
     from twind.config.yaml_tree import ConfigError
-    from twind.ctl.offline_check import pose, verdict
+    from twind.ctl.offline_check import calibration_note, pose, verdict
     from twind.twin.binding import bind
 
     try:
@@ -75,7 +78,9 @@ def _offline(options: argparse.Namespace) -> dict[str, Any]:
         known = None if options.calibration is None else load_calibration(Path(options.calibration), robot)
         position = pose(robot, options.pose or "rest")
         joints = [joint.name for joint in robot.joints]
-        return verdict(bind(robot, known), position, load_motion(options.file, robot.motions, joints))
+        binding = bind(robot, known)
+        found = verdict(binding, position, load_motion(options.file, robot.motions, joints))
+        return found, [calibration_note(bind(robot, None), binding if known else None)]
     except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 

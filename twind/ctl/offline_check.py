@@ -52,6 +52,24 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     return _as_sent(names.verdict(plain(of_the_path(with_front(judged.verdict, command)))))
 
 
+def calibration_note(described: Binding, calibrated: Binding | None) -> str:
+    """Return by how much a calibration narrows the limits of the robot file, or that none was given."""
+    if calibrated is None:
+        return (
+            "note: checked with the limits of the robot file. A calibration narrows them to the measured "
+            "travel: what is accepted here may be refused there. Use --calibration FILE"
+        )
+    lost = np.maximum(
+        calibrated.limits.lower - described.limits.lower, described.limits.upper - calibrated.limits.upper
+    )
+    worst = int(np.argmax(lost))
+    if lost[worst] < 1e-3:
+        return "note: the calibration narrows no limit of the robot file"
+    name = described.joint_map.names[worst]
+    count = int((lost >= 1e-3).sum())
+    return f"note: the calibration narrows limits of {count} joints, of {name} by {lost[worst]:.3f} rad"
+
+
 def _run_precheck(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
     """Run the look-ahead checks SELF_COLLISION to UNSTABLE_POSE on `path` and return their verdict."""
     hush()

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from math import sin
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.daemon_rig import known_calibration
 from tests.support.processes import Daemon
 from twind.client import CallError, Client, Refused
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.offline_check import pose, verdict
+from twind.ctl.offline_check import calibration_note, pose, verdict
 from twind.twin.binding import bind
 
 BINDING = bind(load_robot("h24"), None)
@@ -199,11 +201,7 @@ def test_the_verb_prints_and_ends_alike(
     alone = run(capsys, given, "--json", "--robot", "h24")
     asking.client.call("AcquireLease")
     assert online[0] == alone[0]
-    told = json.loads(online[1])
-    found = json.loads(alone[1])
-    if "warnings" in told:  # the one thing that is of the moment: who asks has no lease
-        told["warnings"] = [each for each in told["warnings"] if each["code"] != "LEASE_MISSING"]
-    assert told == found
+    assert json.loads(online[1]) == json.loads(alone[1])
 
 
 def test_a_motion_of_the_robot_is_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
@@ -211,6 +209,20 @@ def test_a_motion_of_the_robot_is_found_by_name(capsys: pytest.CaptureFixture[st
 
     code, said = run(capsys, motion_names()[0], "--robot", "h24")
     assert (code, said.splitlines()[-1]) == (0, "accepted")
+
+
+def test_a_check_without_a_daemon_names_the_limits_that_it_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "limits of the robot file" in run(capsys, file(tmp_path, "good"), "--robot", "h24")[1]
+    whole = known_calibration("h24")
+    first, *others = whole.joints
+    sweep = (first.zero_ticks - 300, first.zero_ticks + 300)
+    narrow = replace(whole, joints=(replace(first, sweep_ticks=sweep), *others))
+    said = calibration_note(BINDING, bind(load_robot("h24"), narrow))
+    assert said.startswith("note: the calibration narrows limits of ")
+    assert f"of {first.name} by 1.0" in said
+    assert "narrows no limit" in calibration_note(BINDING, BINDING)
 
 
 def test_a_pose_moves_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
