@@ -86,7 +86,7 @@ def _offline(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
 
 
 def _robot(options: argparse.Namespace) -> int:
-    """Without a daemon: grammar, devices, travel, cycle budget, model, clearances, and the virtual body."""
+    """Without a daemon: grammar, devices, travel, cycle budget, model, clearances, steps, virtual body."""
     # MuJoCo, numpy and YAML: a second that no other verb pays.
     from twind.config.robot_file import load_robot
     from twind.config.robot_report import check_robot
@@ -95,6 +95,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
     from twind.twin.mujoco_physics import body_of
+    from twind.twin.settling_survey import survey_settling
 
     try:
         with ProgressLine(options, "check") as progress:
@@ -108,7 +109,12 @@ def _robot(options: argparse.Namespace) -> int:
                 motions, wrong = motions_of(robot)
                 said += [f"warning: {each}" for each in wrong]
                 progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
-                near = survey(bind(robot, None), motions)
+                binding = bind(robot, None)
+                near = survey(binding, motions)
+                progress.update("a step of each joint")
+                unsettled = survey_settling(binding)
+                said += [f"warning: {each}" for each in unsettled if not each.broken]
+                errors += [str(each) for each in unsettled if each.broken]
                 progress.update("the virtual body")
                 body_of(robot, {joint.name: joint.type.centre for joint in robot.joints})
             except (InvalidInput, OperationFailed) as error:
