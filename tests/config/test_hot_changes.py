@@ -106,9 +106,18 @@ def test_gains_are_hot_and_whatever_else_a_type_has_is_not() -> None:
     assert (found.changes, found.restart) == ({}, (f"types.{name}.return_delay_us",))
 
 
+def test_a_policy_that_the_file_begins_to_say_is_stricter_and_one_that_it_no_longer_says_is_not() -> None:
+    silent = replace(H24, gate=replace(H24.gate, on_velocity="reject", request_may_retime=True))
+    strict = replace(H24, gate=replace(H24.gate, on_velocity="reject", request_may_retime=False))
+    assert robot_difference(silent, strict).changes == {"gate.on_velocity": "reject"}
+    assert robot_difference(strict, silent).restart == ("gate.on_velocity",)
+    assert applied(silent, {"gate.on_velocity": "reject"}).gate == strict.gate
+
+
 def test_the_gate_only_gets_stricter() -> None:
-    free = replace(H24, gate=replace(H24.gate, on_velocity="retime", on_torque="warn"))
-    strict = replace(H24, gate=replace(H24.gate, on_velocity="reject", on_torque="reject"))
+    said = replace(H24.gate, request_may_retime=False)
+    free = replace(H24, gate=replace(said, on_velocity="retime", on_torque="warn"))
+    strict = replace(H24, gate=replace(said, on_velocity="reject", on_torque="reject"))
     found = robot_difference(free, strict)
     assert found.changes == {"gate.on_velocity": "reject", "gate.on_torque": "reject"}
     assert robot_difference(strict, free).restart == ("gate.on_torque", "gate.on_velocity")

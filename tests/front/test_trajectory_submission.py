@@ -99,6 +99,14 @@ def test_a_request_may_be_stricter_than_the_robot_file_never_looser(theirs: str 
         policy(trajectory(policy="fast"), description)
 
 
+def test_a_request_may_choose_where_the_robot_file_says_nothing() -> None:
+    gate = {"on_velocity": "reject", "request_may_retime": True}
+    assert policy(trajectory(), {"gate": gate}) == "reject"
+    assert policy(trajectory(policy="retime"), {"gate": gate}) == "retime"
+    with pytest.raises(InvalidInput, match=r"write `gate: \{on_velocity: retime\}`"):
+        policy(trajectory(policy="retime"), {"gate": gate | {"request_may_retime": False}})
+
+
 def test_an_unknown_joint_of_a_tolerance_is_reported_with_similar_ones() -> None:
     path, (finding,) = judge(trajectory(tolerances=[{"joint": "ankel", "path": 0.1}]), NAMES)
     assert path is None

@@ -291,7 +291,7 @@ def _unfit(node: Node, wanted: type) -> str:
 
 def none_of(value: object, known: Iterable[object]) -> str:
     """A choice that is not there: the choices, and the nearest."""
-    names = [str(each) for each in known]
+    names = [str(each) for each in known if each != ""]  # "": the key is left out
     if not names:
         return f"{value!r} is not described: the file describes none"
     near = difflib.get_close_matches(str(value), names, 1)

@@ -129,6 +129,10 @@ def _gate_difference(old: RobotFile, new: RobotFile) -> tuple[dict[str, Any], se
     for name in ("on_velocity", "on_torque"):
         before = getattr(old.gate, name)
         after = getattr(new.gate, name)
+        if name == "on_velocity" and old.gate.request_may_retime:
+            before = ""  # looser than `reject` of a file that says it
+        if name == "on_velocity" and new.gate.request_may_retime:
+            after = ""
         if before != after and after == STRICT:
             hot[f"gate.{name}"] = after
         elif before != after:
@@ -199,7 +203,8 @@ def applied(robot: RobotFile, changes: Changes) -> RobotFile:
         elif kind == "types" and name in types and what == "gains":
             types[name] = _driven(types[name], key, value)
         elif key in ("gate.on_velocity", "gate.on_torque") and value == STRICT:
-            gate = replace(gate, **{rest: value})
+            open_ = gate.request_may_retime and rest != "on_velocity"
+            gate = replace(gate, **{rest: value}, request_may_retime=open_)
         else:
             raise InvalidInput(f"may not become {value!r} while the daemon runs", where=key)
     made = tuple(replace(joint, type=types[joint.type.name]) for joint in joints.values())

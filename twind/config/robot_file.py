@@ -53,8 +53,8 @@ class LoopKeys(ConfigStruct):
 class GateKeys(ConfigStruct):
     """Section `gate`."""
 
-    on_velocity: Literal["reject", "retime"] = "reject"
-    """too fast: refuse, or slow down"""
+    on_velocity: Literal["", "reject", "retime"] = ""
+    """`reject`, `retime` | `reject`, and a request may choose | too fast: refuse, or slow down"""
     on_position: Annotated[
         Literal["reject"], Meta(description="a position outside the limits cannot be retimed")
     ] = "reject"
@@ -151,7 +151,12 @@ def read_robot(path: Path) -> RobotFile:
         passive=given.passive,
         legs=legs,
         poses=_poses(given.poses, joints),
-        gate=GateSettings(gate.on_velocity, clearance(given.collision, given.support), gate.on_torque),
+        gate=GateSettings(
+            gate.on_velocity or "reject",
+            clearance(given.collision, given.support),
+            gate.on_torque,
+            request_may_retime=not gate.on_velocity,
+        ),
         motions=path.absolute().parent / given.motions,
         transmissions=driven,
         imu=imu_of(top, wires, joints),

@@ -108,17 +108,23 @@ def _tolerances(message: TrajectoryMessage, names: JointNames) -> list[Finding]:
 def policy(message: TrajectoryMessage, description: Mapping[str, object]) -> str:
     """Policy for a path that is too fast: the requested one, else the robot file's.
 
-    Raises InvalidInput for an unknown policy, and for one that is less strict than the robot file's.
+    Raises InvalidInput for an unknown policy, and for one that is less strict than what the robot file says.
+    Where it says nothing, a request may choose.
     """
     gate = description.get("gate")
-    theirs = str(gate.get("on_velocity", POLICIES[0])) if isinstance(gate, Mapping) else POLICIES[0]
+    settings = gate if isinstance(gate, Mapping) else {}
+    theirs = str(settings.get("on_velocity", POLICIES[0]))
     asked = message.policy
     if asked is None:
         return theirs
     if asked not in POLICIES:
         raise InvalidInput(f"expected one of {', '.join(POLICIES)}, got {asked!r}", where="trajectory.policy")
-    if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
-        reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
+    looser = theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs)
+    if looser and not settings.get("request_may_retime"):
+        reason = (
+            f"the robot file says `gate: {{on_velocity: {theirs}}}`, and a request may only be stricter; "
+            f"write `gate: {{on_velocity: {asked}}}` there to allow it"
+        )
         raise InvalidInput(reason, where="trajectory.policy")
     return asked
 
