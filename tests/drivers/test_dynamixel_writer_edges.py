@@ -235,6 +235,14 @@ class Fading(Servos):
             self.silent |= {3}
 
 
+def test_preparing_ends_when_no_servo_is_left_and_reports_the_first() -> None:
+    bench = Bench(kind=Fading)
+    bench.servos.silent = {1, 2}
+    with pytest.raises(NoReply) as lost:
+        bench.run(bench.writer.prepare(HERE))
+    assert lost.value.ids == (1, 2)
+
+
 def test_the_first_missing_servo_is_reported_and_the_last_of_them_is_still_prepared() -> None:
     bench = Bench(kind=Fading)
     bench.servos.silent = {2}

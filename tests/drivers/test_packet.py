@@ -238,3 +238,20 @@ def test_a_packet_counts_the_bytes_of_its_whole_frame(params: bytes) -> None:
     frame = p.instruction(1, Instruction.WRITE, params)
     [packet] = Framer(status=None).feed(frame)
     assert packet.octets == len(frame)
+
+
+@pytest.mark.parametrize(
+    ("status", "found"), [(True, [False, True]), (False, [True, False]), (None, [True, True])]
+)
+def test_packets_are_found_by_whether_they_are_statuses(status: bool | None, found: list[bool]) -> None:
+    ping = p.instruction(1, Instruction.PING)
+    reply = p.status(1, 0, b"\1\2\3")
+    packets = p.find_packets(b"\0" + ping + reply, status=status)
+    assert packets == [
+        packet
+        for packet, kept in zip((Packet(1, 1, b""), Packet(1, 0x55, b"\0\1\2\3")), found, strict=True)
+        if kept
+    ]
+    assert [packet.is_status for packet in packets] == [
+        each for each, kept in zip((False, True), found, strict=True) if kept
+    ]

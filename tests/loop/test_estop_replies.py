@@ -115,6 +115,14 @@ def test_torque_that_becomes_known_after_a_stop_is_in_its_reply(rig: StopRig) ->
     assert rig.answered() == [(1, {"state": "armed", "torque_off": True, "done": True}, False)]
 
 
+def test_a_device_on_a_closed_bus_is_not_waited_for(rig: StopRig) -> None:
+    rig.torque.lose_every_bus()
+    rig.found((0, -1, 0))
+    rig.hardware.away[1] = True
+    rig.ask(1)
+    assert rig.answered() == [(1, {"state": "armed", "torque_off": None, "done": False}, False)]
+
+
 def test_calls_of_a_client_that_is_gone_are_dropped(rig: StopRig) -> None:
     running(rig)
     rig.ask(1, client=7)

@@ -156,6 +156,13 @@ def test_bus_errors_message_names_bus_value_bound_and_remedy(row: list[BusTraffi
     assert finding.message.startswith(message)
 
 
+@pytest.mark.parametrize("left_out", [False, True])
+def test_the_traffic_of_a_new_tick_keeps_only_the_state_of_the_line(left_out: bool) -> None:
+    traffic = BusTraffic(True, True, True, 3, 4, not left_out, 2)
+    traffic.reset(left_out=left_out)
+    assert traffic == BusTraffic(left_out=left_out, line=2)
+
+
 def test_bus_errors_one_good_exchange_ends_a_row_and_a_tick_without_question_does_not() -> None:
     watch = Watch(0.001)
     watch.all([BAD] * 4)

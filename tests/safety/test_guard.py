@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.gate_rig import at_rest
-from tests.support.guard_rig import FINE, LIMITS, STEP, TINY, N, codes, facts, joints, judge, reading
+from tests.support.guard_rig import FINE, LIMITS, PERIOD, STEP, TINY, N, codes, facts, joints, judge, reading
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
@@ -111,6 +111,20 @@ def test_loop_late_two_missed_ticks_are_reported_and_five_hold(
     judgement = judge(missed_in_a_row=missed)
     assert judgement.reaction is reaction
     assert [finding.bound for finding in judgement.findings] == ([] if bound is None else [bound])
+
+
+def test_a_motion_that_begins_now_would_be_held_for_what_holds_now() -> None:
+    guard = Guard(LIMITS)
+    guard.judge(facts(measured=reading(age=[0.0, 0.2, 0.0])))
+    assert [(finding.code, finding.joint) for finding in guard.holding(0, PERIOD)] == [
+        (ReasonCode.STATE_STALE, 1)
+    ]
+    guard.judge(facts(lease_ok=False))  # of the motion that runs, not of the one that begins
+    assert guard.holding(0, PERIOD) == ()
+    guard.judge(facts())
+    assert guard.holding(4, PERIOD) == ()
+    [late] = guard.holding(5, PERIOD)
+    assert (late.code, late.value, late.bound) == (ReasonCode.LOOP_LATE, 5.0, 5.0)
 
 
 # -------------------------------------------------------------------------------- LEASE_LOST and STREAM_STALE

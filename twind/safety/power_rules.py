@@ -160,13 +160,12 @@ class VoltageRules:
 
     def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         if not facts.torque_held:
-            if self._held < inf:
-                self._since[:] = inf
-                self._read[:] = -inf
-                self._seen = b""
-                self._results = []
-                self._held = inf
-                self._suspect = False
+            self._since[:] = inf
+            self._read[:] = -inf
+            self._seen = b""
+            self._results = []
+            self._held = inf
+            self._suspect = False
             return
         self._held = min(self._held, facts.now)
         if not same(facts.health_time, self._seen):

@@ -167,10 +167,9 @@ class ProcedureRunner:
         self._others = running
 
     def _end(self, owner: RunningProcedure) -> None:
-        """Process the end of `owner`; one that it has begun itself goes on."""
-        if self._torque is owner:
-            self._torque = None
-            self._rank = None
+        """Process the end of `owner`. A running body cannot be ended, so it has begun no other owner."""
+        self._torque = None
+        self._rank = None
         owner.finish(owner.outcome)
 
 
