@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.exceptions import InvalidInput, TwindError
+from twind.exceptions import TwindError
 from twind_drivers.clock import WaitableSource
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 
 if TYPE_CHECKING:
     from twind_drivers.single_device import SingleDeviceControl
@@ -81,12 +82,6 @@ class DeviceRefused(BusError):
         self.id = id
         self.what = what
         self.reason = reason
-
-
-def unknown_register(device: str, name: str, near: Sequence[str] = ()) -> InvalidInput:
-    """Build the error for a register that `device` lacks. `near`: the nearest names that it has."""
-    nearest = f"; near: {', '.join(near)}" if near else ""
-    return InvalidInput(f"{device} has no register {name!r}{nearest}", near=near)
 
 
 class WireRangeError(BusError):
@@ -177,25 +172,6 @@ class IdentifiedDevice:
     # operating_mode, min_position_limit, max_position_limit, return_delay_time, status_return_level, ...
     settings: Mapping[str, int] = field(default_factory=dict)
     unique_id: str | None = None  # unique within its family; None: it reports none
-
-
-@dataclass(frozen=True, slots=True)
-class RegisterAddress:
-    """Register of a device with its value. `name`: the spelling of the vendor's control table."""
-
-    name: str
-    address: int
-    size: int  # bytes
-    value: int  # signed where the register is
-    eeprom: bool = False  # survives power-off: one of those that identification may have read
-
-
-@dataclass(frozen=True, slots=True)
-class RestartResult:
-    """Result of a restart for the settings of a device."""
-
-    restored: tuple[RegisterAddress, ...] = ()  # the restart had changed them; they read back as before it
-    differing: tuple[tuple[RegisterAddress, int], ...] = ()  # registers that differ, with their value before
 
 
 @dataclass(frozen=True, slots=True)
