@@ -123,6 +123,7 @@ def test_a_robot_of_unknown_pose_is_not_held(rig: ProcedureRig) -> None:
     [event] = rig.book.events
     [finding] = event.findings
     assert (event.code, finding.code, finding.joint) == ("CALIB_MISMATCH", ReasonCode.CALIB_MISMATCH, 0)
+    assert finding.value is None
 
 
 def test_a_silent_device_does_not_keep_the_others_from_being_lowered(rig: ProcedureRig) -> None:
