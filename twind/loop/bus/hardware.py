@@ -18,7 +18,8 @@ from twind.loop.bus.joint_readings import JointReadings, radians, reach, resolut
 from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState
-from twind_drivers.bus import BusSample, BusWriter, PortError, PortErrorCause, Script, WireRangeError
+from twind_drivers.bus import BusSample, PortError, PortErrorCause, Script, WireRangeError
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.clock import Clock
 from twind_drivers.slow_read_rate import upkeep_stride
 
