@@ -6,42 +6,18 @@
 // later than the threshold. Prints "ready" first; exit code 3 without the right to SCHED_FIFO. Ends on SIGTERM
 // and with its parent.
 #define _GNU_SOURCE
-#include <sched.h>
-#include <signal.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
-#include <time.h>
+
+#include "realtime.h"
 
 #define PERIOD_NS 1000000LL
-
-static int64_t now(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec * 1000000000LL + t.tv_nsec;
-}
-
-static void sleep_until(int64_t deadline) {
-  struct timespec t = {deadline / 1000000000LL, deadline % 1000000000LL};
-  clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
-}
 
 int main(int argc, char **argv) {
   if (argc != 4) {
     fprintf(stderr, "usage: stall_sentinel CORE PRIORITY THRESHOLD_US\n");
     return 2;
   }
-  prctl(PR_SET_PDEATHSIG, SIGTERM);
-  cpu_set_t cores;
-  CPU_ZERO(&cores);
-  CPU_SET(atoi(argv[1]), &cores);
-  struct sched_param priority = {.sched_priority = atoi(argv[2])};
-  if (sched_setaffinity(0, sizeof cores, &cores) || sched_setscheduler(0, SCHED_FIFO, &priority)) {
-    perror("stall_sentinel");
-    return 3;
-  }
+  take_core("stall_sentinel", argv[1], argv[2]);
   mlockall(MCL_CURRENT | MCL_FUTURE);
   int64_t threshold = atoll(argv[3]) * 1000LL;
   setvbuf(stdout, NULL, _IOLBF, 0);

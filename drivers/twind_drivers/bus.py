@@ -1,4 +1,4 @@
-"""Bus contract between the loop and every actuator driver: reader, writer, scripts, samples, errors.
+"""Bus contract between the loop and every actuator driver: reader, scripts, samples, errors.
 
 A driver works in raw counts and registers. Radians, joint names and files do not occur in it. Time is an
 argument. `twind.exceptions` draws the tree of errors.
@@ -8,24 +8,22 @@ the rare path. It calls `feed` until that returns True or `deadline` passes, the
 Work of several transactions (identify, prepare, torque) is a **script**: a generator that yields one request
 and is sent its reply. The loop steps it, one transaction per tick.
 
-The `BusReader` exists in mirror and live, the `BusWriter` in live only: a mirror has no object that could
-write.
+The `BusReader` exists in mirror and live, the `BusWriter` (`bus_writer`) in live only: a mirror has no object
+that could write.
 """
 
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.exceptions import InvalidInput, TwindError
+from twind.exceptions import TwindError
 from twind_drivers.clock import WaitableSource
-
-if TYPE_CHECKING:
-    from twind_drivers.single_device import SingleDeviceControl
+from twind_drivers.device_registers import RegisterAddress
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -81,12 +79,6 @@ class DeviceRefused(BusError):
         self.id = id
         self.what = what
         self.reason = reason
-
-
-def unknown_register(device: str, name: str, near: Sequence[str] = ()) -> InvalidInput:
-    """Build the error for a register that `device` lacks. `near`: the nearest names that it has."""
-    nearest = f"; near: {', '.join(near)}" if near else ""
-    return InvalidInput(f"{device} has no register {name!r}{nearest}", near=near)
 
 
 class WireRangeError(BusError):
@@ -183,25 +175,6 @@ class IdentifiedDevice:
 
 
 @dataclass(frozen=True, slots=True)
-class RegisterAddress:
-    """Register of a device with its value. `name`: the spelling of the vendor's control table."""
-
-    name: str
-    address: int
-    size: int  # bytes
-    value: int  # signed where the register is
-    eeprom: bool = False  # survives power-off: one of those that identification may have read
-
-
-@dataclass(frozen=True, slots=True)
-class RestartResult:
-    """Result of a restart for the settings of a device."""
-
-    restored: tuple[RegisterAddress, ...] = ()  # the restart had changed them; they read back as before it
-    differing: tuple[tuple[RegisterAddress, int], ...] = ()  # registers that differ, with their value before
-
-
-@dataclass(frozen=True, slots=True)
 class PingRequest:
     """Ping of one device, to detect its presence. Read-only."""
 
@@ -259,9 +232,6 @@ class RequestReply:
 
 T = TypeVar("T")
 Script = Generator[Request, RequestReply, T]
-
-
-# --------------------------------------------------------------------------------------------- the two halves
 
 
 class PortHandle(WaitableSource, Protocol):
@@ -346,72 +316,3 @@ class BusReader(Protocol):
 
     def keeps(self, id: int, name: str) -> bool:
         """Return whether a value written to that register survives power-off. Raises KeyError."""
-
-
-class BusWriter(Protocol):
-    """Writing half of a driver. It exists in live only."""
-
-    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
-        """Set the range of the goals (m,) (WIRE_CLAMP); drop pending goals. Raises ValueError."""
-
-    def goals(self, ticks: Ints) -> None:
-        """Set goals (m,), raw, for the next `request`. Raises WireRangeError; then nothing is pending."""
-
-    def cut(self) -> None:
-        """Switch torque off on all devices, ahead of everything else in the next write of any kind.
-
-        Pending goals are dropped, and so are goals given before that write: a goal behind the cut could
-        switch torque on again where a device's settings let goals do so.
-        """
-
-    def clear(self) -> None:
-        """Drop pending goals: after a fault no stale goal may leave. A pending cut stays."""
-
-    def begin(self, order: Order, now: float) -> None:
-        """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
-
-    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
-        """Prepare devices for torque: clear, arm and read back their watchdogs; set gains and output caps.
-
-        `among` (m,): the devices to prepare; None: all. No other device gets a goal until it is prepared.
-        `ticks` (m,), the present positions, become the goals in the system call that clears the watchdogs: a
-        tripped servo whose torque is still on must not resume its old goal.
-        """
-
-    def write_goals(self, ticks: Ints) -> Script[None]:
-        """Write goals (m,), raw, and read them back. Raises DeviceRefused for the first that differs."""
-
-    def read_goals(self) -> Script[Ints]:
-        """Read the goals (m,), raw, that the devices hold. Raises NoReply."""
-
-    def torque(self, on: bool) -> Script[None]:
-        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
-
-        Off is written twice: a group write has no reply, so a lost packet would leave torque on.
-        """
-
-    def damp(self) -> Script[tuple[int, ...]]:
-        """Make the torque soft: cap the output, then lower stiffness and raise damping, read back. RAM only.
-
-        Returns the ids that did not confirm it. A partial result leaves no device stronger than before. The
-        caller goes on to torque off in any case. `prepare` restores the strength.
-        """
-
-    def begin_single_device(self, id: int, *, cap: int, profile: int) -> "SingleDeviceControl":
-        """Drive one device alone: `cap` is its largest current, `profile` its speed, raw.
-
-        Until `end_single_device` the other devices receive only torque off. Raises ValueError for a device
-        that cannot be driven in this way.
-        """
-
-    def end_single_device(self) -> None:
-        """Command all devices again, as before `begin_single_device`."""
-
-    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
-        """Write one register, read it back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
-
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one device, wait for its reply, restore its settings. Its torque stays off.
-
-        Raises DeviceRefused while its torque is on, unless it is `shut_down` by its hardware error.
-        """

@@ -2,7 +2,8 @@
 
 from typing import Any, TypeVar
 
-from twind_drivers.bus import BusReader, BusWriter, PingRequest, ReadRequest, Script
+from twind_drivers.bus import BusReader, PingRequest, ReadRequest, Script
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.clock import Clock
 
 T = TypeVar("T")

@@ -5,7 +5,8 @@ It is part of the bus contract (`bus`).
 
 from typing import Any, Protocol
 
-from twind_drivers.bus import RestartResult, Script
+from twind_drivers.bus import Script
+from twind_drivers.device_registers import RestartResult
 
 
 class SingleDeviceControl(Protocol):

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from tests.support.dynamixel_responder import Servos
 from tests.support.dynamixel_rig import Bench
 from tests.support.examples import examples
-from twind_drivers.bus import DeviceRefused, NoReply, RestartResult
+from twind_drivers.bus import DeviceRefused, NoReply
+from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel.packet import Instruction, Packet
 from twind_drivers.dynamixel.ram_restore import RESTORED
 from twind_drivers.dynamixel.register_rules import rule

@@ -89,6 +89,7 @@ def test_a_stop_that_began_nothing_is_answered_at_once(rig: StopRig, rank: Prior
     [
         (Mode.LIVE, (0, -1, 0), None, False),
         (Mode.LIVE, (0, 1, 0), False, True),
+        (Mode.LIVE, (-1, 1, 0), False, True),
         (Mode.MIRROR, (0, -1, 0), None, True),
         (Mode.SIM, (0, 0, 0), None, True),
     ],
@@ -104,6 +105,18 @@ def test_a_stop_is_done_once_torque_is_known_where_there_is_any(
         assert rig.answered() == []
         rig.clock.sleep_until(rig.clock.now() + KNOWN + 0.001)
     assert rig.answered() == [(1, {"state": "armed", "torque_off": off, "done": done}, False)]
+
+
+def test_torque_that_stays_unknown_is_waited_for_for_a_tenth_of_a_second(rig: StopRig) -> None:
+    rig.torque.lose_every_bus()
+    rig.found((0, -1, 0))
+    begun = rig.clock.now()
+    rig.ask(1)
+    assert rig.answered() == []
+    rig.clock.sleep_until(begun + 0.099)
+    assert rig.answered() == []
+    rig.clock.sleep_until(begun + 0.1)
+    assert [ticket for ticket, _, _ in rig.answered()] == [1]
 
 
 def test_torque_that_becomes_known_after_a_stop_is_in_its_reply(rig: StopRig) -> None:

@@ -210,46 +210,46 @@ def test_an_exchange_ends_within_the_period_even_without_replies() -> None:
     state = world.hardware.exchange(None, begin)
     assert not state.heard.any()
     assert world.clock.now() < begin + PERIOD
-    assert np.isnan(world.hardware.hops).all()
-    assert np.isnan(world.hardware.trips).all()
+    assert np.isnan(world.hardware.last_exchange.hops).all()
+    assert np.isnan(world.hardware.last_exchange.trips).all()
 
 
 def test_hops_and_trips_are_the_times_of_the_last_exchange() -> None:
     world = TwoBuses()
     world.connect()
     state = world.tick()
-    waited, read = world.hardware.hops
+    waited, read = world.hardware.last_exchange.hops
     assert waited > 0.0
     assert read >= 0.0
     assert waited + read == pytest.approx(state.round_trip)
-    assert max(world.hardware.trips) == pytest.approx(state.round_trip)
+    assert max(world.hardware.last_exchange.trips) == pytest.approx(state.round_trip)
 
 
 def test_the_skew_is_the_time_between_the_first_and_the_last_bus_that_had_answered() -> None:
     world = TwoBuses()
     world.connect()
     world.tick()
-    usual = world.hardware.skew
-    assert 0.0 <= usual == pytest.approx(abs(np.diff(world.hardware.trips).item()), abs=5e-4)
+    usual = world.hardware.last_exchange.skew
+    assert 0.0 <= usual == pytest.approx(abs(np.diff(world.hardware.last_exchange.trips).item()), abs=5e-4)
     world.virtual["left"].faults.delay(0.0006)
     world.tick()
-    later = world.hardware.skew
+    later = world.hardware.last_exchange.skew
     assert later == pytest.approx(usual + 0.0006, abs=3e-4)
     world.virtual["left"].faults.delay(0.0)
     world.tick(count=20)
-    assert world.hardware.skew == pytest.approx(usual, abs=1e-4)
-    assert world.hardware.worst_skew >= later
+    assert world.hardware.last_exchange.skew == pytest.approx(usual, abs=1e-4)
+    assert world.hardware.last_exchange.worst_skew >= later
 
 
 def test_a_single_answering_bus_has_no_skew() -> None:
     world = TwoBuses()
     world.connect()
-    worst = world.hardware.worst_skew
+    worst = world.hardware.last_exchange.worst_skew
     for id in (1, 2, 3):
         world.virtual["left"].faults.silence(id)
     world.tick(count=3)
-    assert np.isnan(world.hardware.skew)
-    assert world.hardware.worst_skew >= worst > -1.0
+    assert np.isnan(world.hardware.last_exchange.skew)
+    assert world.hardware.last_exchange.worst_skew >= worst > -1.0
 
 
 def test_foreign_bytes_are_counted_and_move_no_joint() -> None:
@@ -258,10 +258,10 @@ def test_foreign_bytes_are_counted_and_move_no_joint() -> None:
     before = world.tick().position
     world.virtual["left"].faults.foreign(1)
     state = world.tick()
-    assert world.hardware.discarded > 0
+    assert world.hardware.last_exchange.discarded > 0
     assert state.position.tolist() == before.tolist()
     world.tick()
-    assert world.hardware.discarded == 0
+    assert world.hardware.last_exchange.discarded == 0
 
 
 def test_arming_scripts_go_to_every_bus_and_torque_off_does_not_wait() -> None:

@@ -54,7 +54,7 @@ def suffered(rig: Any, order: Order, ticks: int) -> Counter[str]:
         if not tick % 20:
             rig.send(link.RenewLease)
         rig.ticks(1)
-        found["bad"] += hardware.traffic[0].bad
+        found["bad"] += hardware.last_exchange.traffic[0].bad
         found["unheard"] += int((~rig.loop.robot.measured.heard).sum())
         found["stopped"] += rig.loop.executor.motion is not motion
     found["errors"] = hardware.ports[0].counts.errors - errors

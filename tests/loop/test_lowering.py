@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.gate_rig import path
 from tests.support.procedure_rig import BROKEN, PERIOD, PLACE, REST, WHY, ProcedureRig
-from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
+from twind.loop.procedures.lowering import OBEYED, USUAL, SettleProfile, lower
 from twind.robot.modes import Motion
 
 
@@ -83,7 +84,7 @@ def test_any_other_robot_is_released_only_at_rest_in_its_rest_pose(support: str)
         ({"velocity": np.array([0.0, 0.05, 0.0])}, True),
         ({"velocity": np.array([0.0, -0.051, 0.0])}, False),
         ({"velocity": np.array([0.0, np.nan, 0.0])}, False),
-        ({"position": REST + np.array([0.0, 0.0, 0.0999])}, True),
+        ({"position": REST + np.array([0.1, 0.0, 0.0])}, True),
         ({"position": REST + np.array([0.0, 0.0, -0.1001])}, False),
         ({"age": np.array([0.5, 0.0, 0.0])}, True),
         ({"age": np.array([0.51, 0.0, 0.0])}, False),
@@ -211,7 +212,19 @@ def test_a_way_that_is_interrupted_twice_comes_to_no_end(rig: ProcedureRig) -> N
 
     rig.watched = interrupt
     done, took = lowered(rig)
-    assert not done and took < 1.5
+    assert not done and took == pytest.approx(0.6, abs=4 * PERIOD)
+    assert [event.message for event in rig.book.events] == ["the way to the rest pose came to no end"]
+
+
+def test_an_executor_that_lost_its_reference_under_way_has_not_arrived(rig: ProcedureRig) -> None:
+    begun = rig.clock.now()
+
+    def idle() -> None:
+        if rig.clock.now() > begun + 0.3:
+            rig.executor.idle()
+
+    rig.watched = idle
+    assert lowered(rig)[0] is False
     assert [event.message for event in rig.book.events] == ["the way to the rest pose came to no end"]
 
 
@@ -287,6 +300,27 @@ def test_a_way_of_four_seconds_asks_for_nothing(rig: ProcedureRig) -> None:
     assert rig.extended == []
 
 
+def test_a_way_that_lasts_just_as_long_as_there_is_time_asks_for_nothing(rig: ProcedureRig) -> None:
+    slowed(rig, 0.3)
+    lowered(rig, SettleProfile(way=3.2, within=3.2))
+    assert rig.extended == []
+
+
+def test_a_way_that_begins_in_motion_lasts_until_its_last_point(rig: ProcedureRig) -> None:
+    assert rig.executor.submit("wave", path([2.0], PLACE + 0.3)) is None
+    rig.ticks(80)
+    assert rig.executor.reference.velocity.any()
+    lowered(rig, SettleProfile(speed=0.01, way=8.0, within=0.5))
+    assert rig.extended == [pytest.approx(18.0, abs=0.1)]
+
+
+def test_the_time_of_a_robot_that_stands_free_ends_with_its_last_tick() -> None:
+    rig = ProcedureRig(support="free", period=1.0 / 128.0)  # half a second is a whole number of such ticks
+    rig.hold()
+    rig.torque.confirm_stop_begun()
+    assert lowered(rig, SettleProfile(speed=0.01, way=8.0, within=0.5)) == (False, 0.5)
+
+
 # --------------------------------------------------------------------------------------------- begun
 
 
@@ -327,6 +361,19 @@ def test_a_device_may_be_six_ticks_behind(rig: ProcedureRig, ticks: float, begun
     rig.hardware.written = behind
     lowered(rig)
     assert rig.torque.stop_begun == begun
+
+
+def test_a_device_at_exactly_six_ticks_has_begun(rig: ProcedureRig) -> None:
+    lag = OBEYED * rig.robot.limits.velocity * rig.robot.period + rig.hardware.resolution
+    body = lower(rig, USUAL, rig.extended.append)
+    next(body)
+    body.send(0.0)
+    body.send(0.0)
+    rig.robot.written = np.zeros(3)
+    rig.hardware.written = lambda: -lag
+    rig.hardware.serve()
+    body.send(0.0)
+    assert rig.torque.stop_begun
 
 
 def test_joints_that_get_no_goals_are_not_looked_at(rig: ProcedureRig) -> None:

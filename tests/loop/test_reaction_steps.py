@@ -283,10 +283,12 @@ def test_a_motion_is_slowed_and_that_is_reported_once_with_its_reason(rig: React
     [_, event] = rig.book.events
     assert (event.level, event.code) == ("info", "PACE")
     assert event.message == "the motion is slowed to 50%: FOLLOW_ERR"
+    assert rig.executor.slowed_by == ()
     rig.react(pace=1.0)
     assert rig.executor.pace == 1.0
-    rig.react(pace=0.25, slowing=(WHY.code,))
-    assert rig.book.events[-1].message == "the motion is slowed to 25%: FOLLOW_ERR"
+    rig.react(pace=0.99, slowing=(WHY.code,))
+    assert rig.book.events[-1].message == "the motion is slowed to 99%: FOLLOW_ERR"
+    assert rig.executor.slowed_by == (WHY.code,)
 
 
 def test_a_hold_that_is_paced_is_not_reported(rig: ReactionRig) -> None:

@@ -56,9 +56,9 @@ def test_the_skew_of_two_buses_is_in_every_tick_and_its_maximum_in_the_overview(
     rig.ticks(20)
     tick = of(rig, link.Tick)[-1]
     overview = of(rig, link.Overview)[-1]
-    assert tick.skew == rig.loop.hardware.skew >= 0.0
+    assert tick.skew == rig.loop.hardware.last_exchange.skew >= 0.0
     assert overview.skew_ms is not None
-    assert overview.skew_max_ms == pytest.approx(rig.loop.hardware.worst_skew * 1e3)
+    assert overview.skew_max_ms == pytest.approx(rig.loop.hardware.last_exchange.worst_skew * 1e3)
 
 
 def test_a_robot_of_one_bus_has_no_skew(live: Rig) -> None:

@@ -133,9 +133,20 @@ def test_an_exception_in_damping_too_does_not_keep_torque_on(
     rig: ProcedureRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rig.executor, "submit", fails)
-    monkeypatch.setattr(rig.hardware, "damp", fails)
+    monkeypatch.setattr(rig.hardware, "damp", lambda: {}["damp"])
     release(rig)
     assert rig.requests()[-len(OFF) :] == OFF
+    assert [event.message for event in rig.book.events if event.code == "INTERNAL"] == [
+        "ZeroDivisionError()",
+        "KeyError('damp')",
+    ]
+
+
+def test_after_an_exception_a_robot_without_torque_is_not_damped(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = ProcedureRig()
+    monkeypatch.setattr(rig.executor, "stop", fails)
+    release(rig)
+    assert rig.requests() == OFF
 
 
 def test_after_an_exception_an_inhibited_robot_is_not_damped(
@@ -156,6 +167,8 @@ def test_torque_that_was_found_on_stays_after_an_exception_where_the_whole_robot
     with pytest.raises(ZeroDivisionError):
         release(rig, profile=WHOLE)
     assert rig.requests() == []
+    release(rig)
+    assert rig.requests() == ["damp", *OFF], "where it is not, torque goes off"
 
 
 @pytest.mark.parametrize("level", STOPS)
@@ -235,6 +248,16 @@ def test_a_disarm_with_a_closed_bus_does_not_claim_that_its_torque_is_off(
     rig.hardware.ports[1].trouble = trouble
     expected = f"{why}; whether torque is on there is not known"
     assert disarmed(rig) == CallFailure("BusFailed", {"bus": "upper", "message": expected})
+
+
+def test_of_two_closed_buses_a_disarm_names_the_first() -> None:
+    rig = ProcedureRig()
+    for port in rig.hardware.ports:
+        port.reader = None
+        port.trouble = f"{port.name} unplugged"
+    outcome = disarmed(rig)
+    assert outcome.parameters["bus"] == "lower"
+    assert outcome.parameters["message"].startswith("lower unplugged")
 
 
 def test_in_another_mode_a_closed_bus_is_no_fault() -> None:
@@ -427,7 +450,9 @@ def test_where_nothing_is_written_an_estop_halts_the_simulation(
     rig: ProcedureRig, mode: Mode, level: str
 ) -> None:
     rig.condition.mode = mode
+    moving(rig)
     stop(rig, level)
+    assert ended_goals(rig) == [("aborted", (ESTOP,))]
     assert rig.halted == 1
     assert rig.hardware.log == [] and rig.procedures.rank is None
     assert rig.condition.state == "estop"

@@ -130,6 +130,14 @@ def test_a_joint_beyond_its_hard_limit_by_more_than_encoder_error(
     assert torque_switching.beyond_hard_limit(rig).tolist() == [False, beyond, False]
 
 
+def test_a_joint_at_exactly_the_edge_of_encoder_error_is_not_beyond(rig: ProcedureRig) -> None:
+    bounds = rig.robot.limits
+    edge = torque_switching.EDGE
+    for place in (bounds.hard_lower - edge, bounds.hard_upper + edge):
+        rig.robot.measured = rig.state(place)
+        assert not torque_switching.beyond_hard_limit(rig).any()
+
+
 @pytest.mark.parametrize(
     ("count", "text"), [(0, ""), (1, "hip"), (3, "hip, knee, toe"), (4, "hip, knee, toe and 1 more")]
 )
@@ -158,7 +166,7 @@ def test_torque_of_a_servo_that_is_silent_for_half_a_second_is_unknown(
 
 
 def test_torque_that_was_read_back_is_inherited_unless_this_daemon_has_it(rig: ProcedureRig) -> None:
-    assert not torque_readback.torque_inherited(rig), "armed"
+    assert torque_readback.torque_inherited(rig) is False, "armed"
     rig.torque.lose_every_bus()
     assert torque_readback.torque_inherited(rig) and torque_readback.torque_on(rig)
     rig.torque.begin_energising()
@@ -227,6 +235,10 @@ def test_the_second_of_rest_ends_with_its_last_tick() -> None:
     rig = ProcedureRig(period=1.0 / 128.0)  # a second is a whole number of such ticks, exactly
     rig.hold()
     assert damp(rig) == 1.0
+    rig = ProcedureRig(period=1.0 / 128.0)
+    rig.hold()
+    rig.read(velocity=np.ones(3))
+    assert damp(rig) == 5.0, "and so do the five seconds of a robot that does not rest"
 
 
 @pytest.mark.parametrize("odd", [{"velocity": np.array([0.0, -0.051, 0.0])}, {"age": np.array([0, 0, 1.01])}])
@@ -287,6 +299,19 @@ def test_one_bus_that_is_not_damped_is_enough_that_a_stop_has_not_begun(rig: Pro
     rig.hardware.damp = lambda: [BusTask(done=True, result=()), BusTask(BROKEN, done=True)]
     damp(rig)
     assert not rig.torque.stop_begun
+
+
+def test_the_answers_of_all_buses_are_awaited_before_any_is_reported(rig: ProcedureRig) -> None:
+    late = BusTask()
+    rig.hardware.damp = lambda: [BusTask(done=True, result=()), late]
+    body = damping.damp(rig)
+    next(body)
+    assert not rig.torque.stop_begun
+    late.done = True
+    late.result = (7,)
+    body.send(rig.clock.now())
+    assert not rig.torque.stop_begun
+    assert rig.book.events[-1].message == "ids [7] did not confirm that they are damped"
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,10 @@ def test_a_robot_of_unknown_pose_is_not_held(rig: ProcedureRig) -> None:
     rig.robot.measured = rig.state(np.full(3, np.nan))
     assert not taken(rig)
     assert rig.hardware.log == []
-    assert rig.codes() == ["CALIB_MISMATCH"]
+    [event] = rig.book.events
+    [finding] = event.findings
+    assert (event.code, finding.code, finding.joint) == ("CALIB_MISMATCH", ReasonCode.CALIB_MISMATCH, 0)
+    assert finding.value is None
 
 
 def test_a_silent_device_does_not_keep_the_others_from_being_lowered(rig: ProcedureRig) -> None:
@@ -236,6 +239,16 @@ def test_a_turn_is_waited_for_half_a_second_at_most(rig: ProcedureRig) -> None:
     assert rig.clock.now() - begun == pytest.approx(0.5, abs=2.5 * PERIOD)
 
 
+def test_the_wait_for_a_turn_ends_with_its_last_tick() -> None:
+    rig = ProcedureRig(period=1.0 / 128.0)  # half a second is a whole number of such ticks
+    rig.found()
+    body = take_over(rig, lambda: UPPER, False)
+    next(body)
+    rig.clock.time += 0.5
+    body.send(0.0)
+    assert rig.hardware.log == ["clear", "prepare"]
+
+
 @pytest.mark.parametrize(("age", "waits"), [(0.1, True), (0.11, False)])
 def test_only_a_joint_that_answers_is_waited_for(rig: ProcedureRig, age: float, waits: bool) -> None:
     rig.found()
@@ -268,6 +281,15 @@ def test_a_bus_that_is_back_is_held_where_it_is_and_the_others_go_on(back: Proce
     expected = [PLACE[0], PLACE[1], PLACE[2] + 0.05]
     assert back.robot.written == pytest.approx(expected)
     assert back.executor.reference.position == pytest.approx(expected)
+
+
+def test_the_next_goal_of_a_returned_bus_is_compared_with_its_place(back: ProcedureRig) -> None:
+    body = take_over(back, lambda: NONE, False)
+    next(body)
+    back.hardware.serve()
+    with pytest.raises(StopIteration):
+        body.send(0.0)
+    assert back.robot.written == pytest.approx([PLACE[0], PLACE[1], PLACE[2] + 0.05])
 
 
 def test_joints_that_are_held_brake_before_a_bus_is_taken_back(back: ProcedureRig) -> None:

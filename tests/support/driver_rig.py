@@ -12,7 +12,6 @@ import numpy as np
 from twind_drivers.bus import (
     BusReader,
     BusSample,
-    BusWriter,
     PingRequest,
     PortError,
     PortErrorCause,
@@ -20,6 +19,7 @@ from twind_drivers.bus import (
     Request,
     Script,
 )
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.clock import FakeClock
 from twind_drivers.run_script import perform
 

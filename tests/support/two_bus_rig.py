@@ -10,7 +10,8 @@ from twind.loop.bus.hardware import Hardware
 from twind.robot.arrays import Floats
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState
-from twind_drivers.bus import BusReader, BusWriter, PortError
+from twind_drivers.bus import BusReader, PortError
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter

@@ -8,13 +8,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import nan
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 from twind.config.supply_limits import SupplyLimits, ThermalLimits
 from twind_drivers.bus import IdentifiedDevice
-
-if TYPE_CHECKING:
-    from twind.config.robot_spec import JointSpec
 
 
 class DeviceWarning(NamedTuple):
@@ -23,6 +20,38 @@ class DeviceWarning(NamedTuple):
     message: str
     value: float
     bound: float
+
+
+class ActuatorSlot(Protocol):
+    """Slot of a joint, as its type compares a device with it (`twind.config.robot_spec.JointSpec`)."""
+
+    @property
+    def bus(self) -> str:
+        """Name of the bus."""
+
+    @property
+    def id(self) -> int:
+        """Id on the bus."""
+
+    @property
+    def type(self) -> "TypeSpec":
+        """Type of the actuator."""
+
+    @property
+    def mode(self) -> str:
+        """Name of its mode."""
+
+    @property
+    def registers(self) -> Mapping[str, int]:
+        """Values that registers must hold."""
+
+    @property
+    def operating_mode(self) -> int:
+        """Mode that the device must report."""
+
+    @property
+    def current_cap(self) -> int | None:
+        """Largest current (counts) that it may use; None: its mode takes no cap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +165,9 @@ class TypeSpec(ABC):
         """Return the type with these gains, by the names of `gain_limits`."""
 
     @abstractmethod
-    def unfit(self, joint: "JointSpec", device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
         """Yield the reasons why a device is unusable for a joint of this type, whatever the calibration."""
 
-    def doubts(self, joint: "JointSpec", device: IdentifiedDevice) -> Iterator[DeviceWarning]:
+    def doubts(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield warnings about settings of a device that works."""
         return iter(())

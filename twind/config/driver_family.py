@@ -28,7 +28,8 @@ from twind.config.family_keys import BusKeys, SlotKeys, TypeKeys
 from twind.config.port_names import Medium
 from twind.config.robot_spec import ActuatorSlot, BusSpec, ImuSpec, JointSpec
 from twind.exceptions import InvalidInput
-from twind_drivers.bus import BusReader, BusWriter, Ints
+from twind_drivers.bus import BusReader, Ints
+from twind_drivers.bus_writer import BusWriter
 
 ENTRY_POINTS = "twind.drivers"
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from twind.config.driver_family import BusDriver, BusSetup
-from twind_drivers.bus import BusReader, BusWriter
+from twind_drivers.bus import BusReader
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.can.actuator import CanActuatorIdentity
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_type import CanType

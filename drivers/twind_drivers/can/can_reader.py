@@ -21,7 +21,6 @@ from twind_drivers.bus import (
     PortHandle,
     Query,
     ReadRequest,
-    RegisterAddress,
     Request,
     RequestReply,
     Script,
@@ -49,6 +48,7 @@ from twind_drivers.can.register_access import (
     rows_of,
     state,
 )
+from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.ports.channel import CanChannel
 from twind_drivers.slow_read_rate import upkeep_stride
 

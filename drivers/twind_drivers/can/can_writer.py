@@ -18,8 +18,6 @@ from twind_drivers.bus import (
     Order,
     ReadRequest,
     RebootRequest,
-    RegisterAddress,
-    RestartResult,
     Script,
     WriteRequest,
 )
@@ -28,6 +26,7 @@ from twind_drivers.can.actuator_family import ValuelessCommand
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE, encode, ordering, parameter_of, part
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.single_device import SingleDeviceControl
 
 TRIES = 3  # sends of a goal before NoReply: one lost frame is no missing actuator

@@ -22,11 +22,11 @@ from twind_drivers.bus import (
     RebootRequest,
     Script,
     WriteRequest,
-    unknown_register,
 )
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.actuator_group import ActuatorGroup, joined
 from twind_drivers.can.can_transaction import CanTransaction
+from twind_drivers.device_registers import unknown_register
 from twind_drivers.ports.frame import NOTHING, Frames
 
 SPECIALS = 0x1_0000  # addresses of the orders without a value begin here ...

@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 
-from twind_drivers.bus import unknown_register
+from twind_drivers.device_registers import unknown_register
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities, facts
 from twind_drivers.dynamixel.register_rules import RegisterRule, rule
 

@@ -1,7 +1,8 @@
 """Dynamixel bus of a robot in its two halves: reader (mirror and live) and writer (live only)."""
 
 from twind.config.driver_family import BusDriver, BusSetup
-from twind_drivers.bus import BusReader, BusWriter
+from twind_drivers.bus import BusReader
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.dynamixel.control_tables import number_of
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader

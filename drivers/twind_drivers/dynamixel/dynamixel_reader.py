@@ -11,13 +11,13 @@ from twind_drivers.bus import (
     Query,
     ReadRequest,
     RebootRequest,
-    RegisterAddress,
     Request,
     Script,
     SlowRegisterValues,
     WriteRequest,
 )
 from twind_drivers.byte_transport import ByteTransport
+from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.device_layout import DeviceLayout, layout_of

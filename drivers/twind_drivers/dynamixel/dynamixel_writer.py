@@ -17,12 +17,11 @@ from twind_drivers.bus import (
     NoReply,
     Order,
     RebootRequest,
-    RegisterAddress,
-    RestartResult,
     Script,
     WireRangeError,
     WriteRequest,
 )
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.dynamixel import damping, packet
 from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader

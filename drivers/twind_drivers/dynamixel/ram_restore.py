@@ -7,16 +7,8 @@ are not restored: a caller that needs torque prepares for it anew.
 
 from collections.abc import Mapping
 
-from twind_drivers.bus import (
-    DeviceRefused,
-    NoReply,
-    PingRequest,
-    RebootRequest,
-    RegisterAddress,
-    RestartResult,
-    Script,
-    WriteRequest,
-)
+from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, RebootRequest, Script, WriteRequest
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.dynamixel.control_tables import TableRegister
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings

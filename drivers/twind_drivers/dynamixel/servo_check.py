@@ -4,14 +4,9 @@ Registers are compared and named, never written. What is not known refuses, but 
 """
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
-from twind.config.actuator_types import DeviceWarning
-from twind.config.robot_spec import JointSpec
+from twind.config.actuator_types import ActuatorSlot, DeviceWarning
 from twind_drivers.bus import IdentifiedDevice
-
-if TYPE_CHECKING:
-    from twind_drivers.dynamixel.servo_type import ServoType
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
@@ -25,7 +20,7 @@ TIME_PROFILE = 0b0100
 TORQUE_BY_GOAL = 0b1000
 
 
-def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
+def unfit(joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
     """Yield the reasons why this servo is unusable for this joint, whatever the calibration says."""
     settings = device.settings
     if not _same_model(device.model_name, joint.type.device):
@@ -59,7 +54,7 @@ def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
             yield f"{register} is {found_value}, the robot file says {wanted}"
 
 
-def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
+def _wrong_mode(joint: ActuatorSlot, settings: Mapping[str, int]) -> Iterator[str]:
     """Another operating mode than the robot file names, or a cap that the servo does not take."""
     mode = settings.get("operating_mode")
     wanted = joint.operating_mode
@@ -96,11 +91,9 @@ def _same_model(found: str | None, wanted: str) -> bool:
     return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
 
 
-def doubts(joint: JointSpec, kind: "ServoType", device: IdentifiedDevice) -> Iterator[DeviceWarning]:
-    """A return delay that costs more time than described; RAM that comes back from a backup; in modes 4 and
-    5, that it has no limits itself."""
+def doubts(joint: ActuatorSlot, device: IdentifiedDevice, described: int) -> Iterator[DeviceWarning]:
+    """Yield warnings: a return delay above the `described` one (µs), RAM from a backup, no own limits."""
     register = device.settings.get("return_delay_time")
-    described = kind.return_delay_us
     if register is not None and 2 * register > described:
         remedy = f"`twindctl register write {joint.bus} {joint.id} return_delay_time {described // 2}`"
         text = (
@@ -112,7 +105,7 @@ def doubts(joint: JointSpec, kind: "ServoType", device: IdentifiedDevice) -> Ite
     if startup & RAM_AT_BOOT:
         text = f"startup_configuration (60) is {startup}: bit 1, RAM from its backup at boot; write 0"
         yield DeviceWarning(text, float(startup), 0.0)
-    if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
+    if not joint.type.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
         text = (
             f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
             "the daemon's clamp is the only fence"

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twind_drivers.bus import DeviceRefused, Order, RestartResult, Script, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, Order, Script, WireRangeError, WriteRequest
+from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader

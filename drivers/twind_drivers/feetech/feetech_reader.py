@@ -12,13 +12,13 @@ from twind_drivers.bus import (
     PingRequest,
     Query,
     ReadRequest,
-    RegisterAddress,
     Request,
     Script,
     SlowRegisterValues,
     WriteRequest,
 )
 from twind_drivers.byte_transport import ByteTransport
+from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.feetech import feetech_packet as packet
 from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
 from twind_drivers.feetech.feetech_cyclic_read import START, FeetechCyclicRead, group_transaction

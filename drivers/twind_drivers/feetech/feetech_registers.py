@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 
-from twind_drivers.bus import unknown_register
+from twind_drivers.device_registers import unknown_register
 from twind_drivers.feetech.feetech_packet import from_word, to_word
 
 EPROM_END = 40  # the first RAM register

@@ -19,11 +19,10 @@ from twind_drivers.bus import (
     Order,
     PingRequest,
     RebootRequest,
-    RegisterAddress,
-    RestartResult,
     Script,
     WriteRequest,
 )
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.feetech import feetech_packet as packet
 from twind_drivers.feetech.feetech_goals import GOAL, FeetechGoals
 from twind_drivers.feetech.feetech_identification import BLOCKS, objections

@@ -10,7 +10,8 @@ from twind.config.port_names import Medium
 from twind.config.robot_file import RobotFile
 from twind.loop.bus.bus_tap import RecordingBusTap, TappedChannel, TappedTransport
 from twind.robot.joint_map import JointMap
-from twind_drivers.bus import BusReader, BusWriter
+from twind_drivers.bus import BusReader
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.ports.can_ports import open_channel, present
 from twind_drivers.ports.channel import CanChannel

@@ -16,7 +16,6 @@ from twind_drivers.bus import (
     BusError,
     BusReader,
     BusSample,
-    BusWriter,
     IdentifiedDevice,
     Order,
     PingRequest,
@@ -27,6 +26,7 @@ from twind_drivers.bus import (
     RequestReply,
     Script,
 )
+from twind_drivers.bus_writer import BusWriter
 
 T = TypeVar("T")
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from twind.loop.bus.bus_port import BusPort, PortLost, PortState, ScriptRun
 from twind.loop.bus.bus_wait import Pair, all_of, collect
+from twind.loop.bus.exchange_measurements import ExchangeMeasurements
 from twind.loop.bus.imu_poller import ImuPoller
 from twind.loop.bus.joint_readings import JointReadings, radians, reach, resolution, ticks
-from twind.robot.arrays import Bools, Floats, Ints, every, some
+from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState
-from twind.safety.guard_types import BusTraffic
-from twind_drivers.bus import BusSample, BusWriter, PortError, PortErrorCause, Script, WireRangeError
+from twind_drivers.bus import BusSample, PortError, PortErrorCause, Script, WireRangeError
+from twind_drivers.bus_writer import BusWriter
 from twind_drivers.clock import Clock
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -55,13 +56,7 @@ class Hardware:
         self.left = False  # the last goals were sent to every bus that holds
         self.sent = -inf  # s, when all requests of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
-        self.discarded = 0  # bytes thrown away in the last exchange (RX_SHAPE)
-        self.traffic = tuple(BusTraffic() for _ in self.ports)  # of the last exchange, bus by bus
-        # s, of the last exchange: request to first look at the reply, then to its last byte
-        self.hops = (nan, nan)
-        self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
-        self.skew = nan  # s, of the last exchange: between the replies of the first and the last bus
-        self.worst_skew = nan  # s, of the run
+        self.last_exchange = ExchangeMeasurements(len(self.ports))
         self._access = (False, False)
         self._spare = min(SPARE, period * SPARE_SHARE)
         self._rare_time = min(RARE, period * RARE_SHARE)
@@ -282,7 +277,8 @@ class Hardware:
             port.writer.set_goal_limits(bus.lower, bus.upper)
 
     def _read(self, now: float, end: float) -> JointState:
-        self._begin()
+        self.last_exchange.begin(self.ports)
+        self.readings.begin()
         # No request while quiet: any instruction packet feeds the watchdogs (e-manual, Bus Watchdog).
         quiet = now < self.quiet_until
         requested = []
@@ -291,77 +287,28 @@ class Hardware:
             requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, latest)]
         sent = self.sent = self.clock.now()
         first = collect(requested, self.clock, self._lose)
-        received = sent
         fresh: Bools = np.zeros(len(self.joints), np.bool_)
-        # s, when the first and the last bus had replied
-        earliest = inf
-        latest = -inf
-        answered = 0
         for pair in requested:
             sample = pair[0].finish(self.clock.now())
-            if sample is not None and self._take(pair, sample, fresh):
-                answered += 1
-                latest = max(latest, sample.received)
-                earliest = min(earliest, sample.received)
-        received = max(received, latest)
-        self.hops = (first - sent, received - first) if some(fresh) else (nan, nan)
-        self._keep_skew(latest - earliest, answered)
+            if sample is not None:
+                self._take(pair, sample, fresh)
+        is_fresh = some(fresh)
+        received = self.last_exchange.end(sent, first, fresh=is_fresh)
         # The IMU is read after the servos: its late answer must not delay their readings.
         if self.inertial is not None and not quiet:
             self._sense(self.inertial, end)
         if not quiet:
             self._rare(end, now + self.period)
-        time, trip = (received, received - sent) if some(fresh) else (self.clock.now(), nan)
+        time, trip = (received, received - sent) if is_fresh else (self.clock.now(), nan)
         return self.readings.state(fresh, time, trip, None if self.inertial is None else self.inertial.imu)
 
-    def _take(self, pair: Pair, sample: BusSample, fresh: Bools) -> bool:
-        """Take the reading of one bus: mark its joints in `fresh` (n,); True when a device replied."""
+    def _take(self, pair: Pair, sample: BusSample, fresh: Bools) -> None:
+        """Take the reading of one bus: mark its joints in `fresh` (n,)."""
         port, bus = pair
         number = self._place[port.name]
         fresh[self.readings.places[number]] = self.readings.take(number, sample)
-        self._count(number, port, sample)
+        self.last_exchange.take(number, port, sample, self.inertial)
         self._listen(number, bus, sample)
-        answered = self.traffic[number].answered
-        if answered:
-            self.trips[number] = sample.received - sample.sent
-        return answered
-
-    def _keep_skew(self, skew: float, answered: int) -> None:
-        """Keep the skew; NaN where fewer than two buses replied."""
-        if answered < 2:
-            self.skew = nan
-            return
-        self.skew = skew
-        if not skew <= self.worst_skew:
-            self.worst_skew = skew
-
-    def _begin(self) -> None:
-        """Reset the results of the last exchange."""
-        self.discarded = 0
-        self.readings.begin()
-        some_hold = False
-        for port in self.ports:
-            some_hold = some_hold or port.holding
-        for number, port in enumerate(self.ports):
-            self.traffic[number].reset(left_out=some_hold and not port.holding)
-            self.trips[number] = nan
-
-    def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
-        """Count the exchange for BUS_ERRORS, unless an IMU spoilt it.
-
-        Only identified devices count. `identity` reports missing devices.
-        """
-        traffic = self.traffic[number]
-        whole = every(sample.heard)
-        inertial = self.inertial
-        traffic.answered = whole or some(sample.heard)
-        traffic.foreign = sample.foreign
-        traffic.line = sample.line
-        if inertial is None or inertial.bus != number or not inertial.listen(sample):
-            traffic.asked = port.holding or port.link is PortState.CONNECTED
-            traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
-            self.discarded += sample.discarded
-            port.counts.errors += not whole
 
     def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
         """Read at once the register that explains the alert of each device that begins one (SERVO_ALERT)."""
@@ -436,12 +383,12 @@ class Hardware:
             self._lose(pair, error)
         else:  # the output is full: this packet is not sent, and the reading is missed
             port.counts.errors += 1
-            self.traffic[self._place[port.name]].full += 1
+            self.last_exchange.traffic[self._place[port.name]].full += 1
             self.left = self.left and not port.holding
 
     def _lose(self, pair: Pair, error: PortError) -> None:
         port, _ = pair
-        self.traffic[self._place[port.name]].line = 0
+        self.last_exchange.traffic[self._place[port.name]].line = 0
         port.lose(error, self.clock.now())
         self.readings.forget(self._place[port.name])
         self.lost.append(PortLost(port.name, error))

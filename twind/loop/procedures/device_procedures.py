@@ -20,7 +20,8 @@ from twind.loop.procedures.procedure_runner import Procedure
 from twind.loop.procedures.torque_readback import torque_on, torque_possible
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult
+from twind_drivers.bus import BusError, NoReply
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 
 T = TypeVar("T")
 

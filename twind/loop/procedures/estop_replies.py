@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from twind import link
 from twind.loop.procedures.procedure_context import ProcedureContext
@@ -12,8 +13,6 @@ from twind.robot.arrays import some
 from twind.robot.modes import Mode
 
 STOPPING = (Priority.ESTOP, Priority.CUT)
-
-
 KNOWN = 0.1  # s to wait for a device whose torque was not read back: two rounds of slow reads
 
 
@@ -23,7 +22,7 @@ class PendingEStop:
 
     command: link.EStop
     begin_reported: bool = False
-    ended_at: float | None = None  # s, when the stop ended with torque unknown of a device
+    deadline: float = inf  # s: the stop has ended, and torque that is unknown is waited for until then
 
 
 class EStopReplies:
@@ -67,8 +66,8 @@ class EStopReplies:
         if not some((context.hardware.slow.torque < 0) & context.hardware.open):
             return True
         now = context.clock.now()
-        waiting.ended_at = now if waiting.ended_at is None else waiting.ended_at
-        return not now - waiting.ended_at < KNOWN
+        waiting.deadline = min(waiting.deadline, now + KNOWN)
+        return now >= waiting.deadline
 
     def _send_reply(self, waiting: PendingEStop, *, done: bool) -> None:
         context = self._context

@@ -6,7 +6,7 @@ ended by force has the outcome `Busy`, with the cause.
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from twind.exceptions import TwindError
@@ -60,7 +60,7 @@ class RunningProcedure:
     body: Procedure
     ended: Ending
     outcome: CallOutcome | None = None  # once it has ended by itself
-    broken: bool = False  # a step raised an exception
+    broken: bool = False  # a later step than the first raised an exception
 
     def begin(self) -> bool:
         """Run to the first wait; False when it ended already."""
@@ -69,9 +69,6 @@ class RunningProcedure:
         except StopIteration as stop:
             self.outcome = stop.value
             return False
-        except Exception:
-            self.broken = True
-            raise
         return True
 
     def step(self, now: float) -> bool:
@@ -93,20 +90,26 @@ class RunningProcedure:
         ended(outcome)
 
 
+@dataclass(eq=False)
+class TorqueOwner(RunningProcedure):
+    """The procedure that owns the torque."""
+
+    rank: Priority = field(kw_only=True)
+
+
 class ProcedureRunner:
     """Running procedures: at most one that owns the torque, and any number beside it."""
 
     def __init__(self, cause: Callable[[], str] = str) -> None:
         """`cause`: returns the text of what is latched, which ends procedures; empty: nothing is."""
         self._cause = cause
-        self._torque: RunningProcedure | None = None
-        self._rank: Priority | None = None
+        self._torque: TorqueOwner | None = None
         self._others: list[RunningProcedure] = []
 
     @property
     def rank(self) -> Priority | None:
         """Urgency of the procedure that owns the torque; None: no procedure owns it."""
-        return self._rank
+        return None if self._torque is None else self._torque.rank
 
     def own(self, rank: Priority, start: Callable[[], Procedure], ended: Ending = unanswered) -> bool:
         """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs.
@@ -114,18 +117,16 @@ class ProcedureRunner:
         `ended` receives its outcome, also when it is ended by force. A procedure whose first step raises an
         exception owns nothing: the caller receives the exception, and `ended` no outcome.
         """
-        if self._rank is not None and self._rank >= rank:
+        if self._torque is not None and self._torque.rank >= rank:
             return False
         self.abandon()
-        owner = RunningProcedure(start(), ended)
+        owner = TorqueOwner(start(), ended, rank=rank)
         self._torque = owner
-        self._rank = rank
         try:
             goes_on = owner.begin()
-        finally:
-            if owner.broken and self._torque is owner:
-                self._torque = None
-                self._rank = None
+        except Exception:
+            self._torque = None
+            raise
         if not goes_on:
             self._end(owner)
         return True
@@ -144,11 +145,10 @@ class ProcedureRunner:
         The only place that does so. Its outcome is `Busy`, with what is latched or "something more urgent".
         """
         owner = self._torque
-        if owner is None or self._rank is None:
+        if owner is None:
             return
-        doing = DOING.get(self._rank, self._rank.name.lower())
+        doing = DOING.get(owner.rank, owner.rank.name.lower())
         self._torque = None
-        self._rank = None
         owner.body.close()
         what = f"{doing} was ended by {self._cause() or 'something more urgent'}"
         owner.finish(CallFailure("Busy", {"what": what}))
@@ -166,7 +166,7 @@ class ProcedureRunner:
                 other.finish(other.outcome)
         self._others = running
 
-    def _end(self, owner: RunningProcedure) -> None:
+    def _end(self, owner: TorqueOwner) -> None:
         """Process the end of `owner`. A running body cannot be ended, so it has begun no other owner."""
         self._torque = None
         self._rank = None
@@ -174,8 +174,7 @@ class ProcedureRunner:
 
 
 def ticks(count: int) -> Generator[None, float, float]:
-    """Wait `count` ticks; return the time of the last, s."""
-    now = 0.0
-    for _ in range(count):
-        now = yield
-    return now
+    """Wait `count` ticks, at least one; return the time of the last, s."""
+    for _ in range(count - 1):
+        yield
+    return (yield)

@@ -7,6 +7,7 @@ be held without a step gets no goal.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from math import isfinite
 
 import numpy as np
 
@@ -52,10 +53,14 @@ def take_over(
         stepped = stepped & ~well
     whole = whole and not torque.armed
     if some(stepped):
-        _leave(context, stepped, whole)
+        remedy = "torque goes off where the robot stands; support it"
+        _leave_out(context, stepped, ReasonCode.OUT_OF_LIMIT, _step_text(context, stepped), remedy, whole)
         return False
     if not every(located):
-        _leave_out(context, ~located, whole)
+        # a goal could be a turn away
+        message = f"the position of {joint_names(context, ~located)} is unknown"
+        remedy = "it gets no goal, and torque goes off where it stands; support it"
+        _leave_out(context, ~located, ReasonCode.CALIB_MISMATCH, message, remedy, whole)
         if not some(located):
             return False
     yield from _prepare(context, here, located, whole)
@@ -69,42 +74,33 @@ def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: boo
     context.hardware.clear()
     try:
         yield from all_of(context.hardware.prepare(here, located))
-    except (
-        NoReply
-    ) as error:  # the other devices took it over: to lower those is better than to drop the robot
+    except NoReply as error:  # the other devices took it over
         if whole:
             raise
-        message = f"lowered although a device did not answer: {error_text(context, error)}"
-        context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+        _say_silent(context, error)
 
 
-def _leave(context: ProcedureContext, stepped: Bools, whole: bool) -> None:
-    """Report that joints (n,) past their hard limits are not taken over: to hold them would be a step.
-
-    Raises BusError where the whole robot is wanted.
-    """
-    message = f"to hold {joint_names(context, stepped)} inside the hard limits would be a step"
+def _leave_out(
+    context: ProcedureContext, left: Bools, code: ReasonCode, message: str, remedy: str, whole: bool
+) -> None:
+    """Report that joints (n,) get no goal. Raises BusError where the whole robot is wanted."""
     if whole:
         raise BusError(message)
-    joint = int(np.flatnonzero(stepped)[0])
+    joint = int(np.flatnonzero(left)[0])
     value = float(context.robot.measured.position[joint])
-    found = Finding(ReasonCode.OUT_OF_LIMIT, joint, value=value, message=message)
-    report = f"{message}: torque goes off where the robot stands; support it"
-    context.reports.event("error", ReasonCode.OUT_OF_LIMIT, report, (found,))
+    found = Finding(code, joint, value=value if isfinite(value) else None, message=message)
+    context.reports.event("error", code, f"{message}: {remedy}", (found,))
 
 
-def _leave_out(context: ProcedureContext, nowhere: Bools, whole: bool) -> None:
-    """Report that joints (n,) of unknown place get no goal: it could be a turn away.
+def _step_text(context: ProcedureContext, stepped: Bools) -> str:
+    """Return why joints (n,) past their hard limits are not taken over."""
+    return f"to hold {joint_names(context, stepped)} inside the hard limits would be a step"
 
-    Raises BusError where the whole robot is wanted.
-    """
-    message = f"the position of {joint_names(context, nowhere)} is unknown"
-    if whole:
-        raise BusError(message)
-    joint = int(np.flatnonzero(nowhere)[0])
-    found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
-    report = f"{message}: it gets no goal, and torque goes off where it stands; support it"
-    context.reports.event("error", ReasonCode.CALIB_MISMATCH, report, (found,))
+
+def _say_silent(context: ProcedureContext, error: NoReply) -> None:
+    """Report devices without a reply: to lower the others is better than to drop the robot."""
+    message = f"lowered although a device did not answer: {error_text(context, error)}"
+    context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
 
 
 def _wait_for_turns(context: ProcedureContext, unjudged: Callable[[], Bools]) -> Steps:
@@ -127,8 +123,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
         yield  # the joints that are held brake
     back_with = ~hardware.energised_joints & hardware.open & beyond_hard_limit(context)
     if some(back_with):
-        why = f"to hold {joint_names(context, back_with)} inside the hard limits would be a step"
-        message = f"not taken over, torque goes off where it stands: {why}"
+        message = f"not taken over, torque goes off where it stands: {_step_text(context, back_with)}"
         context.reports.event("error", ReasonCode.OUT_OF_LIMIT, message)
         return
     here, located = _where_it_is(context)
@@ -136,8 +131,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
     try:
         yield from all_of(back)
     except NoReply as error:
-        message = f"lowered although a device did not answer: {error_text(context, error)}"
-        context.reports.event("error", ReasonCode.DEVICE_MISSING, message)
+        _say_silent(context, error)
     except BusError as error:  # never a reason to drop the joints that are held
         message = f"not taken over, torque goes off where it stands: {error_text(context, error)}"
         context.reports.event("error", ReasonCode.BUS_ERRORS, message)

@@ -143,7 +143,7 @@ class Loop:
             self.parts.health.hop("state", read - self.robot.measured.time, now)
             self.parts.health.hop("twin", self.clock.now() - read, now)
         self.parts.health.update(
-            self.robot.measured, self.hardware, now, live=self.condition.mode is not Mode.SIM
+            self.robot.measured, self.hardware.last_exchange, now, live=self.condition.mode is not Mode.SIM
         )
         self.reactions.watch_simulation()
         self.executor.observe(

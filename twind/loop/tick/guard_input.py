@@ -51,8 +51,8 @@ def facts(
         # a device that was left out keeps the watchdog value that it was found with
         watchdog=np.where(left_out, np.int16(-1), slow.watchdog) if some(left_out) else slow.watchdog,
         status_time=slow.status_time,
-        discarded=context.hardware.discarded,
-        traffic=context.hardware.traffic,
+        discarded=context.hardware.last_exchange.discarded,
+        traffic=context.hardware.last_exchange.traffic,
         alerts=readings.alerts,
         fault=slow.fault,
         tick=slow.tick,

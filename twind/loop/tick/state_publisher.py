@@ -89,7 +89,7 @@ class StatePublisher:
             raw_effort=raw.effort.tobytes(),
             raw_age=raw.age(read).tobytes(),
             dropped=self._parts.link.dropped,
-            skew=context.hardware.skew if context.condition.mode is not Mode.SIM else nan,
+            skew=context.hardware.last_exchange.skew if context.condition.mode is not Mode.SIM else nan,
             imu=b"" if imu is None else _packed(imu),
             imu_age=nan if imu is None else max(0.0, state.time - imu.time),
         )
@@ -137,8 +137,10 @@ class StatePublisher:
             latency_avg_ms=_ms(latency.mean),
             latency_max_ms=_ms(latency.max),
             violations=latency.violations,
-            skew_ms=_ms(context.hardware.skew) if context.condition.mode is not Mode.SIM else None,
-            skew_max_ms=_ms(context.hardware.worst_skew),
+            skew_ms=_ms(context.hardware.last_exchange.skew)
+            if context.condition.mode is not Mode.SIM
+            else None,
+            skew_max_ms=_ms(context.hardware.last_exchange.worst_skew),
             hw_connected=context.condition.mode is not Mode.SIM and context.hardware.connected,
             sim_connected=True,
             lease=self.lease(now),
