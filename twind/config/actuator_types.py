@@ -22,8 +22,8 @@ class DeviceWarning(NamedTuple):
     bound: float
 
 
-class ActuatorSlot(Protocol):
-    """Slot of a joint, as its type compares a device with it (`twind.config.robot_spec.JointSpec`)."""
+class ExpectedDevice(Protocol):
+    """Device that a joint (`twind.config.robot_spec.JointSpec`) expects; its type compares a found one."""
 
     @property
     def bus(self) -> str:
@@ -165,9 +165,9 @@ class TypeSpec(ABC):
         """Return the type with these gains, by the names of `gain_limits`."""
 
     @abstractmethod
-    def unfit(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield the reasons why a device is unusable for a joint of this type, whatever the calibration."""
 
-    def doubts(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
+    def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield warnings about settings of a device that works."""
         return iter(())

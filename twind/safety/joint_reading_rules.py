@@ -37,20 +37,15 @@ class ReadingRules:
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured = facts.measured
-        limits = self._limits
         if measured is None:
             if facts.torque_held:
                 yield RuleResult(
                     Finding(ReasonCode.STATE_STALE, message="no reading at all: holding"), hold(facts)
                 )
             return
-        since = facts.now - measured.time
-        if not every(measured.age <= self._bounds.stale_warn - since):
-            yield from self._stale(facts, measured.age + since)
-        position = measured.position
-        if not every((position >= limits.lower) & (position <= limits.upper)):
-            yield from self._beyond(facts, position)
-            yield from self._outward(facts, position)
+        yield from self._stale(facts, measured.age + (facts.now - measured.time))
+        yield from self._beyond(facts, measured.position)
+        yield from self._outward(facts, measured.position)
 
     def _jumps(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Yield SENSE_JUMP: an impossible reading is reported; several in a row hold the robot."""

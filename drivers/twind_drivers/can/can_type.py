@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ActuatorSlot, TypeSpec
+from twind.config.actuator_types import ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.can.can_units import COUNT, EFFORT
 
@@ -109,7 +109,7 @@ class CanType(TypeSpec):
         """Return the type with that stiffness and damping."""
         return replace(self, gains=Impedance(**gains))
 
-    def unfit(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield the reasons why a CAN actuator is unusable for a joint of this type.
 
         Many cannot report their model; their ranges are compared instead. A wrong range is a wrong position.

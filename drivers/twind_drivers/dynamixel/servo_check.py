@@ -5,7 +5,7 @@ Registers are compared and named, never written. What is not known refuses, but 
 
 from collections.abc import Iterator, Mapping
 
-from twind.config.actuator_types import ActuatorSlot, DeviceWarning
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice
 from twind_drivers.bus import IdentifiedDevice
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
@@ -20,7 +20,7 @@ TIME_PROFILE = 0b0100
 TORQUE_BY_GOAL = 0b1000
 
 
-def unfit(joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
+def unfit(joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
     """Yield the reasons why this servo is unusable for this joint, whatever the calibration says."""
     settings = device.settings
     if not _same_model(device.model_name, joint.type.device):
@@ -54,7 +54,7 @@ def unfit(joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
             yield f"{register} is {found_value}, the robot file says {wanted}"
 
 
-def _wrong_mode(joint: ActuatorSlot, settings: Mapping[str, int]) -> Iterator[str]:
+def _wrong_mode(joint: ExpectedDevice, settings: Mapping[str, int]) -> Iterator[str]:
     """Another operating mode than the robot file names, or a cap that the servo does not take."""
     mode = settings.get("operating_mode")
     wanted = joint.operating_mode
@@ -91,7 +91,7 @@ def _same_model(found: str | None, wanted: str) -> bool:
     return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
 
 
-def doubts(joint: ActuatorSlot, device: IdentifiedDevice, described: int) -> Iterator[DeviceWarning]:
+def doubts(joint: ExpectedDevice, device: IdentifiedDevice, described: int) -> Iterator[DeviceWarning]:
     """Yield warnings: a return delay above the `described` one (µs), RAM from a backup, no own limits."""
     register = device.settings.get("return_delay_time")
     if register is not None and 2 * register > described:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ActuatorSlot, DeviceWarning, TypeSpec
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel import servo_check
 from twind_drivers.dynamixel.control_tables import number_of, table
@@ -142,10 +142,10 @@ class ServoType(TypeSpec):
         """Return the type with these gains, in whole counts."""
         return replace(self, gains=GainSettings(**{name: int(number) for name, number in gains.items()}))
 
-    def unfit(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what its registers rule out."""
         return servo_check.unfit(joint, device)
 
-    def doubts(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
+    def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield warnings about its registers."""
         return servo_check.doubts(joint, device, self.return_delay_us)

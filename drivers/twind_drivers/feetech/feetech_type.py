@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ActuatorSlot, DeviceWarning, TypeSpec
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.feetech.feetech_identification import objections
 from twind_drivers.feetech.feetech_models import AMPERE, model
@@ -122,7 +122,7 @@ class FeetechType(TypeSpec):
         """Return the type with these gains, in whole counts."""
         return replace(self, gains=FeetechGains(**{name: int(number) for name, number in gains.items()}))
 
-    def unfit(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what rules it out: no word on the watchdog, another model, settings, unknown firmware."""
         if self.watchdog != "none":
             yield (
@@ -138,7 +138,7 @@ class FeetechType(TypeSpec):
             if value != wanted:
                 yield f"{register} is {value}, the robot file says {wanted}"
 
-    def doubts(self, joint: ActuatorSlot, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
+    def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield the mode without limits of its own."""
         if not self.fenced(joint.mode):
             text = f"in {joint.mode} mode it has no limits of its own: the daemon's clamp is the only fence"
