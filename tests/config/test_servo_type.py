@@ -23,7 +23,6 @@ def of(device: str, *lines: str) -> ServoType:
         ("XL330-M288", 4096, 0.001, 0.229),
         ("XH430-V350-R", 4096, 0.00134, 0.229),
         ("PH54-200-S500", 1_003_846, 0.001, 0.01),
-        ("YM070-210-M001", 524_288, 0.01, 0.01),
     ],
 )
 def test_a_type_has_the_units_of_its_model(device: str, turn: int, ampere: float, rpm: float) -> None:
@@ -34,7 +33,12 @@ def test_a_type_has_the_units_of_its_model(device: str, turn: int, ampere: float
 
 
 @pytest.mark.parametrize(
-    "device", [name for name, number in models().items() if table(number).facts.counts_per_turn]
+    "device",
+    [
+        name
+        for name, number in models().items()
+        if table(number).facts.counts_per_turn and not table(number).facts.undriven
+    ],
 )
 def test_counts_that_contradict_the_model_are_refused_with_both(device: str) -> None:
     known = table(number_of(device)).facts.counts_per_turn
@@ -43,6 +47,20 @@ def test_counts_that_contradict_the_model_are_refused_with_both(device: str) -> 
     for wrong in (known // 2, known * 2, known - known // 500):
         with pytest.raises(ConfigError, match=f"{wrong}, but a {device} has {known}"):
             of(device, f"ticks_per_turn: {wrong}")
+
+
+@pytest.mark.parametrize(
+    ("device", "reason"),
+    [
+        ("XL320", "Protocol 1"),
+        ("YM070-210-R099", "another layout"),
+        ("H54-200-S500-R", "without bus watchdog.*-RA servos are driven"),
+        ("M42-10-S260-R", "without bus watchdog"),
+    ],
+)
+def test_a_model_that_is_not_driven_is_refused_at_its_name_with_the_reason(device: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=rf"device: {device} is not driven here: .*{reason}"):
+        of(device, "ticks_per_turn: 4096")
 
 
 def test_the_vendors_two_figures_of_one_model_are_one_model() -> None:

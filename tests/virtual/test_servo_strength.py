@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.pendulum_rig import GRAVITY, TICK, Pendulum
+from tests.support.pendulum_rig import GRAVITY, TICK, FeetechPendulum, Pendulum
 from twind.virtual.bench_servos import BusTiming, bench, servo
 from twind.virtual.virtual_main import prepare_motors
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_models import FACTS
 from twind_drivers.virtual.dynamixel_motor_figures import FIGURES, NEAREST, motor_figures, stand_in
-from twind_drivers.virtual.servo_strength import RAD_S
+from twind_drivers.virtual.servo_strength import RAD_S, MotorFigures, OperatingPoint
 
 OVERLOAD = 32  # bit of register 70
 RUNS = Path(__file__).parents[1] / "data" / "xl330_pendulum.csv"
@@ -29,19 +29,29 @@ LOADS = [
 ]
 
 
-def balance(model: str, volts: float, p: int, weight: float) -> float:
-    """Angle (rad) at which a lifted mass ends whose goal is level: motor = weight sin(angle) + friction."""
-    figures = motor_figures(table(number_of(model)))
-    stall = figures.at(volts)[0]
-    dry = 0.0122 * stall if figures.friction is None else figures.friction
+def balance(stall: float, slope: float, weight: float, dry: float, loaded: float = 0.0) -> float:
+    """Angle (rad) at which a lifted mass ends whose goal is level: motor = weight sin(angle) + friction.
+
+    `slope`: share of the output per tick of error. `loaded`: friction per (N·m)² that the gear carries.
+    """
     low, high = 0.0, pi / 2
     while high - low > 1e-5:
         angle = (low + high) / 2
-        motor = stall * min((pi / 2 - angle) / TICK * p / figures.divisor / 885.0, 1.0)
+        motor = stall * min((pi / 2 - angle) / TICK * slope, 1.0)
         load = weight * sin(angle)
-        rubbing = dry + figures.load_friction * (motor + load) ** 2
+        rubbing = dry + loaded * (motor + load) ** 2
         low, high = (angle, high) if motor > load + rubbing else (low, angle)
     return low
+
+
+def lift(arm: Pendulum) -> float:
+    """Raise the mass slowly to level, so that nothing carries it on; return what is missing, rad."""
+    arm.torque(True)
+    for left in np.linspace(1.0, 0.0, 100):
+        arm.goal((1.0 - left**2) * pi / 2)
+        arm.wait(0.03)
+    arm.wait(0.2)
+    return pi / 2 - arm.angle
 
 
 @pytest.mark.parametrize(("model", "volts", "p", "mass", "length"), LOADS)
@@ -51,14 +61,28 @@ def test_a_load_sinks_as_the_figures_of_the_model_and_its_gain_law_say(
     arm = Pendulum(model, mass, length, volts=volts)
     arm.register("position_p_gain", p)
     arm.register("position_d_gain", 0)
-    arm.torque(True)
-    for left in np.linspace(1.0, 0.0, 100):  # from below, ever slower, so that nothing carries it on
-        arm.goal((1.0 - left**2) * pi / 2)
-        arm.wait(0.03)
-    arm.wait(0.2)
+    missing = lift(arm)
     sag = arm.servos.protection.supply_share[0] * arm.servos.protection.nominal[0]
-    expected = balance(model, sag, p, mass * GRAVITY * length)
-    assert pi / 2 - arm.angle == pytest.approx(pi / 2 - expected, rel=0.04)
+    figures = motor_figures(table(number_of(model)))
+    stall = figures.at(sag)[0]
+    dry = 0.0122 * stall if figures.friction is None else figures.friction
+    weight = mass * GRAVITY * length
+    expected = balance(stall, p / figures.divisor / 885.0, weight, dry, figures.load_friction)
+    assert missing == pytest.approx(pi / 2 - expected, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    ("volts", "p", "mass", "stall"),
+    [(6.0, 32, 0.8, 16.5), (7.4, 32, 0.8, 19.5), (7.4, 16, 0.8, 19.5), (12.0, 32, 1.2, 30.0)],
+)
+def test_a_load_on_an_sts3215_sinks_as_its_page_and_the_assumed_gain_law_say(
+    volts: float, p: int, mass: float, stall: float
+) -> None:
+    arm = FeetechPendulum("STS3215", mass, 0.1, volts=volts)
+    arm.register("position_p_gain", p)
+    strength = stall * 0.0980665  # kg cm
+    expected = balance(strength, 25.0 * p / 128.0 / 1000.0, mass * GRAVITY * 0.1, 0.0122 * strength)
+    assert lift(arm) == pytest.approx(pi / 2 - expected, rel=0.04)
 
 
 @pytest.mark.parametrize(
@@ -82,14 +106,19 @@ def test_without_load_it_turns_at_the_speed_of_the_page(model: str, volts: float
         ("XL430-W250", 0.5, 0.2),
         ("XM430-W350", 1.0, 0.25),
         ("XM540-W270", 2.0, 0.3),
+        ("STS3215", 0.6, 0.2),
     ],
 )
 def test_limp_it_swings_with_its_own_inertia_and_loses_what_friction_takes(
     model: str, mass: float, length: float
 ) -> None:
     """Period 2 pi sqrt(I / mgl) (1 + a² / 16); each half swing loses 2 F / mgl, and damping its share."""
-    figures = motor_figures(table(number_of(model)))
-    arm = Pendulum(model, mass, length)
+    if model == "STS3215":
+        arm: Pendulum = FeetechPendulum(model, mass, length, volts=7.4)
+        figures = MotorFigures(points=(OperatingPoint(7.4, 1.912, 52.0, 3.0),), gear=345.0, nominal=7.4)
+    else:
+        arm = Pendulum(model, mass, length)
+        figures = motor_figures(table(number_of(model)))
     weight = mass * GRAVITY * length
     inertia = mass * length**2 + figures.armature
     arm.body.data.qpos[0] = begin = 0.5

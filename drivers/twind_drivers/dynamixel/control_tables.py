@@ -21,6 +21,10 @@ from twind_drivers.dynamixel.register_rules import RegisterRule, rule
 # switch torque on at boot, so it is always read; older firmware returns 0 there inside a block.
 SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
 
+# The first PRO servos (e-manual, dxl/pro/h54-200-s500-r and others) have no file in the package.
+PRO_R = re.compile(r"[hlm](42|54)_\d+_s\d+_r")
+PRO_R_LAYOUT = "a PRO -R has another layout, without bus watchdog, profile and realtime tick"
+
 
 @dataclass(frozen=True, slots=True)
 class TableRegister:
@@ -128,6 +132,8 @@ def number_of(name: str) -> int:
     for candidate in (key, re.sub(r"_[tr]$", "", key)):
         if candidate in stems:
             return stems[candidate]
+    if PRO_R.fullmatch(key):
+        raise KeyError(f"{name} is not driven here: {PRO_R_LAYOUT}; PRO -RA servos are driven")
     near = _nearest(key, {stem: _model(stem) for stem in stems})
     known = f"; near: {', '.join(near)}" if near else f": known are {', '.join(models())}"
     raise KeyError(f"no Dynamixel model {name!r}{known}")

@@ -188,11 +188,14 @@ def read_registers(section: ConfigReader, known: ControlTable) -> dict[str, int]
 
 
 def _find_table(section: ConfigReader, device: str) -> ControlTable:
-    """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
+    """The vendor's table of a type's device. Raises ConfigError: no such model, or one that is not driven."""
     try:
-        return table(number_of(device))
+        found = table(number_of(device))
     except KeyError as error:
         raise section.refuse("device", str(error.args[0])) from None
+    if found.facts.undriven:
+        raise section.refuse("device", f"{device} is not driven here: {found.facts.undriven}")
+    return found
 
 
 def _turn(section: ConfigReader, given: ServoTypeKeys, known: int | None) -> int:

@@ -1,0 +1,1 @@
+"""Hiwonder LX-16A bus servos: an example of a driver family that is no part of twind."""
