@@ -15,8 +15,13 @@ def chained_read(
     size: int,
     grouped: Callable[[int], bool],
     group_read: Callable[[Sequence[int], int, int], bytes],
+    *,
+    refusals: bool = False,
 ) -> SerialTransaction:
-    """Return the read: by `group_read(ids, address, size)` of those that are `grouped`, then one by one."""
+    """Return the read: by `group_read(ids, address, size)` of those that are `grouped`, then one by one.
+
+    `refusals`: see `ChecksumReply`.
+    """
     together = [id for id in ids if grouped(id)]
     alone = [id for id in ids if not grouped(id)]
     if len(together) == 1 or len(ids) == 1:
@@ -27,5 +32,5 @@ def chained_read(
     done = len(together) or 1
     then = tuple((done + place, request) for place, request in enumerate(singles))
     requests = () if together and not singles else (first, *singles)
-    reply = ChecksumReply(ids, size, requests)
+    reply = ChecksumReply(ids, size, requests, refusals=refusals)
     return SerialTransaction(first, reply, len(ids), extra=ADAPTER * len(then), then=then)

@@ -10,7 +10,7 @@ from twind_drivers.half_duplex.signed_words import from_word, to_word
 
 
 @dataclass(frozen=True, slots=True)
-class TableRegister:
+class MappedRegister:
     """One register of one or two bytes."""
 
     name: str
@@ -48,12 +48,12 @@ class RegisterTable:
     """Registers of one kind of servo, by name. `title`: of the kind, for messages."""
 
     title: str
-    registers: Mapping[str, TableRegister]
+    registers: Mapping[str, MappedRegister]
 
     def __contains__(self, name: str) -> bool:
         return name in self.registers
 
-    def __getitem__(self, name: str) -> TableRegister:
+    def __getitem__(self, name: str) -> MappedRegister:
         """Raise InvalidInput that lists similar names, for an unknown one."""
         found = self.registers.get(name)
         if found is None:
@@ -70,7 +70,7 @@ class RegisterTable:
         }
 
 
-def parse_registers(text: str, kept_end: int) -> dict[str, TableRegister]:
+def parse_registers(text: str, kept_end: int) -> dict[str, MappedRegister]:
     """Return the registers of lines `name address size sign least most`.
 
     Sign bit `-`: none. least = most: read only. Addresses below `kept_end` survive power-off.
@@ -80,5 +80,5 @@ def parse_registers(text: str, kept_end: int) -> dict[str, TableRegister]:
         name, address, size, sign, least, most = line.split()
         bit = None if sign == "-" else int(sign)
         kept = int(address) < kept_end
-        found[name] = TableRegister(name, int(address), int(size), bit, int(least), int(most), kept)
+        found[name] = MappedRegister(name, int(address), int(size), bit, int(least), int(most), kept)
     return found

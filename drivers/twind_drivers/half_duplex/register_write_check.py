@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from twind_drivers.bus import WireRangeError
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.checksum_packet import ChecksumPacket
-from twind_drivers.half_duplex.register_table import RegisterTable, TableRegister
+from twind_drivers.half_duplex.register_table import RegisterTable, MappedRegister
 
 LAST_ADDRESS = 0xFF
 
@@ -13,8 +13,8 @@ LAST_ADDRESS = 0xFF
 class RegisterWriteCheck:
     """Permitted writes of one bus.
 
-    `goals`: range by id. `off`: packet that switches torque of all off. `volatile`: addresses of kept registers
-    whose write changes the RAM copy alone. `bare`: permitted instructions without data. `unlocked`: id whose
+    `goals`: range by id. `off`: packet that switches torque off on all. `bare`: permitted instructions without
+    data. `volatile`: addresses of kept registers whose write changes the RAM copy alone. `unlocked`: id whose
     kept registers may be written.
     """
 
@@ -60,7 +60,7 @@ class RegisterWriteCheck:
             self._value(id, field, field.decode(raw[place - address :]))
             place += field.size
 
-    def _value(self, id: int, field: TableRegister, value: int) -> None:
+    def _value(self, id: int, field: MappedRegister, value: int) -> None:
         least, most = field.least, field.most
         if field.name == "goal_position":
             least, most = self.goals[id]

@@ -27,7 +27,7 @@ from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.half_duplex.register_table import RegisterTable, TableRegister
+from twind_drivers.half_duplex.register_table import RegisterTable, MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.single_device import SingleDeviceControl
 
@@ -257,7 +257,7 @@ class RegisterWriter:
         own = [id for id in ids if "torque_limit" in self._bus.tables[id]]
         return [(id, "torque_limit", int(self._full[id] * share)) for id in own]
 
-    def _write(self, id: int, field: TableRegister, value: int) -> Script[None]:
+    def _write(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         reply = yield WriteRequest({id: field.encode(value)}, field.address)
         if id not in reply.error:
             raise NoReply(self._name, (id,), reply.waited, f"write of {field.name}")
@@ -310,7 +310,7 @@ class RegisterWriter:
         """Return the rows that damp a prepared device."""
         raise NotImplementedError
 
-    def _write_kept(self, id: int, field: TableRegister, value: int) -> Script[None]:
+    def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         """Write a register that survives power-off, of a device without torque, and read it back."""
         raise NotImplementedError
 
@@ -323,7 +323,7 @@ def _is_big_endian(own: RegisterTable) -> bool:
     return "goal_position" in own and own["goal_position"].order == "big"
 
 
-def _spans(fields: Sequence[TableRegister]) -> list[tuple[int, int]]:
+def _spans(fields: Sequence[MappedRegister]) -> list[tuple[int, int]]:
     """Return one block (address, size) for the EEPROM area and one for RAM, of those that `fields` lie in."""
     spans = []
     for kept in (True, False):
