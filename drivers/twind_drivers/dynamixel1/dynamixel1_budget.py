@@ -61,6 +61,6 @@ class Dynamixel1Cycle:
 
     @property
     def remedy(self) -> str:
-        """What makes the cycle shorter."""
+        """Settings that make the cycle shorter."""
         delay = "set return_delay_us to 0 in file and servos, " if self.delay else ""
         return f"Remedy: {delay}use another port for some of the servos, or a lower `rate_hz`"

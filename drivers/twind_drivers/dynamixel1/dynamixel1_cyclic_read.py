@@ -1,14 +1,16 @@
 """Cyclic reading of a bus of Protocol 1.0: position, speed, load.
 
 MX servos answer one bulk read, in which each waits for the one before it: behind a silent one nothing is
-read until it is parked. AX, RX and EX get a read each, as soon as the one before has answered.
+read. So the next read begins behind that one, until it is parked. AX, RX and EX get a read each, as soon as
+the one before has answered.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twind_drivers.bus import BusSample, Ints
+from twind_drivers.bus import Bools, BusSample, Ints
 from twind_drivers.dynamixel1.dynamixel1_budget import SIZE
 from twind_drivers.dynamixel1.dynamixel1_packet import FAULT_BITS, bulk_read
 from twind_drivers.dynamixel1.dynamixel1_registers import START
@@ -36,6 +38,7 @@ class Dynamixel1CyclicRead(CyclicRead):
 
     def __init__(self, ids: tuple[int, ...], grouped: Mapping[int, bool], *, period: float) -> None:
         self.grouped = dict(grouped)
+        self._start = 0  # place of the device that answers first
         self._plausibility = PositionPlausibility(len(ids), period)
         # A late reply is recognised by its length (`CyclicRead`): in trouble each cycle reads another one.
         super().__init__(ids, SIZE, [(0, size) for size in range(SIZE + 1, WIDEST + 1)], fast=False)
@@ -43,6 +46,19 @@ class Dynamixel1CyclicRead(CyclicRead):
     def sample(self, line: HalfDuplexTransactor, now: float) -> BusSample:
         """Return the sample of the last request; a position that is not plausible counts as not received."""
         return self._plausibility.filter(super().sample(line, now))
+
+    def _order(self, places: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.roll(places, -int(np.searchsorted(places, self._start)))
+
+    def _judge(self, request: CyclicRequest, answered: Bools, now: float) -> None:
+        super()._judge(request, answered, now)
+        start = 0
+        if self.trouble:
+            silent = self._places[~answered[self._places]]
+            start = int(silent[0]) + 1 if silent.size else self._start
+        if start != self._start:
+            self._start = start
+            self.rebuild()
 
     def _make_request(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
         ids = [self.ids[place] for place in self._places.tolist()]

@@ -33,7 +33,7 @@ class SliceReader(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class FoundServo:
+class FoundDynamixel1:
     """One servo that answers. `grouped`: it answers bulk reads."""
 
     device: IdentifiedDevice
@@ -41,7 +41,7 @@ class FoundServo:
     grouped: bool
 
 
-def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Script[dict[int, FoundServo]]:
+def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Script[dict[int, FoundDynamixel1]]:
     """Read model, firmware and all settings of every id; return the servos that answer, by id.
 
     `use_groups(id, on)`: whether the reader may use bulk reads for a device; the test of it needs that.
@@ -52,11 +52,8 @@ def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Scrip
     groups = {id: True for id, kind in kinds.items() if kind is not None and kind.bulk_read}
     for id in kinds:
         use_groups(id, id in groups)
-    for part in _slices(list(groups), bus.slice_count(IDENTITY[1])):
-        reply = yield ReadRequest(part, *IDENTITY)
-        for id in part:
-            groups[id] = id in reply.data
-    for id in [id for id, there in groups.items() if not there]:
+    for id in (yield from _deaf_to_groups(list(groups), bus.slice_count(IDENTITY[1]))):
+        groups[id] = False
         use_groups(id, False)
     settings: dict[int, Settings] = {id: {} for id in kinds}
     for block in (*BLOCKS, CURRENT_MODE):
@@ -85,6 +82,22 @@ def _each(ids: Sequence[int], address: int, size: int) -> Script[tuple[dict[int,
     return found, errors
 
 
+def _deaf_to_groups(ids: Sequence[int], count: int) -> Script[list[int]]:
+    """Return the devices that answer no bulk read; behind one of those the others are silent, too."""
+    deaf: list[int] = []
+    rest = list(ids)
+    while rest:
+        part = tuple(rest[:count])
+        for _ in range(2):  # one lost packet is no missing bulk read
+            reply = yield ReadRequest(part, *IDENTITY)
+            heard = next((place for place, id in enumerate(part) if id not in reply.data), len(part))
+            if heard == len(part):
+                break
+        deaf += part[heard : heard + 1]
+        rest = rest[heard + (heard < len(part)) :]
+    return deaf
+
+
 def _slices(ids: Sequence[int], count: int) -> list[tuple[int, ...]]:
     return [tuple(ids[first : first + count]) for first in range(0, len(ids), count)]
 
@@ -95,11 +108,11 @@ def _has_current(table: RegisterTable) -> bool:
 
 def _found(
     id: int, number: int, kind: Dynamixel1Model | None, settings: Settings, groups: Mapping[int, bool]
-) -> FoundServo:
+) -> FoundDynamixel1:
     firmware = settings.get("firmware_version", 0)
     name = kind.name if kind is not None else None
     device = IdentifiedDevice(id, number, name, firmware, settings)
-    return FoundServo(device, table_of(kind), groups.get(id, False))
+    return FoundDynamixel1(device, table_of(kind), groups.get(id, False))
 
 
 def derived(settings: Mapping[str, int], error: int) -> Settings:
@@ -120,7 +133,7 @@ def foreign_table(number: int, firmware: int) -> str | None:
     new = kind is not None and kind.name.startswith("MX") and firmware >= NEW_FIRMWARE
     if not new and number not in TWO:
         return None
-    name = TWO[number] if number in TWO else kind.name if kind is not None else ""
+    name = TWO.get(number, kind.name if kind is not None else "")
     return (
         f"{name} with firmware {firmware}: from {NEW_FIRMWARE} on it may have the registers of Protocol 2.0. "
         "Use a bus of kind dynamixel2, or restore the firmware of Protocol 1.0 with the vendor's tool"

@@ -1,4 +1,4 @@
-"""Keys of servos of Protocol 1.0 in a robot file: their buses, types, and slots of joints. Read once, checked."""
+"""Keys of servos of Protocol 1.0 in a robot file: buses, types, and slots of joints. Read once, checked."""
 
 import math
 from typing import Annotated, Literal
@@ -54,7 +54,7 @@ class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
     volts: Annotated[float, Meta(ge=4.0, le=25.0)] = math.nan
     """4–25 | of its page | Dynamixel 1.0: V of the supply, of which the strength depends"""
     watchdog: Literal["", "none"] = ""
-    """`none` | required to arm | Dynamixel 1.0: states that a servo holds its last goal when the daemon dies"""
+    """`none` | required to arm | Dynamixel 1.0: a servo holds its last goal when the daemon dies"""
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500
     """0–508, even | 500 | Dynamixel 1.0: at least what register 5 says, in µs; factory setting 500"""
     registers: ConfigReader

@@ -1,19 +1,21 @@
 """Dynamixel models of Protocol 1.0: number, registers, range, and figures of their pages. Pure.
 
 Source of the figures: "Specifications" of the model's e-manual page, of MX those of the page with 2.0. An
-AX-12W is limited to 54 rev/min in joint mode. Gain law of MX: e-manual, "P Gain": Kp = P / 8, taken as counts
-of 1023 per count of error. With a compliance slope the output is full at that many counts of error.
+AX-12W is limited to 54 rev/min in joint mode. Gain law, friction and armature of MX-64 and MX-106: measured
+by Rhoban/bam (`bam/dynamixel/actuator.py`, duty 0.158 per rad of error and count of P gain), taken for the
+MX-28 as well. With a compliance slope the output is full at that many counts of error (assumed).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import pi
 
 from twind.exceptions import InvalidInput
 from twind_drivers.virtual.servo_strength import MotorFigures, OperatingPoint
 
 AX_RPM = 0.111  # per count of speed
 MX_RPM = 0.114
-DIVISOR = 8.0  # P gain per PWM count and count of error
+DIVISOR = 4096 / (0.158 * 2 * pi * 1023)  # P gain per PWM count and count of error
 HALF = 1024 * 360 / 300  # counts per turn of 1024 counts over 300°
 EX = 4096 * 360 / 251  # of 4096 counts over 251°
 STAND_IN = "AX-12A"  # model whose figures stand for those of models that no page gives any for
@@ -74,6 +76,8 @@ def models() -> Mapping[str, Dynamixel1Model]:
     mx28 = _of(193.0, (11.1, 2.3, 50.0, 1.3), (12.0, 2.5, 55.0, 1.4), (14.8, 3.1, 67.0, 1.7), nominal=12.0)
     mx64 = _of(200.0, (11.1, 5.5, 58.0, 3.9), (12.0, 6.0, 63.0, 4.1), (14.8, 7.3, 78.0, 5.2), nominal=12.0)
     mx106 = _of(225.0, (11.1, 8.0, 41.0, 4.8), (12.0, 8.4, 45.0, 5.2), (14.8, 10.0, 55.0, 6.3), nominal=12.0)
+    mx64 = replace(mx64, friction=0.090, damping=0.012, armature=0.0120)
+    mx106 = replace(mx106, friction=0.104, damping=0.035, armature=0.0266)
     rows = (
         Dynamixel1Model("AX-12A", 12, "ax", 1024, HALF, 70.0, 11.1, ax12),
         Dynamixel1Model("AX-12W", 300, "ax", 1024, HALF, 70.0, 11.1, ax12w),

@@ -126,8 +126,13 @@ class Dynamixel1Reader(TableReader):
             query = ReadRequest((query.id,), *IDENTITY)
         return group_transaction(query.ids, query.address, query.size, self._answers_groups)
 
+    def _transaction(self, query: Query) -> SerialTransaction:
+        return self._exchange(query) if self.cyclic.trouble else super()._transaction(query)
+
     def _answers_groups(self, id: int) -> bool:
-        return self.cyclic.grouped.get(id, False)
+        """Return True if a bulk read may ask the device: a silent one would silence those behind it."""
+        there = id in self.ids and bool(self.cyclic.attendance.asked[self.ids.index(id)])
+        return there and not self.cyclic.trouble and self.cyclic.grouped[id]
 
     def _fold(self, query: ReadRequest, reply: PendingReply) -> None:
         self.slow.errors = dict(zip(reply.ids, reply.error.tolist(), strict=True))

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from twind_drivers.bus import WireRangeError
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.checksum_packet import ChecksumPacket
-from twind_drivers.half_duplex.register_table import RegisterTable, MappedRegister
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 
 LAST_ADDRESS = 0xFF
 
@@ -13,7 +13,7 @@ LAST_ADDRESS = 0xFF
 class RegisterWriteCheck:
     """Permitted writes of one bus.
 
-    `goals`: range by id. `off`: packet that switches torque off on all. `bare`: permitted instructions without
+    `goals`: range by id. `off`: packet that switches torque off on all. `bare`: instructions without
     data. `volatile`: addresses of kept registers whose write changes the RAM copy alone. `unlocked`: id whose
     kept registers may be written.
     """

@@ -27,7 +27,7 @@ from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.half_duplex.register_table import RegisterTable, MappedRegister
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.single_device import SingleDeviceControl
 

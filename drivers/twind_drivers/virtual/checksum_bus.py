@@ -1,4 +1,4 @@
-"""Virtual bus of servos with the framing `FF FF`: bytes from the host in, bytes of the servos out at their time.
+"""Virtual bus of servos with the framing `FF FF`: bytes of the host in, those of the servos out in time.
 
 A family adds what its instructions do.
 """
