@@ -8,10 +8,12 @@ import pytest
 from tests.support.can_driver_rig import CanRig
 from tests.support.driver_contract_claims import DriverContract
 from tests.support.driver_rig import DriverRig, both
+from tests.support.dynamixel1_rig import QUICK, Dynamixel1Rig
 from tests.support.feetech_rig import Counted, FeetechRig
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
+from twind_drivers.dynamixel1.virtual_dynamixel1_spec import Dynamixel1ServoSpec
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 
 
@@ -45,6 +47,8 @@ RIGS: dict[str, Callable[[], DriverRig]] = {
     "dynamixel": DynamixelRig,
     "feetech": FeetechRig,
     "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009") for id in (1, 2, 3)]),
+    "dynamixel1": Dynamixel1Rig,
+    "ax": lambda: Dynamixel1Rig([Dynamixel1ServoSpec(id, "AX-12A", QUICK) for id in (1, 2, 3)]),
     "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),
     "robstride": lambda: CanRig(("RS01", "RS02", "RS00")),
     "cubemars": lambda: CanRig(("AK80-9", "AK70-10")),

@@ -9,7 +9,7 @@ from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
 from twind.config.robot_file import load_robot
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
-from twind_drivers.feetech import feetech_packet as packet
+from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_type import FeetechType
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
@@ -278,7 +278,7 @@ def test_the_last_check_lets_no_other_write_out(address: int, data: bytes) -> No
     with pytest.raises(WireRangeError):
         rig.writer.begin(WriteRequest({1: data}, address), 0.0)
     with pytest.raises(WireRangeError):
-        rig.writer.begin(WriteRequest({9: b"\0"}, packet.FeetechInstruction.READ), 0.0)
+        rig.writer.begin(WriteRequest({9: b"\0"}, FeetechInstruction.READ), 0.0)
     assert rig.sent() == before
 
 

@@ -7,22 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_drivers.feetech import feetech_packet as p
+from twind_drivers.feetech.feetech_packet import FeetechInstruction, from_word, sync_read, to_word
 from twind_drivers.feetech.feetech_registers import map_of_firmware, register_map
-from twind_drivers.feetech.feetech_reply import FeetechReply
+from twind_drivers.half_duplex import checksum_packet as p
+from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 
 IDS = st.integers(0, p.LAST_ID)
 DATA = st.binary(max_size=40)
 
 GOLDEN = [
-    (p.instruction(1, p.FeetechInstruction.PING), "FF FF 01 02 01 FB"),
+    (p.instruction(1, FeetechInstruction.PING), "FF FF 01 02 01 FB"),
     (p.read(1, 56, 2), "FF FF 01 04 02 38 02 BE"),
     (p.read(1, 56, 15), "FF FF 01 04 02 38 0F B1"),
     (p.write(1, 40, b"\1"), "FF FF 01 04 03 28 01 CE"),
     (p.write(p.BROADCAST, 40, b"\0"), "FF FF FE 04 03 28 00 D2"),
     (p.write(1, 55, b"\0"), "FF FF 01 04 03 37 00 C0"),
-    (p.instruction(1, p.FeetechInstruction.REBOOT), "FF FF 01 02 08 F4"),
-    (p.sync_read((1, 2), 56, 2), "FF FF FE 06 82 38 02 01 02 3C"),
+    (p.instruction(1, FeetechInstruction.REBOOT), "FF FF 01 02 08 F4"),
+    (sync_read((1, 2), 56, 2), "FF FF FE 06 82 38 02 01 02 3C"),
     (p.sync_write(42, {1: b"\0\x08", 2: b"\0\x04"}), "FF FF FE 0A 83 2A 02 01 00 08 02 00 04 39"),
     (p.write(1, 42, register_map("sts")["goal_position"].encode(-10)), "FF FF 01 05 03 2A 0A 80 42"),
     (p.write(1, 31, register_map("sts")["homing_offset"].encode(-5)), "FF FF 01 05 03 1F 05 08 CA"),
@@ -38,24 +39,24 @@ def test_packets_are_the_printed_ones(made: bytes, printed: str) -> None:
 
 @given(IDS, st.integers(0, 63), DATA)
 def test_a_packet_is_found_as_it_was_built(id: int, code: int, data: bytes) -> None:
-    assert p.find_packets(p.instruction(id, code, data)) == [p.FeetechPacket(id, code, data)]
+    assert p.find_packets(p.instruction(id, code, data)) == [p.ChecksumPacket(id, code, data)]
 
 
 @given(st.integers(-32767, 32767))
 def test_sign_and_magnitude_come_back(value: int) -> None:
-    assert p.from_word(p.to_word(value, 15), 15) == value
+    assert from_word(to_word(value, 15), 15) == value
 
 
 def test_minus_zero_is_zero_and_a_number_too_large_is_refused() -> None:
-    assert p.from_word(0x8000, 15) == 0
-    assert p.to_word(-10, 15) == 0x800A
+    assert from_word(0x8000, 15) == 0
+    assert to_word(-10, 15) == 0x800A
     with pytest.raises(OverflowError):
-        p.to_word(2048, 11)
+        to_word(2048, 11)
 
 
-def reply(ids: Sequence[int], size: int, data: bytes, requests: Sequence[bytes] = ()) -> FeetechReply:
+def reply(ids: Sequence[int], size: int, data: bytes, requests: Sequence[bytes] = ()) -> ChecksumReply:
     """The reply after these bytes."""
-    made = FeetechReply(ids, size, requests)
+    made = ChecksumReply(ids, size, requests)
     made.receive_buffer()[: len(data)] = data
     made.take(len(data))
     made.end()
@@ -92,7 +93,7 @@ def test_an_echo_is_no_reply_even_where_it_has_the_form_of_one() -> None:
     assert not reply((1,), 2, request, (request,)).heard.any()
     made = reply((1,), 2, request + p.instruction(1, 0, b"\x18\x05"), (request,))
     assert made.data[0].tolist() == [0x18, 0x05]
-    assert made.unasked == [p.FeetechPacket(1, 2, b"\x38\x02")]
+    assert made.unasked == [p.ChecksumPacket(1, 2, b"\x38\x02")]
 
 
 def test_the_weak_cases_of_the_checksum_are_sound_packets() -> None:

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from twind_drivers.feetech.feetech_packet import OVERHEAD
+from twind_drivers.half_duplex.chained_read import ADAPTER
+from twind_drivers.half_duplex.checksum_packet import OVERHEAD
 from twind_drivers.half_duplex.pending_reply import wire
 
 SHORT = 6  # bytes: position, speed, load
 WHOLE = 15  # up to the current
 SLOW = 26  # bytes of the slow registers
 DELAY = 0.0001  # s from a request to its reply, assumed: register 7 has no effect on an STS
-ADAPTER = 0.001  # s that a USB adapter adds to each single read of a chain
 ROOM = 0.5  # share of a cycle that the long cyclic reading may take
 
 

@@ -9,15 +9,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twind_drivers.bus import Bools, BusSample, Ints
-from twind_drivers.feetech.feetech_budget import ADAPTER, SHORT, WHOLE
-from twind_drivers.feetech.feetech_packet import FAULT_BITS, read, sync_read
+from twind_drivers.feetech.feetech_budget import SHORT, WHOLE
+from twind_drivers.feetech.feetech_packet import FAULT_BITS, sync_read
 from twind_drivers.feetech.feetech_registers import RegisterMap
-from twind_drivers.feetech.feetech_reply import FeetechReply
-from twind_drivers.feetech.position_plausibility import PositionPlausibility
 from twind_drivers.flags import some
+from twind_drivers.half_duplex.chained_read import chained_read
 from twind_drivers.half_duplex.cyclic_read import CyclicRead, CyclicRequest
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.pending_reply import Octets, PendingReply
+from twind_drivers.half_duplex.position_plausibility import PositionPlausibility
 
 START = 56  # present position
 ALERT = 0x80
@@ -27,18 +27,7 @@ def group_transaction(
     ids: Sequence[int], address: int, size: int, grouped: Callable[[int], bool]
 ) -> SerialTransaction:
     """Return the read of one block of several devices: sync read where it exists, then single reads."""
-    together = [id for id in ids if grouped(id)]
-    alone = [id for id in ids if not grouped(id)]
-    if len(together) == 1 or len(ids) == 1:
-        together = []
-        alone = list(ids)
-    singles = [read(id, address, size) for id in alone]
-    first = sync_read(together, address, size) if together else singles.pop(0)
-    done = len(together) or 1
-    then = tuple((done + place, request) for place, request in enumerate(singles))
-    requests = () if together and not singles else (first, *singles)
-    reply = FeetechReply(ids, size, requests)
-    return SerialTransaction(first, reply, len(ids), extra=ADAPTER * len(then), then=then)
+    return chained_read(ids, address, size, grouped, sync_read)
 
 
 class FeetechCyclicRead(CyclicRead):

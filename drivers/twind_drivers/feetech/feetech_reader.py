@@ -19,13 +19,14 @@ from twind_drivers.bus import (
 )
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.device_registers import RegisterAddress
-from twind_drivers.feetech import feetech_packet as packet
 from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
 from twind_drivers.feetech.feetech_cyclic_read import START, FeetechCyclicRead, group_transaction
 from twind_drivers.feetech.feetech_identification import identify
 from twind_drivers.feetech.feetech_models import model
+from twind_drivers.feetech.feetech_packet import explain
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
 from twind_drivers.feetech.feetech_slow_registers import BLOCK, ROUNDS_HZ, FeetechSlowRegisters
+from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import wire
@@ -136,7 +137,7 @@ class FeetechReader(SerialReader):
 
     def explain(self, error: int) -> str:
         """Return the meaning of the error byte of a status."""
-        return packet.explain(error)
+        return explain(error)
 
     def span(self, query: Request) -> float:
         """Return the upper bound of a transaction's bus time (s), its timeout excluded."""

@@ -14,6 +14,7 @@ from twind_drivers.feetech.feetech_packet import from_word, to_word
 
 EPROM_END = 40  # the first RAM register
 IDENTITY = (0, 5)  # address and size: firmware major, minor, END, model major, minor
+GOAL = (42, 2)  # address and size of the goal position, the same in all maps
 STATE_SIZE = 31  # bytes from register 40 to 70
 
 # name, address, size, sign bit (- none), least, most; least = most: read only

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 
 from twind_drivers.bus import WireRangeError
-from twind_drivers.feetech import feetech_packet as packet
-from twind_drivers.feetech.feetech_packet import FeetechInstruction, FeetechPacket
+from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_registers import EPROM_END, FeetechRegister, RegisterMap
+from twind_drivers.half_duplex import checksum_packet as packet
+from twind_drivers.half_duplex.checksum_packet import ChecksumPacket
 
 TORQUE = 40
 OFF = packet.write(packet.BROADCAST, TORQUE, b"\0")
@@ -59,7 +60,7 @@ class FeetechWriteCheck:
             raise WireRangeError(self._name, id, value, least, most, field.name.replace("_", " "))
 
 
-def _rows(found: FeetechPacket) -> list[tuple[int, int, bytes]]:
+def _rows(found: ChecksumPacket) -> list[tuple[int, int, bytes]]:
     """Return (id, address, data) of each write; an unknown instruction counts as one to all ids."""
     data = found.data
     if found.code == FeetechInstruction.REBOOT:

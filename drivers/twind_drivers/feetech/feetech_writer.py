@@ -23,14 +23,15 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress, RestartResult
-from twind_drivers.feetech import feetech_packet as packet
-from twind_drivers.feetech.feetech_goals import GOAL, FeetechGoals
 from twind_drivers.feetech.feetech_identification import BLOCKS, objections
+from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_reader import FeetechReader
-from twind_drivers.feetech.feetech_registers import FeetechRegister, map_of_firmware
-from twind_drivers.feetech.feetech_reply import FeetechReply
+from twind_drivers.feetech.feetech_registers import GOAL, FeetechRegister, map_of_firmware
 from twind_drivers.feetech.feetech_write_check import OFF, TORQUE, FeetechWriteCheck
+from twind_drivers.half_duplex import checksum_packet as packet
+from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 from twind_drivers.half_duplex.goal_bounds import bounds_of
+from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.single_device import SingleDeviceControl
 
@@ -101,7 +102,9 @@ class FeetechWriter:
             if "goal_position" in own:
                 for value in (low, high):
                     own["goal_position"].check(value)
-        self._goals = FeetechGoals(self._name, self._ids, [each.big_endian for each in maps], least, most)
+        self._goals = GoalWords(
+            self._name, GOAL[0], self._ids, [each.big_endian for each in maps], least, most
+        )
         bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
         self._check = FeetechWriteCheck(self._name, self._reader.maps, bounds)
         self._version = -1
@@ -146,10 +149,10 @@ class FeetechWriter:
 
     def _exchange(self, order: Order) -> SerialTransaction:
         if isinstance(order, RebootRequest):
-            return SerialTransaction(packet.instruction(order.id, packet.FeetechInstruction.REBOOT), None, 0)
+            return SerialTransaction(packet.instruction(order.id, FeetechInstruction.REBOOT), None, 0)
         if isinstance(order, WriteRequest) and len(order.data) == 1:
             [(id, data)] = order.data.items()
-            return SerialTransaction(packet.write(id, order.address, data), FeetechReply((id,), 0), 1)
+            return SerialTransaction(packet.write(id, order.address, data), ChecksumReply((id,), 0), 1)
         if isinstance(order, WriteRequest | GroupWriteBatch):
             each = (order,) if isinstance(order, WriteRequest) else order.writes
             packets = b"".join(packet.sync_write(one.address, one.data) for one in each)

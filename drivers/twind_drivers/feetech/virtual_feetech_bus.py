@@ -4,15 +4,7 @@ from collections.abc import Sequence
 from itertools import accumulate
 
 from twind_drivers.feetech.feetech_models import STAND_IN
-from twind_drivers.feetech.feetech_packet import (
-    BROADCAST,
-    HEADER,
-    OVERHEAD,
-    FeetechInstruction,
-    FeetechPacket,
-    instruction,
-    is_sound,
-)
+from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.virtual_feetech_faults import FeetechBusFaults
 from twind_drivers.feetech.virtual_feetech_servos import (
     BOOT,
@@ -20,6 +12,14 @@ from twind_drivers.feetech.virtual_feetech_servos import (
     VirtualFeetechServos,
 )
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
+from twind_drivers.half_duplex.checksum_packet import (
+    BROADCAST,
+    HEADER,
+    OVERHEAD,
+    ChecksumPacket,
+    instruction,
+    is_sound,
+)
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.servo_physics import ServoPhysics
@@ -134,7 +134,7 @@ class VirtualFeetechBus:
             self._carry_out(packet, at)
             self.servos.settle()
 
-    def _next_packet(self) -> FeetechPacket | None:
+    def _next_packet(self) -> ChecksumPacket | None:
         """Take the first whole packet out of the bytes received; None: more must come."""
         data = self._pending
         while (at := data.find(HEADER)) >= 0:
@@ -146,7 +146,7 @@ class VirtualFeetechBus:
             if legal and len(data) < end:
                 return None
             if legal and is_sound(data, 0, end):
-                packet = FeetechPacket(data[2], data[4], bytes(data[5 : end - 1]))
+                packet = ChecksumPacket(data[2], data[4], bytes(data[5 : end - 1]))
                 del data[:end]
                 return packet
             del data[:1]
@@ -155,7 +155,7 @@ class VirtualFeetechBus:
 
     # ------------------------------------------------------------------------------- instructions
 
-    def _carry_out(self, packet: FeetechPacket, at: float) -> None:
+    def _carry_out(self, packet: ChecksumPacket, at: float) -> None:
         code, data = packet.code, packet.data
         if code == FeetechInstruction.SYNC_READ and packet.id == BROADCAST and len(data) > 2:
             self._sync_read(data)

@@ -1,7 +1,7 @@
 """Faults of a virtual Feetech bus, by name: of replies and line, and of servos and their supply."""
 
-from twind_drivers.feetech.feetech_packet import instruction
 from twind_drivers.feetech.virtual_feetech_servos import BOOT, NEVER, VirtualFeetechServos
+from twind_drivers.half_duplex.checksum_packet import instruction
 from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
 from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 from twind_drivers.virtual.hinge import ShaftGrip

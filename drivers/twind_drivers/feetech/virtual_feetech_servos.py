@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from twind_drivers.feetech.feetech_goals import GOAL
 from twind_drivers.feetech.feetech_models import AMPERE, STAND_IN, FeetechModel, model
-from twind_drivers.feetech.feetech_registers import EPROM_END, RegisterMap, register_map
+from twind_drivers.feetech.feetech_registers import EPROM_END, GOAL, RegisterMap, register_map
 from twind_drivers.feetech.virtual_feetech_spec import DEFAULTS, FIRMWARE, FeetechServoSpec
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength

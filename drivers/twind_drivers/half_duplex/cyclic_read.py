@@ -93,8 +93,8 @@ class CyclicRead:
 
     def rebuild(self) -> None:
         """Rebuild the requests after a device was parked or came back: they go to the devices not parked."""
-        self._places = np.flatnonzero(self.attendance.asked)
-        self._all = len(self._places) == len(self.ids)
+        self._places = self._order(np.flatnonzero(self.attendance.asked))
+        self._all = np.array_equal(self._places, np.arange(len(self.ids)))
         self._quick = self._make_request(0, self._size, fast=True)
         self._steady = self._make_request(0, self._size)
         self._ring: dict[int, CyclicRequest] = {}  # by turn; most are never needed
@@ -201,7 +201,7 @@ class CyclicRead:
             if self._refused >= REFUSED:
                 self._wider = []  # without longer blocks late replies cannot be recognised by their length
         if request.fast:  # the chain ends at the first missing device: those behind it cannot reply
-            first = np.flatnonzero(could & ~answered)[:1]
+            first = self._places[(could & ~answered)[self._places]][:1]
             could = answered.copy()
             could[first] = True
         if self.attendance.record_missing_reply(answered, could, now):
@@ -214,6 +214,10 @@ class CyclicRead:
         return full
 
     # ------------------------------------------------------------------------- what a family answers
+
+    def _order(self, places: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the devices in the order in which they are to answer."""
+        return places
 
     def _make_request(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
         """Read `size` bytes from `before` bytes ahead of the cyclic block, of every device not parked."""

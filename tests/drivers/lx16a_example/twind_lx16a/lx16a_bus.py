@@ -14,12 +14,11 @@ from twind_drivers.bus import (
     GroupWriteBatch,
     NoReply,
     Order,
-    RegisterAddress,
-    RestartResult,
     Script,
     WireRangeError,
     WriteRequest,
 )
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_lx16a.lx16a_packet import LxCommand, find_lx_packets, lx_packet

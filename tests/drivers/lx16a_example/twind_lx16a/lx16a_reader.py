@@ -19,14 +19,13 @@ from twind_drivers.bus import (
     PingRequest,
     Query,
     ReadRequest,
-    RegisterAddress,
     Request,
     RequestReply,
     Script,
     SlowRegisterValues,
-    unknown_register,
 )
 from twind_drivers.byte_transport import ByteTransport
+from twind_drivers.device_registers import RegisterAddress, unknown_register
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.pending_reply import wire
 from twind_lx16a.lx16a_family import BAUD, DELAY, MODEL

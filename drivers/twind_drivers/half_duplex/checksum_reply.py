@@ -1,4 +1,4 @@
-"""Replies to Feetech requests, found in untrusted bytes. Pure: no I/O, no clock.
+"""Replies of the framing `FF FF`, found in untrusted bytes. Pure: no I/O, no clock.
 
 Plain loops: for up to some 24 devices they are faster than numpy calls.
 """
@@ -7,26 +7,36 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.feetech.feetech_packet import HEADER, OVERHEAD, FeetechPacket, find_packets, is_sound
+from twind_drivers.half_duplex.checksum_packet import (
+    HEADER,
+    OVERHEAD,
+    ChecksumPacket,
+    find_packets,
+    is_sound,
+)
 from twind_drivers.half_duplex.pending_reply import Octets
 
 CAPACITY = 4096  # bytes, more than a line of 1 Mbaud brings in 40 ms
 
 
-class FeetechReply:
+class ChecksumReply:
     """One status of `size` data bytes per device (`PendingReply`): to a sync read or to single reads.
 
     A status is accepted once, of an id of this request, with exactly its length. An error byte beside data is
-    the state of the servo; the data are valid. A packet equal to one of `requests` is its echo.
+    the state of the servo; the data are valid. A packet equal to one of `requests` is its echo. `refusals`: a
+    status with an error and without data is an answer, too.
     """
 
-    def __init__(self, ids: Sequence[int], size: int, requests: Sequence[bytes] = ()) -> None:
+    def __init__(
+        self, ids: Sequence[int], size: int, requests: Sequence[bytes] = (), *, refusals: bool = False
+    ) -> None:
         stride = OVERHEAD + size
         self.ids = tuple(ids)
         self.size = size
         self.expected = stride * len(self.ids)
         self._requests = frozenset(requests)
         self._chained = len(requests) > 1
+        self._refusals = refusals and size > 0
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
         self._stride = stride
@@ -37,10 +47,10 @@ class FeetechReply:
         self._errors = rows[:, 4]
         self._spare = np.zeros((len(self.ids), size), np.uint8)
         self.heard = np.zeros(len(self.ids), np.bool_)
-        self.answered = self.heard
+        self.answered = np.zeros(len(self.ids), np.bool_) if self._refusals else self.heard
         self.error: Octets = np.zeros(len(self.ids), np.uint8)
         self.data: Octets = self._spare
-        self.unasked: Sequence[FeetechPacket] = ()
+        self.unasked: Sequence[ChecksumPacket] = ()
         self.start()
 
     def start(self) -> None:
@@ -51,6 +61,7 @@ class FeetechReply:
         self.first = b""
         self.unasked = ()
         self.heard.fill(False)
+        self.answered.fill(False)
 
     def receive_buffer(self) -> memoryview:
         """Return the buffer for the next bytes."""
@@ -92,6 +103,7 @@ class FeetechReply:
         self.error = self._errors.copy()
         self.data = self._blocks
         self.heard.fill(True)
+        self.answered.fill(True)
         self._complete = True
         return True
 
@@ -101,7 +113,7 @@ class FeetechReply:
         self._spare.fill(0)
         self.error = np.zeros(len(self.ids), np.uint8)
         self.data = self._spare
-        unasked: list[FeetechPacket] = []
+        unasked: list[ChecksumPacket] = []
         data = self._bytes
         used = rest = 0
         at = data.find(HEADER, 0, self._got)
@@ -120,5 +132,18 @@ class FeetechReply:
             rest = end
             at = data.find(HEADER, end, self._got)
         unasked += find_packets(self._view[rest : self._got])
-        self.unasked = unasked
-        self.strays = self._got - used + self._lost
+        self.unasked = self._take_refusals(unasked) if self._refusals else unasked
+        self.strays = self._got - used + self._lost - OVERHEAD * (len(unasked) - len(self.unasked))
+
+    def _take_refusals(self, packets: Sequence[ChecksumPacket]) -> list[ChecksumPacket]:
+        """Record each status with an error alone as an answer; return the other packets."""
+        self.answered[:] = self.heard
+        others = []
+        for each in packets:
+            place = self._index.get(each.id)
+            if place is None or self.answered[place] or each.data or not each.code:
+                others.append(each)
+            else:
+                self.answered[place] = True
+                self.error[place] = each.code
+        return others

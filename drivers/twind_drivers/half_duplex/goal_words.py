@@ -1,4 +1,4 @@
-"""Goal packet of a Feetech bus, encoded each tick, then decoded from its bytes and checked (WIRE_CLAMP).
+"""Goal packet of a bus, encoded each tick, then decoded from its bytes and checked (WIRE_CLAMP).
 
 Plain loops: for up to some 24 devices they are faster than numpy calls. Pure.
 """
@@ -8,23 +8,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind_drivers.bus import Bools, Ints, WireRangeError
-from twind_drivers.feetech.feetech_packet import sync_write
 from twind_drivers.flags import some
+from twind_drivers.half_duplex.checksum_packet import sync_write
 
-GOAL = (42, 2)  # address and size of the goal position, the same in all maps
 FIRST = 7  # where the first row begins
 SIGN = 0x8000
 
 
-class FeetechGoals:
-    """Goals of m devices within `lower`..`upper`; `big_endian` (m,): byte order of each."""
+class GoalWords:
+    """Goals of m devices within `lower`..`upper`: words with sign and magnitude at `address`.
+
+    `big_endian` (m,): byte order of each.
+    """
 
     def __init__(
-        self, name: str, ids: Sequence[int], big_endian: Sequence[bool], lower: Ints, upper: Ints
+        self,
+        name: str,
+        address: int,
+        ids: Sequence[int],
+        big_endian: Sequence[bool],
+        lower: Ints,
+        upper: Ints,
     ) -> None:
         self.lower = lower
         self.upper = upper
         self._name = name
+        self._address = address
         self._ids = tuple(ids)
         self._big_endian = tuple(big_endian)
         self.choose(np.zeros(len(self._ids), np.bool_))
@@ -33,7 +42,7 @@ class FeetechGoals:
         """Send goals to these devices (m,) alone: a goal can switch torque on."""
         self.places = np.flatnonzero(among).tolist()
         own = {self._ids[place]: b"\0\0" for place in self.places}
-        self._packet = bytearray(sync_write(GOAL[0], own)) if own else bytearray()
+        self._packet = bytearray(sync_write(self._address, own)) if own else bytearray()
         self._fixed = sum(self._packet[2:-1])
         # place of the device, and of its low and high byte in the packet
         self._rows = [

@@ -1,0 +1,133 @@
+"""Device type of Protocol 1.0: properties and capabilities of an entry of `types`."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from twind.config.actuator_types import TypeSpec
+from twind.config.robot_spec import JointSpec
+from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.dynamixel1.dynamixel1_identification import objections
+from twind_drivers.dynamixel1.dynamixel1_models import Dynamixel1Model, model
+from twind_drivers.dynamixel1.dynamixel1_registers import table_of
+from twind_drivers.half_duplex.register_table import RegisterTable
+
+KIND = "dynamixel1"  # of its buses
+POSITION = "position"
+FULL = 1023  # torque limit: all of the torque
+MICROSECONDS = 2  # of one count of the return delay
+Gain = Annotated[int, Meta(ge=0, le=254)]
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamixel1Gains:
+    """Position gains as register counts; None: as the servo has it."""
+
+    p: Gain | None = None
+    """0–254 | as the servo has it | MX of Protocol 1.0: register 28, written to RAM before torque"""
+    i: Gain | None = None
+    """0–254 | as the servo has it | MX of Protocol 1.0: register 27"""
+    d: Gain | None = None
+    """0–254 | as the servo has it | MX of Protocol 1.0: register 26"""
+    slope: Annotated[int, Meta(ge=1, le=254)] | None = None
+    """1–254 | as the servo has it | AX, RX, EX: compliance slope, registers 28 and 29; larger is softer"""
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamixel1Type(TypeSpec):
+    """Servos of Protocol 1.0. They have no watchdog: the file must say that it knows (`watchdog: none`)."""
+
+    gains: Dynamixel1Gains
+    torque_limit: int  # of 1023, written before torque
+    volts: float  # of the supply
+    watchdog: str  # `none`; empty: the file does not say it
+    return_delay_us: int
+
+    BUS: ClassVar[str] = KIND
+
+    @property
+    def model(self) -> Dynamixel1Model:
+        """Model by its name."""
+        return model(self.device)
+
+    @property
+    def table(self) -> RegisterTable:
+        """Registers of the model."""
+        return table_of(self.model)
+
+    @property
+    def effort_lsb_nm(self) -> float:
+        """NaN: the load is a share of the output, no torque."""
+        return math.nan
+
+    @property
+    def effort_limit_nm(self) -> float:
+        """Stall torque at the given supply, within the torque limit; NaN: no page gives it."""
+        return self.strength[0] * self.torque_limit / FULL
+
+    @property
+    def strength(self) -> tuple[float, float]:
+        """Stall torque (N·m) and speed without load (rad/s) at the given supply; NaN: no page gives them."""
+        return self.model.strength(self.volts) or (math.nan, math.nan)
+
+    @property
+    def full_effort(self) -> float:
+        """Load of full output."""
+        return float(FULL)
+
+    @property
+    def centre(self) -> int:
+        """Middle of its counts."""
+        return self.model.counts // 2
+
+    def operating_mode(self, mode: str) -> int:
+        """Return 0 (joint mode): the only one that is driven."""
+        return 0
+
+    def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
+        """Range of its angle limits, else of its counts."""
+        return own if own is not None and own != (0, 0) else (0, self.model.counts - 1)
+
+    def fenced(self, mode: str) -> bool:
+        """True: registers 6 and 8."""
+        return True
+
+    @property
+    def watched(self) -> bool:
+        """False: it holds its last goal when its master dies."""
+        return False
+
+    @property
+    def gain_limits(self) -> Mapping[str, float]:
+        """Names of the gains, as registers hold them."""
+        names = ("p", "i", "d") if self.model.bulk_read else ("slope",)
+        return dict.fromkeys(names, 254.0)
+
+    def with_gains(self, gains: Mapping[str, float]) -> "Dynamixel1Type":
+        """Return the type with these gains, in whole counts."""
+        return replace(self, gains=Dynamixel1Gains(**{name: int(number) for name, number in gains.items()}))
+
+    def unfit(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
+        """Yield what rules it out: no word on the watchdog, another model, firmware or settings."""
+        if self.watchdog != "none":
+            yield (
+                "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to "
+                f"type {self.name} of the robot file if that is acceptable"
+            )
+        if device.model_number != self.model.number:
+            found = device.model_name or "a model that is in no table"
+            yield f"is {found} (model number {device.model_number}), the robot file says {self.device}"
+        yield from objections(device.model_number, device.settings)
+        delay = MICROSECONDS * device.settings.get("return_delay_time", 0)
+        if delay > self.return_delay_us:
+            yield (
+                f"waits {delay} us before each reply, the robot file says {self.return_delay_us}: `twindctl "
+                f"register write {joint.bus} {joint.id} return_delay_time {self.return_delay_us // 2}`"
+            )
+        for register, wanted in joint.registers.items():
+            value = device.settings.get(register)
+            if value != wanted:
+                yield f"{register} is {value}, the robot file says {wanted}"

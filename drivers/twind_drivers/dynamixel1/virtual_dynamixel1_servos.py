@@ -1,0 +1,344 @@
+"""Virtual servos of Protocol 1.0 on one bus: registers, torque, goals, alarms, supply, time.
+
+No packets here (`virtual_dynamixel1_bus`), no physics (`muscles`). Positions of the motor are counts,
+continuous over turns.
+"""
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from twind_drivers.dynamixel1.dynamixel1_identification import LAST
+from twind_drivers.dynamixel1.dynamixel1_models import DIVISOR, STAND_IN, Dynamixel1Model, model
+from twind_drivers.dynamixel1.dynamixel1_packet import ANGLE_LIMIT, RANGE
+from twind_drivers.dynamixel1.dynamixel1_registers import EEPROM_END, table_of
+from twind_drivers.dynamixel1.virtual_dynamixel1_spec import (
+    FIRMWARE,
+    RAM,
+    Dynamixel1ServoSpec,
+    factory_settings,
+)
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
+from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
+from twind_drivers.virtual.servo_strength import Motors
+from twind_drivers.virtual.shown_position_log import ShownPositionLog
+
+FULL = 1023
+CHECK = 0.01  # s between two checks of the load
+PATIENCE = 2.0  # s of full output after which an overload trips (assumed: no page gives it)
+ENDS = {"ax": 50, "ex": 58, "mx": 74, "mx_current": 74}  # first address behind the table
+
+
+class VirtualDynamixel1Servos:
+    """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
+
+    BOOT = 0.3  # s from power-up to the first reply (assumed)
+
+    def __init__(self, specs: Sequence[Dynamixel1ServoSpec], muscles: ServoPhysics, *, now: float) -> None:
+        """Raises InvalidInput for a model that is not known."""
+        self.specs = tuple(specs)
+        self.models: list[Dynamixel1Model] = [model(spec.model) for spec in specs]
+        self.tables: list[RegisterTable] = [table_of(each) for each in self.models]
+        self.muscles = muscles
+        self.now = now
+        self.history: ShownPositionLog | None = None
+        self.hinges = [spec.hinge for spec in specs]
+        self.turn = [each.turn for each in self.models]
+        count = len(specs)
+        self.silenced = [False] * count
+        self.volts = [spec.volts or own.volts for spec, own in zip(specs, self.models, strict=True)]
+        self._nominal = np.array(self.volts)
+        other = model(STAND_IN).figures
+        assert other is not None
+        self._motors = Motors([each.figures or other for each in self.models], self._nominal)
+        self.celsius = [30.0] * count
+        self.injected = [0] * count  # error bits by order
+        self.frozen: list[int | None] = [None] * count
+        self.boots_at = [inf] * count
+        self.heard_at = [now] * count
+        self._full_since: list[float | None] = [None] * count  # s, of full output
+        self._checked_at = now
+        self._redrive = self._retarget = False
+        self._blocked = np.zeros(count, np.bool_)
+        self._hand = np.full(count, np.nan)
+        self._reach = np.zeros(count)
+        self.ram = [bytearray(128) for _ in specs]
+        self.eeprom = [bytes(EEPROM_END)] * count
+        for row in range(count):
+            self.restore_factory(row, settings=True)
+        self.drive()
+
+    def restore_factory(self, row: int, *, settings: bool = False) -> None:
+        """Write the factory settings, id 1; with `settings` those of the spec, and its id."""
+        own = self.models[row]
+        spec = self.specs[row]
+        firmware = FIRMWARE[own.table] if spec.firmware is None else spec.firmware
+        values = {**factory_settings(own), "model_number": own.number, "firmware_version": firmware, "id": 1}
+        if settings:
+            values.update({**spec.settings, "id": spec.id})
+        for name, value in values.items():
+            if name in self.tables[row]:
+                self.put(row, name, value)
+        self.eeprom[row] = bytes(self.ram[row][:EEPROM_END])
+        self.boot(row)
+
+    def boot(self, row: int) -> None:
+        """Power-up: EEPROM to RAM, everything else default; the goal is the present position."""
+        self.ram[row][:] = bytes(128)
+        self.ram[row][:EEPROM_END] = self.eeprom[row]
+        for name, value in RAM.items():
+            if name in self.tables[row]:
+                self.put(row, name, value)
+        self.put(row, "torque_limit", self.get(row, "max_torque"))
+        self.put(row, "goal_position", self.shown(row))
+        self.boots_at[row] = inf
+        self._full_since[row] = None
+
+    # ------------------------------------------------------------------------------- registers
+
+    def get(self, row: int, name: str) -> int:
+        """Return a register's value; 0: its table lacks it."""
+        field = self.tables[row].registers.get(name)
+        if field is None:
+            return 0
+        return field.decode(bytes(self.ram[row][field.address : field.address + field.size]))
+
+    def put(self, row: int, name: str, value: int) -> None:
+        """Set a register's value, without any effect."""
+        field = self.tables[row].registers[name]
+        self.ram[row][field.address : field.address + field.size] = field.encode(value)
+
+    def ids(self) -> list[int]:
+        """Return the ids in the order of rows."""
+        return [each[3] for each in self.ram]
+
+    def baud(self, row: int) -> int:
+        """Return the rate that register 4 stands for."""
+        return baud_of(self.ram[row][4])
+
+    def listening(self, row: int) -> bool:
+        """Return True if the servo has power, is plugged in and has booted."""
+        return not self.silenced[row] and self.boots_at[row] == inf
+
+    def read(self, row: int, address: int, size: int) -> bytes | None:
+        """Return a block; None: it leaves the table."""
+        end = ENDS["ex" if "EX" in self.models[row].name else self.models[row].table]
+        return bytes(self.ram[row][address : address + size]) if address + size <= end else None
+
+    def write(self, row: int, address: int, data: bytes) -> int:
+        """Carry out a write; return the error bits. A write that has any changes nothing."""
+        known = {each.address: each for each in self.tables[row].registers.values()}
+        changes: list[tuple[MappedRegister, int]] = []
+        place = 0
+        while place < len(data):
+            field = known.get(address + place)
+            if field is None or not field.writable or place + field.size > len(data):
+                return RANGE
+            value = field.decode(data[place:])
+            place += field.size
+            changes.append((field, value))
+            outside = not field.least <= value <= field.most
+            if outside or (field.kept and self.get(row, "lock")) or (field.name == "lock" and not value):
+                return RANGE
+            if field.name == "goal_position" and not self._is_within(row, value):
+                return ANGLE_LIMIT
+        for field, value in changes:
+            self._store(row, field, value)
+        return 0
+
+    def _is_within(self, row: int, goal: int) -> bool:
+        """Return True for a goal within the angle limits; in wheel and multi-turn mode they are none."""
+        ends = (self.get(row, "min_position_limit"), self.get(row, "max_position_limit"))
+        return ends in ((0, 0), (LAST, LAST)) or ends[0] <= goal <= ends[1]
+
+    def _store(self, row: int, field: MappedRegister, value: int) -> None:
+        self.put(row, field.name, value)
+        if field.kept:
+            self.eeprom[row] = bytes(self.ram[row][:EEPROM_END])
+        if field.name == "goal_position":
+            self._retarget = True
+            if self.specs[row].goal_arms and not self.get(row, "torque_enable"):
+                self.put(row, "torque_enable", 1)
+                self._redrive = True
+        else:
+            self._redrive = True
+
+    def settle(self) -> None:
+        """Let the motors follow what was written since the last call."""
+        if self._redrive:
+            self.drive()
+        elif self._retarget:
+            self._set_goals()
+        self._redrive = self._retarget = False
+
+    def encoder(self, row: int, count: float) -> float:
+        """Return the place of the shaft at which the position register shows `count`."""
+        turn = self.turn[row]
+        return count + turn * np.floor(float(self.muscles.position[row]) / turn)
+
+    def shown(self, row: int) -> int:
+        """Return the count that the position register shows: one turn, at most the largest count."""
+        count = round(float(self.muscles.position[row])) % round(self.turn[row])
+        return min(count, self.models[row].counts - 1)
+
+    # ------------------------------------------------------------------------------- time
+
+    def advance(self, now: float) -> None:
+        """Let time pass until `now`: boots end, motors move, alarms trip."""
+        while min(self.boots_at) <= now:
+            row = int(np.argmin(self.boots_at))
+            self._pass(self.boots_at[row])
+            self.boot(row)
+            self.drive()
+        self._pass(now)
+
+    def _pass(self, now: float) -> None:
+        if now > self.now:
+            self.now = now
+            self.muscles.advance(now)
+            if now >= self._checked_at + CHECK:
+                self._checked_at = now
+                self._protect()
+
+    def _protect(self) -> None:
+        """Set the torque limit of each servo to 0 whose alarm is in its shutdown mask."""
+        changed = False
+        for row in range(len(self.specs)):
+            full = self.get(row, "torque_limit")
+            at_limit = 0 < full <= abs(float(self.muscles.pwm[row])) + 1.0
+            since = self._full_since[row]
+            self._full_since[row] = (self.now if since is None else since) if at_limit else None
+            if full and self.error(row) & self.get(row, "shutdown"):
+                self.put(row, "torque_limit", 0)
+                changed = True
+        if changed:
+            self.drive()
+
+    def error(self, row: int) -> int:
+        """Return the error bits that are the state now."""
+        since = self._full_since[row]
+        bits = self.injected[row]
+        volts = round(self.volts[row] * 10)
+        if not self.get(row, "min_voltage_limit") <= volts <= self.get(row, "max_voltage_limit"):
+            bits |= 0x01
+        if self.celsius[row] > self.get(row, "temperature_limit"):
+            bits |= 0x04
+        if since is not None and self.now - since >= PATIENCE:
+            bits |= 0x20
+        return bits
+
+    def drive(self) -> None:
+        """Let the motors follow the registers."""
+        rows = range(len(self.specs))
+        powered = np.array([self.boots_at[row] == inf for row in rows])
+        on = powered & np.array([self.get(row, "torque_enable") == 1 for row in rows])
+        nothing = np.zeros(len(self.specs))
+        supply = np.array(self.volts) / self._nominal
+        self.muscles.drive(
+            DriveState(
+                on,
+                np.array([1 if self._is_wheel(row) else 3 for row in rows]),
+                np.array([self._gain(row) for row in rows]),
+                nothing,
+                nothing,
+                nothing + 100.0,
+                nothing + 1920.0,
+                np.array([float(self.get(row, "torque_limit")) for row in rows]),
+                nothing + inf,
+                supply,
+                float(FULL),
+                np.array(self.turn),
+                np.array([each.rpm for each in self.models]),
+                motor=self._motors.strength(supply),
+            )
+        )
+        self._set_goals()
+
+    def _is_wheel(self, row: int) -> bool:
+        return not self.get(row, "min_position_limit") and not self.get(row, "max_position_limit")
+
+    def _gain(self, row: int) -> float:
+        """Return the stiffness as a P gain: that of an MX, or of a compliance slope."""
+        if self.models[row].bulk_read:
+            return float(self.get(row, "position_p_gain"))
+        slope = (self.get(row, "cw_compliance_slope") + self.get(row, "ccw_compliance_slope")) / 2.0
+        return DIVISOR * FULL / max(slope, 1.0)
+
+    def _set_goals(self) -> None:
+        self.muscles.set_goals(np.array([self._goal(row) for row in range(len(self.specs))], np.float64))
+
+    def _goal(self, row: int) -> float:
+        if self._is_wheel(row):
+            speed = self.get(row, "moving_speed")
+            return float(-(speed & FULL) if speed > FULL else speed)
+        return self.encoder(row, self.get(row, "goal_position"))
+
+    def refresh(self) -> None:
+        """Write the present registers."""
+        places = [self.shown(row) for row in range(len(self.specs))]
+        if self.history is not None:
+            self.history.note(self.now, np.array(places))
+        for row, place in enumerate(places):
+            kept = self.frozen[row]
+            self.put(row, "present_position", place if kept is None else kept)
+            speed = float(self.muscles.velocity[row])
+            self.put(row, "present_velocity", round(np.clip(speed, -FULL, FULL)))
+            self.put(row, "present_load", round(float(np.clip(self.muscles.pwm[row], -FULL, FULL))))
+            self.put(row, "present_input_voltage", round(self.volts[row] * 10))
+            self.put(row, "present_temperature", round(self.celsius[row]))
+            self.put(row, "moving", int(abs(speed) > 5))
+
+    # ------------------------------------------------------------------------------- from outside
+
+    def reset(self, row: int, until: float) -> None:
+        """Off the bus, torque lost; back at `until` (s) with RAM defaults."""
+        self.boots_at[row] = until
+        self.drive()
+
+    def block(self, row: int, on: bool) -> None:
+        """Hold this shaft fast, or release it."""
+        self._blocked[row] = on
+        self.muscles.block(self._blocked)
+
+    def set_hand_position(self, row: int, place: float, speed: float) -> None:
+        """Move a limp shaft by hand to `place` (counts; NaN: release it), counts/s."""
+        self._hand[row] = place
+        self._reach[row] = speed
+        self.muscles.set_hand_positions(self._hand, self._reach)
+
+    def stand_ins(self) -> dict[str, str]:
+        """Return the models without motor figures, and the one whose figures they have."""
+        return {each.name: STAND_IN for each in self.models if each.figures is None}
+
+    def truth(self, now: float) -> list[dict[str, object]]:
+        """Return the true state of each servo, with the same keys as that of other families."""
+        self.advance(now)
+        rows: list[dict[str, Any]] = []
+        for row, id in enumerate(self.ids()):
+            on = self.get(row, "torque_enable") == 1 and self.get(row, "torque_limit") > 0
+            rows.append(
+                {
+                    "id": id,
+                    "position": float(self.muscles.position[row]),
+                    "encoder": float(self.muscles.position[row]),
+                    "velocity": float(self.muscles.velocity[row]),
+                    "goal": self.get(row, "goal_position"),
+                    "torque": on and self.boots_at[row] == inf,
+                    "watchdog": -1,
+                    "tripped": False,
+                    "listening": self.listening(row),
+                    "heard_ago": now - self.heard_at[row],
+                    "tripped_at": None,
+                    "trip_delay": None,
+                }
+            )
+        return rows
+
+
+def baud_of(code: int) -> int:
+    """Return the rate that register 4 stands for, as ports name it."""
+    fast = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+    named = {34: 57_600, 16: 115_200, 103: 19_200, 207: 9_600}
+    return fast.get(code) or named.get(code) or 2_000_000 // (code + 1)

@@ -1,0 +1,84 @@
+"""Register table of a serial servo with one-byte addresses. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Literal
+
+from twind_drivers.device_registers import unknown_register
+from twind_drivers.half_duplex.signed_words import from_word, to_word
+
+
+@dataclass(frozen=True, slots=True)
+class MappedRegister:
+    """One register of one or two bytes."""
+
+    name: str
+    address: int
+    size: int  # bytes
+    sign: int | None  # sign bit; None: unsigned
+    least: int
+    most: int
+    kept: bool  # it survives power-off
+    order: Literal["little", "big"] = "little"
+
+    @property
+    def writable(self) -> bool:
+        """True if a write has an effect."""
+        return self.least < self.most
+
+    def encode(self, value: int) -> bytes:
+        """Return the bytes of a value. Raises OverflowError."""
+        return to_word(value, self.sign).to_bytes(self.size, self.order)
+
+    def decode(self, data: bytes) -> int:
+        """Return the value in the first bytes of `data`."""
+        return from_word(int.from_bytes(data[: self.size], self.order), self.sign)
+
+    def check(self, value: int) -> None:
+        """Raise ValueError for a value outside the range, and for a register that is read only."""
+        if not self.writable:
+            raise ValueError(f"{self.name} is read only")
+        if not self.least <= value <= self.most:
+            raise ValueError(f"{self.name} = {value} is outside {self.least}..{self.most}")
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterTable:
+    """Registers of one kind of servo, by name. `title`: of the kind, for messages."""
+
+    title: str
+    registers: Mapping[str, MappedRegister]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.registers
+
+    def __getitem__(self, name: str) -> MappedRegister:
+        """Raise InvalidInput that lists similar names, for an unknown one."""
+        found = self.registers.get(name)
+        if found is None:
+            near = get_close_matches(name.replace(" ", "_"), self.registers, cutoff=0.4)
+            raise unknown_register(self.title, name, near)
+        return found
+
+    def values(self, first: int, data: bytes) -> dict[str, int]:
+        """Decode all registers that lie in `data`, read from address `first`."""
+        return {
+            each.name: each.decode(data[each.address - first :])
+            for each in self.registers.values()
+            if first <= each.address and each.address + each.size <= first + len(data)
+        }
+
+
+def parse_registers(text: str, kept_end: int) -> dict[str, MappedRegister]:
+    """Return the registers of lines `name address size sign least most`.
+
+    Sign bit `-`: none. least = most: read only. Addresses below `kept_end` survive power-off.
+    """
+    found = {}
+    for line in filter(None, text.split("\n")):
+        name, address, size, sign, least, most = line.split()
+        bit = None if sign == "-" else int(sign)
+        kept = int(address) < kept_end
+        found[name] = MappedRegister(name, int(address), int(size), bit, int(least), int(most), kept)
+    return found

@@ -1,0 +1,334 @@
+"""Writer of a bus of serial servos without a watchdog, the part that the families share.
+
+Goals, torque with a limit that rises in steps, registers by name. Every write is read back. A family adds how
+a servo is prepared, how registers that survive power-off are written, and how it restarts.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Bools,
+    DeviceRefused,
+    GroupWriteBatch,
+    Ints,
+    NoReply,
+    Order,
+    RebootRequest,
+    Script,
+    SlowRegisterValues,
+    WriteRequest,
+)
+from twind_drivers.device_registers import RegisterAddress
+from twind_drivers.half_duplex import checksum_packet as packet
+from twind_drivers.half_duplex.checksum_reply import ChecksumReply
+from twind_drivers.half_duplex.goal_bounds import bounds_of
+from twind_drivers.half_duplex.goal_words import GoalWords
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
+from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
+from twind_drivers.single_device import SingleDeviceControl
+
+RAMP = (0.5, 0.75, 1.0)  # of the full torque limit, after torque on
+SHARE = 0.3  # of the full torque limit: at torque on, and what damping leaves
+Row = tuple[int, str, int]  # id, register, value
+
+
+class RegisterReader(Protocol):
+    """Reader as its writer uses it."""
+
+    name: str
+    ids: tuple[int, ...]
+    line: HalfDuplexTransactor
+    registers: SlowRegisterValues
+
+    @property
+    def tables(self) -> Mapping[int, RegisterTable]:
+        """Register table by id."""
+
+    def table(self, id: int) -> RegisterTable:
+        """Return the register table of a device. Raises KeyError."""
+
+    def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
+        """Read one block of several devices. Raises NoReply, DeviceRefused."""
+
+    def values(self, ids: Sequence[int], address: int, size: int) -> Script[dict[int, Mapping[str, int]]]:
+        """Read one block of several devices; return its registers by id. Raises NoReply."""
+
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
+        """Read one register by its name."""
+
+
+class RegisterWriter:
+    """Writer to the bus of `reader`. Arrays are (m,), in the order of its ids; goals in counts."""
+
+    GOAL: ClassVar[tuple[int, int]]  # address and size
+    TORQUE: ClassVar[int]  # address
+    # Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
+    ELSEWHERE: ClassVar[Mapping[str, str]]
+
+    def __init__(self, reader: RegisterReader, *, lower: Ints, upper: Ints) -> None:
+        """Make the writer; `lower`, `upper` (m,): counts that may be sent.
+
+        Raises ValueError for bounds of the wrong shape or beyond the goal register.
+        """
+        self._bus = reader
+        self._line = reader.line
+        self._name = reader.name
+        self._ids = reader.ids
+        self._index = {id: place for place, id in enumerate(self._ids)}
+        self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit
+        self._led: Bools = np.ones(len(self._ids), np.bool_)
+        self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
+        self._version = -1  # of the slow registers that the choice of devices for goals rests on
+        self.set_goal_limits(lower, upper)
+
+    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
+        """Set the range of the goals (m,) and drop pending goals. Raises ValueError; then nothing changes."""
+        least, most = bounds_of(self._name, len(self._ids), lower, upper)
+        tables = [self._bus.tables[id] for id in self._ids]
+        for own, low, high in zip(tables, least.tolist(), most.tolist(), strict=True):
+            for value in (low, high) if "goal_position" in own else ():
+                own["goal_position"].check(value)
+        self._goals = GoalWords(
+            self._name, self.GOAL[0], self._ids, [_is_big_endian(each) for each in tables], least, most
+        )
+        bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
+        self._check = self._make_check(bounds)
+        self._version = -1
+        self._line.goals = b""
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
+
+        A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
+        which could switch torque on.
+        """
+        self._line.goals = b""
+        registers = self._bus.registers
+        if registers.version != self._version:
+            self._version = registers.version
+            self._on &= registers.torque != 0
+            chosen = self._led & self._on & (registers.torque == 1)
+            if np.flatnonzero(chosen).tolist() != self._goals.places:
+                self._goals.choose(chosen)
+        self._line.goals = self._goals.encode(ticks)
+
+    def cut(self) -> None:
+        """Switch torque off on all devices in the next write of any kind; earlier goals are not sent."""
+        self._line.urgent = self._off() * 3  # it has no reply, and a packet may be lost
+        self._line.goals = b""
+        self._switched(False)
+
+    def clear(self) -> None:
+        """Drop pending goals. A pending cut stays: torque off is never refused."""
+        self._line.goals = b""
+
+    # --------------------------------------------------------------------------- the rare path
+
+    def begin(self, order: Order, now: float) -> None:
+        """Begin one order; the reader's `answer` ends it. Raises PortError, WireRangeError; TypeError."""
+        exchange = self._exchange(order)
+        self._check.judge(exchange.packet)
+        self._line.send(exchange, now)
+
+    def _exchange(self, order: Order) -> SerialTransaction:
+        if isinstance(order, RebootRequest):
+            return self._restart(order)
+        if isinstance(order, WriteRequest) and len(order.data) == 1:
+            [(id, data)] = order.data.items()
+            return SerialTransaction(packet.write(id, order.address, data), ChecksumReply((id,), 0), 1)
+        if isinstance(order, WriteRequest | GroupWriteBatch):
+            each = (order,) if isinstance(order, WriteRequest) else order.writes
+            packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
+            return SerialTransaction(packets, None, 0)
+        raise TypeError(f"{self._name}: a writer does not read: {order}")
+
+    # --------------------------------------------------------------------------- scripts
+
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
+        """Prepare devices for torque and read back each step; `among` (m,): these alone; None: all.
+
+        Refuses what must not get torque. Sets the goals to `ticks` (m,), the speed, the gains and a low
+        torque limit; a servo that has torque gets its full limit back.
+
+        Raises DeviceRefused, WireRangeError; NoReply after all other devices are prepared.
+        """
+        self._led = np.ones(len(self._ids), np.bool_) if among is None else among.copy()
+        self._version = -1
+        self.clear()
+        self._goals.check(ticks)
+        there = [id for id, led in zip(self._ids, self._led.tolist(), strict=True) if led]
+        silent = None
+        while there:
+            try:
+                yield from self._prepare(there, ticks)
+                break
+            except NoReply as error:
+                silent = silent or error
+                there = [id for id in there if id not in error.ids]
+        if silent is not None:
+            raise silent.with_traceback(None)
+
+    def write_goals(self, ticks: Ints) -> Script[None]:
+        """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
+        self._goals.check(ticks)
+        rows = zip(self._ids, ticks.tolist(), self._led.tolist(), strict=True)
+        yield from self._set([(id, "goal_position", tick) for id, tick, led in rows if led])
+
+    def read_goals(self) -> Script[Ints]:
+        """Read the goals (m,) that the devices hold. Raises NoReply."""
+        found = yield from self._bus.values(self._ids, *self.GOAL)
+        return np.array([found[id]["goal_position"] for id in self._ids], np.int64)
+
+    def torque(self, on: bool) -> Script[None]:
+        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
+
+        Off is written three times. On follows only after `prepare`; then the torque limit rises in steps.
+        """
+        for id in self._ids if on else ():
+            if id not in self._full:
+                raise DeviceRefused(self._name, id, "torque", "it is not prepared for torque")
+        self._bus.registers.expire_torque(slice(None))
+        self._switched(False)
+        order = WriteRequest({id: bytes((on,)) for id in self._ids}, self.TORQUE)
+        yield GroupWriteBatch((order,) if on else (order, order, order))
+        found = yield from self._bus.collect(self._ids, self.TORQUE, 1)
+        for id in self._ids:
+            if found[id] != bytes((on,)):
+                where = f"torque enable ({self.TORQUE})"
+                raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
+        self._switched(on)
+        for share in RAMP if on else ():
+            yield from self._set(self._limits(self._ids, share), verify=share == RAMP[-1])
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """Lower torque limit and gains (RAM copies); return the ids that did not confirm it."""
+        ids = [id for id in self._ids if id in self._full]
+        rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
+        bad = set(self._ids).difference(ids)
+        while True:
+            try:
+                yield from self._set([row for row in rows if row[0] not in bad])
+                return tuple(sorted(bad))
+            except NoReply as error:
+                bad |= set(error.ids)
+            except DeviceRefused as error:
+                bad.add(error.id)
+
+    def begin_single_device(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
+        """Raise ValueError: a servo without a current mode cannot feel an endstop softly."""
+        raise ValueError(f"{self._name}: id {id}: this servo has no mode with a limited current")
+
+    def end_single_device(self) -> None:
+        """Drop pending goals; no device is ever driven alone."""
+        self.clear()
+
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
+        """Write one register by name and read it back. EEPROM only while that device's torque is off.
+
+        An EEPROM register that already has the value is not written: its endurance is not known. Raises
+        NoReply, DeviceRefused, KeyError, ValueError (name, range, read-only, not here).
+        """
+        field = self._bus.table(id)[name]
+        if field.name in self.ELSEWHERE:
+            raise ValueError(f"{field.name} is not written here: {self.ELSEWHERE[field.name]}")
+        field.check(value)
+        if not field.kept:
+            yield from self._write(id, field, value)
+        elif (yield from self._bus.read(id, name)).value != value:
+            if (yield from self._bus.read(id, "torque_enable")).value:
+                reason = "is EEPROM, written only while torque is off: disarm first"
+                raise DeviceRefused(self._name, id, field.name, reason)
+            yield from self._write_kept(id, field, value)
+        return RegisterAddress(field.name, field.address, field.size, value, field.kept)
+
+    # --------------------------------------------------------------------------- parts
+
+    def _switched(self, on: bool) -> None:
+        self._on.fill(on)
+        self._version = -1
+
+    def _limits(self, ids: Iterable[int], share: float) -> list[Row]:
+        own = [id for id in ids if "torque_limit" in self._bus.tables[id]]
+        return [(id, "torque_limit", int(self._full[id] * share)) for id in own]
+
+    def _write(self, id: int, field: MappedRegister, value: int) -> Script[None]:
+        reply = yield WriteRequest({id: field.encode(value)}, field.address)
+        if id not in reply.error:
+            raise NoReply(self._name, (id,), reply.waited, f"write of {field.name}")
+        yield from self._verify([(id, field.name, value)])
+
+    def _set(self, rows: Sequence[Row], *, verify: bool = True) -> Script[None]:
+        """Write rows in one system call and read them back. Raises DeviceRefused, NoReply."""
+        if not rows:
+            return
+        writes: dict[tuple[int, int], dict[int, bytes]] = {}
+        for id, name, value in rows:
+            field = self._bus.tables[id][name]
+            writes.setdefault((field.address, field.size), {})[id] = field.encode(value)
+        yield GroupWriteBatch(tuple(WriteRequest(data, where) for (where, _), data in writes.items()))
+        if verify:
+            yield from self._verify(rows)
+
+    def _verify(self, rows: Sequence[Row]) -> Script[None]:
+        """Read each row back, registers of one area of a device together."""
+        wanted: dict[int, dict[str, int]] = {}
+        for id, name, value in rows:
+            wanted.setdefault(id, {})[name] = value
+        spans: dict[tuple[int, int], list[int]] = {}
+        for id, own in wanted.items():
+            for span in _spans([self._bus.tables[id][name] for name in own]):
+                spans.setdefault(span, []).append(id)
+        for (address, size), ids in spans.items():
+            found: Mapping[int, Mapping[str, int]] = yield from self._bus.values(ids, address, size)
+            for id in ids:
+                for name, value in found[id].items():
+                    wish = wanted[id].get(name, value)
+                    if wish != value:
+                        raise DeviceRefused(self._name, id, name, f"wrote {wish}, reads {value}")
+
+    def _off(self) -> bytes:
+        """Return the packet that switches torque of all devices off."""
+        return packet.write(packet.BROADCAST, self.TORQUE, b"\0")
+
+    # ------------------------------------------------------------------------- what a family answers
+
+    def _make_check(self, bounds: Mapping[int, tuple[int, int]]) -> RegisterWriteCheck:
+        """Return the last check of packets; `bounds`: range of the goals by id."""
+        return RegisterWriteCheck(self._name, self._bus.tables, bounds, self._off())
+
+    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
+        """Prepare these devices for torque; set `_full` of each. `ticks` (m,): goals of all."""
+        raise NotImplementedError
+
+    def _soft_gains(self, id: int) -> list[Row]:
+        """Return the rows that damp a prepared device."""
+        raise NotImplementedError
+
+    def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
+        """Write a register that survives power-off, of a device without torque, and read it back."""
+        raise NotImplementedError
+
+    def _restart(self, order: RebootRequest) -> SerialTransaction:
+        """Return the transaction of a restart; by default there is none."""
+        raise TypeError(f"{self._name}: these servos have no restart: {order}")
+
+
+def _is_big_endian(own: RegisterTable) -> bool:
+    return "goal_position" in own and own["goal_position"].order == "big"
+
+
+def _spans(fields: Sequence[MappedRegister]) -> list[tuple[int, int]]:
+    """Return one block (address, size) for the EEPROM area and one for RAM, of those that `fields` lie in."""
+    spans = []
+    for kept in (True, False):
+        own = [each for each in fields if each.kept is kept]
+        if own:
+            first = min(each.address for each in own)
+            spans.append((first, max(each.address + each.size for each in own) - first))
+    return spans

@@ -1,0 +1,68 @@
+"""Reader of a bus of serial servos with register tables, the part that the families share."""
+
+from collections.abc import Mapping, Sequence
+
+from twind_drivers.bus import GroupWriteBatch, PingRequest, Query, ReadRequest, Request, Script, WriteRequest
+from twind_drivers.device_registers import RegisterAddress
+from twind_drivers.half_duplex import checksum_packet as packet
+from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
+from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.half_duplex.register_table import RegisterTable
+from twind_drivers.half_duplex.serial_reader import SerialReader
+
+
+class TableReader(SerialReader):
+    """Reader of devices with a register table each. Arrays are (m,), in the order of `ids`."""
+
+    overhead = packet.OVERHEAD
+    _known: dict[Query, SerialTransaction]  # of the slices of slow registers
+
+    @property
+    def tables(self) -> Mapping[int, RegisterTable]:
+        """Register table by id; the expected one until `identify`."""
+        raise NotImplementedError
+
+    def slice_count(self, size: int) -> int:
+        """Return the devices whose read of `size` bytes fits one transaction of a script."""
+        each = wire(packet.OVERHEAD + size + 1, self.line.baud) + self.line.return_delay_s
+        return max(1, int(self.slice / each))
+
+    def span(self, query: Request) -> float:
+        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
+        if isinstance(query, PingRequest | ReadRequest):
+            return self.line.span(self._transaction(query))
+        writes = query.writes if isinstance(query, GroupWriteBatch) else (query,)
+        size = sum(
+            8 + sum(1 + len(data) for data in each.data.values())
+            for each in writes
+            if isinstance(each, WriteRequest)
+        )
+        return wire(size + 14, self.line.baud) + self.line.return_delay_s
+
+    def _transaction(self, query: Query) -> SerialTransaction:
+        return self._known.get(query) or self._exchange(query)
+
+    def _exchange(self, query: Query) -> SerialTransaction:
+        """Return a new transaction of a query."""
+        raise NotImplementedError
+
+    def values(self, ids: Sequence[int], address: int, size: int) -> Script[dict[int, Mapping[str, int]]]:
+        """Read one block of several devices; return its registers by id. Raises NoReply."""
+        raw = yield from self.collect(ids, address, size)
+        return {id: self.tables[id].values(address, data) for id, data in raw.items()}
+
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
+        """Read one register by its name. Raises NoReply, KeyError, InvalidInput (lists similar names)."""
+        field = self.table(id)[name]
+        data = yield from self.collect((id,), field.address, field.size)
+        return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.kept)
+
+    def keeps(self, id: int, name: str) -> bool:
+        """Return True for registers that survive power-off. Raises KeyError."""
+        return self.table(id)[name].kept
+
+    def table(self, id: int) -> RegisterTable:
+        """Return the register table of a device. Raises KeyError that lists the ids of this bus."""
+        if id not in self.tables:
+            raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
+        return self.tables[id]
