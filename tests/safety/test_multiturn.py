@@ -74,7 +74,7 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
     if refusal_message(raw, of) == "":
         least = first - SLACK
         most = first + span + SLACK
-        assert span < whole
+        assert span + 2 * SLACK < 2 * whole
         assert least <= count <= most
         assert not least <= count - whole <= most
         assert not least <= count + whole <= most
@@ -95,8 +95,30 @@ def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
 
 
 @pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
-def test_a_travel_of_a_turn_or_more_has_no_unique_turn(raw: int) -> None:
-    assert "is a turn of its actuator (4096) or more" in refusal_message(raw, turns(1500, 1500 + 4096))
+def test_a_travel_that_leaves_no_unique_turn_is_refused_everywhere(raw: int) -> None:
+    assert "is 4096 or more" in refusal_message(raw, turns(1500, 1500 + 4096, falls=True))
+    assert "is 8192 or more" in refusal_message(raw, turns(1500, 1500 + 2 * 4096 - 2 * SLACK))
+
+
+@given(st.integers(1, 2 * WHOLE), st.integers(-5 * WHOLE, 5 * WHOLE), st.data())
+def test_a_long_travel_gives_the_true_count_or_none(span: int, first: int, data: st.DataObject) -> None:
+    of = turns(first, first + span)
+    true = data.draw(st.integers(first - SLACK, first + span + SLACK))
+    raw = true + data.draw(st.integers(-3, 3)) * WHOLE
+    shift = int(chosen(np.array([raw]), of)[0])
+    if refusal_message(raw, of) == "":
+        assert raw + shift == true
+    middle = first + span // 2
+    if span + 2 * SLACK < 2 * WHOLE - 2 and true == middle:
+        assert refusal_message(raw, of) == "", "in its middle the turn is known"
+
+
+def test_a_waist_of_one_and_a_half_turns_is_known_in_its_middle_alone() -> None:
+    of = turns(-1007, 5102)
+    assert of.ambiguous.all() and not turns().ambiguous.any()
+    assert refusal_message(2048, of) == ""
+    for raw in (1000, 3200, -1007, 5102):
+        assert "both fit its travel -1105..5200" in refusal_message(raw, of)
 
 
 def test_a_position_near_both_ends_of_a_travel_of_nearly_a_turn_is_ambiguous() -> None:

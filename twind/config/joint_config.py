@@ -18,6 +18,7 @@ from twind.config.family_keys import Acceleration, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
 from twind.config.transmission_config import transmissions
+from twind.config.travel import most_turns
 from twind.robot.transmission import back, fair, span
 
 SPEED = "velocity_limit_rad_s"
@@ -31,7 +32,8 @@ class JointKeys(ConfigStruct, kw_only=True):
     """Keys of a joint, beside those of its slot."""
 
     limits_rad: tuple[float, float]
-    """lower, upper | | accepted range, inclusive; at most one motor turn"""
+    """lower, upper | | accepted range, inclusive; at most one motor turn,
+    [in some modes](../calibration/README.md#more-than-a-turn) 1.87"""
     model_joint: Text | None = None
     """joint of the model | its own name |"""
     velocity_limit_rad_s: Speed = math.inf
@@ -128,7 +130,7 @@ def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots
     lower, upper = given.limits_rad
     _require_limits(entry, lower, upper)
     if seat is None:
-        _within_a_turn(slot, (lower, upper), entry)
+        _require_travel(slot, (lower, upper), entry)
     require_stops(entry, given.stop_rad, lower, upper)
     own_speed = given.velocity_limit_rad_s
     own_pull = given.acceleration_limit_rad_s2
@@ -201,7 +203,7 @@ def _together(
         )
         for place, joint in enumerate(own):
             travel = float(low[place]), float(high[place])
-            _within_a_turn(joint, travel, section.section(joint.name))
+            _require_travel(joint, travel, section.section(joint.name))
             by_name[joint.name] = replace(
                 joint,
                 velocity_limit=float(speed[place]),
@@ -211,12 +213,17 @@ def _together(
     return list(by_name.values())
 
 
-def _within_a_turn(slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigReader) -> None:
+def _require_travel(slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigReader) -> None:
     turns = (travel[1] - travel[0]) * slot.ratio / (2.0 * math.pi)
-    if turns > 1.0:
+    most = most_turns(slot.type, slot.mode)
+    if turns > most:
         name = "the actuator" if isinstance(slot, ActuatorSlot) else f"actuator {slot.actuator}"
+        remedy = "narrow it, or lower ratio"
+        if slot.type.winds and most <= 1.0:
+            remedy = f"{remedy}, or take a mode of several turns"
         raise entry.refuse(
-            "limits_rad", f"the travel is {turns:.2f} turns of {name}: one turn at most without homing"
+            "limits_rad",
+            f"the travel is {turns:.2f} turns of {name}, more than {most:g} in mode {slot.mode}: {remedy}",
         )
 
 

@@ -12,7 +12,7 @@ from twind.config.calibration_file import Calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.cycle_budget import budgets
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
-from twind.config.travel import travel_refusal
+from twind.config.travel import is_long, travel_refusal
 
 HEADINGS = (
     "joint",
@@ -56,6 +56,7 @@ def check_robot(
         *_table([HEADINGS, *rows]),
         *(line for each in robot.transmissions for line in _driven(robot, each, zeros)),
         *_unfenced(robot),
+        *_long_travels(robot),
         *(line for each in cycle for line in each.lines),
     ]
     errors = [each.refusal for each in cycle if each.refusal is not None]
@@ -72,6 +73,17 @@ def _unfenced(robot: RobotFile) -> list[str]:
         return []
     text = "warning: no position limits of the actuator's own, the daemon's clamp is the only fence"
     return [f"{text}: {', '.join(names)}"]
+
+
+def _long_travels(robot: RobotFile) -> list[str]:
+    """Joints whose travel leaves one turn of their actuators, with the turns between their limits."""
+    named = [
+        f"{joint.name} ({(joint.span[1] - joint.span[0]) * joint.ratio / math.tau:.2f} turns)"
+        for joint in robot.joints
+        if is_long(joint)
+    ]
+    text = "travel beyond one turn, its turn determined after a power-up in the middle alone"
+    return [f"{text}: {', '.join(named)}"] if named else []
 
 
 def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:

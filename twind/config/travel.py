@@ -1,10 +1,22 @@
-"""Travel of a joint in counts: does a sweep by hand fit one turn of its encoder?"""
+"""Travel of a joint in counts: does a sweep by hand fit the turns of its encoder?
 
+An actuator that reads one turn after a power-up, but takes goals beyond it, may travel almost two turns: in
+the middle of its travel only one turn fits. There its turn is determined (`twind/safety/multiturn.py`).
+"""
+
+from twind.config.actuator_types import TypeSpec
 from twind.config.calibration_file import SWEEP_MARGIN
-from twind.config.counts import tick_range, turn_start
+from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
 
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
+MIDDLE = 0.125  # turns in the middle of a longer travel where only one turn fits, at least
+ASTRAY = 0.15  # rad, how far a limp joint may hang beyond its travel
+
+
+def most_turns(kind: TypeSpec, mode: str) -> float:
+    """Return the turns that limits of a joint may span in that mode of its actuator."""
+    return 2.0 - MIDDLE if kind.winds and not kind.fenced(mode) else 1.0
 
 
 def sweep_range(joint: JointSpec) -> tuple[float, float]:
@@ -13,22 +25,49 @@ def sweep_range(joint: JointSpec) -> tuple[float, float]:
     return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
 
 
-def zero_range(joint: JointSpec) -> tuple[int, int]:
-    """Return the smallest and the largest zero that keep a swept joint on one turn, clear of its seam.
+def longest_travel(joint: JointSpec) -> int:
+    """Return the longest measured travel (ticks) after which a power-up leaves the turn known somewhere."""
+    turn = joint.type.ticks_per_turn
+    turns = most_turns(joint.type, joint.mode)
+    if turns <= 1.0:
+        return turn - 1
+    return int(turns * turn - 2.0 * ASTRAY / abs(rad_per_tick(joint)))
 
+
+def zero_range(joint: JointSpec) -> tuple[int, int]:
+    """Return the smallest and the largest zero that suit the travel of a swept joint.
+
+    They keep it on one turn, clear of the seam. Of a longer travel they keep the middle on that turn.
     Where no zero does, the first is above the last.
     """
     start = turn_start(joint.type)
+    turn = joint.type.ticks_per_turn
     low, high = tick_range(joint, 0, *sweep_range(joint))
-    return start + SEAM - low, start + joint.type.ticks_per_turn - 1 - SEAM - high
+    if is_long(joint):
+        low = high = (low + high) // 2
+    return start + SEAM - low, start + turn - 1 - SEAM - high
 
 
 def travel_refusal(joint: JointSpec) -> str | None:
     """Return why the joint has no zero that fits its travel; None: it has one."""
+    low, high = tick_range(joint, 0, *sweep_range(joint))
+    turn = joint.type.ticks_per_turn
+    if is_long(joint):
+        if high - low <= longest_travel(joint):
+            return None
+        return (
+            f"travel of {high - low} ticks with a sweep by hand exceeds {longest_travel(joint)} of its "
+            f"{turn} a turn: after a power-up no place would tell its turn: narrow limits_rad"
+        )
     first, last = zero_range(joint)
     if first <= last:
         return None
-    low, high = tick_range(joint, 0, *sweep_range(joint))
-    turn = joint.type.ticks_per_turn
     margins = f"{SWEEP_MARGIN:g} rad on either side for a sweep by hand, and {2 * SEAM} to the seam"
     return f"travel of {high - low} ticks does not fit one turn of {turn} ({margins}): narrow limits_rad"
+
+
+def is_long(joint: JointSpec) -> bool:
+    """Return whether a swept joint leaves one turn of its actuator, and may do so."""
+    low, high = tick_range(joint, 0, *sweep_range(joint))
+    one_turn = high - low <= joint.type.ticks_per_turn - 1 - 2 * SEAM
+    return not one_turn and most_turns(joint.type, joint.mode) > 1.0

@@ -1,6 +1,7 @@
 """Travel of each actuator as it was measured, from which its turn is determined. Pure data."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from twind.robot.arrays import Bools, Ints
 
@@ -25,3 +26,9 @@ class MeasuredTravel:
     # At torque-on it counts anew, in one turn: Dynamixel in position mode (e-manual, "Operating Mode", note).
     falls: Bools
     begin: Ints  # the first count of that turn, its homing offset included
+
+    @cached_property
+    def ambiguous(self) -> Bools:
+        """Joints (n,) with places where more than one turn fits the travel and its slack."""
+        marked: Bools = self.known & (self.last - self.first + 2 * self.slack >= self.whole)
+        return marked

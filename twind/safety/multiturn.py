@@ -2,7 +2,8 @@
 
 A count gives the angle within a turn; power-off loses the number of turns (field devices with one absolute
 turn). Exactly one of the count and its neighbours a turn away lies in the band around the travel. That one
-must lie in the travel, else arming is refused.
+must lie in the travel, and no other, else arming is refused. A travel of more than a turn has such places in
+its middle; once its turn is known there, a joint keeps it wherever it goes.
 """
 
 from collections.abc import Sequence
@@ -39,7 +40,8 @@ def unfit(raw: Ints, shift: Ints, turns: MeasuredTravel, energised: Bools) -> Se
     `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on.
     """
     count = raw + shift
-    wide = turns.last - turns.first >= turns.whole
+    span = turns.last - turns.first
+    wide = np.where(turns.falls, span >= turns.whole, span + 2 * turns.slack >= 2 * turns.whole - 1)
     another = (count - turns.whole >= turns.first - turns.slack) | (
         count + turns.whole <= turns.last + turns.slack
     )
@@ -107,11 +109,12 @@ class _TurnRow:
 
     def wide(self) -> Finding:
         span = self.high - self.low
+        most = self.whole if self.falls else 2 * self.whole
         text = (
-            f"its travel of {span} ticks is a turn of its actuator ({self.whole}) or more: its turn cannot "
+            f"its travel of {span} ticks is {most} or more, with a turn of {self.whole}: its turn cannot "
             "be determined; it can only be driven with a smaller ratio, or narrower stops"
         )
-        return self._finding(span, self.whole, text)
+        return self._finding(span, most, text)
 
     def another(self) -> Finding:
         other = self.count - self.whole if self.count - self.whole >= self.low else self.count + self.whole

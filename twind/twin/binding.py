@@ -14,6 +14,7 @@ import numpy as np
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
+from twind.config.travel import ASTRAY
 from twind.config.yaml_tree import place
 from twind.exceptions import InvalidInput
 from twind.robot.actuator_ratings import ActuatorRatings
@@ -28,7 +29,6 @@ from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
 from twind.twin.transmission_range import strength
 
-ASTRAY = 0.15  # rad beyond its measured travel that a limp joint may hang at
 TOLERANCE = 1e-9  # rad, when ranges are compared
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twind.config.device_check import PLAUSIBLE_SWEEP
+from twind.config.travel import longest_travel
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 
 LIKE = 0.10  # share by which a travel may differ from another joint's and still be taken for it
@@ -35,12 +36,14 @@ def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActu
     radians = span * abs(slot.rad_per_tick)
     share = radians / slot.range
     low, high = PLAUSIBLE_SWEEP
-    if span >= slot.joint.type.ticks_per_turn:
+    most = longest_travel(slot.joint)
+    if span > most:
+        turn = slot.joint.type.ticks_per_turn
         wrong = (
-            f"{span / slot.joint.type.ticks_per_turn:.2f} turns of its actuator: after a power-up its "
+            f"{span / turn:.2f} turns of its actuator, more than {most / turn:.2f}: after a power-up its "
             "turn is unknown"
         )
-        slips = ("a horn or coupling that slips", "a joint without stops: give it some within one turn")
+        slips = ("a horn or coupling that slips", "a joint without stops: give it some within its limits")
         return TravelVerdict(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))
     if not low <= share <= high:
         bound = f"less than {100 * low:.0f}" if not share >= low else f"more than {100 * high:.0f}"

@@ -75,6 +75,8 @@ def misfits(
         )
     if stands is not None and not sweep[0] - spare <= stands <= sweep[1] + spare:
         found.append(f"it stands at {stands}, outside its travel {sweep[0]}..{sweep[1]}: sweep it again")
+    if stands is not None:
+        found.extend(_other_turn(slot, sweep, stands, spare))
     found.extend(_seam(slot, device, first, last))
     return found
 
@@ -85,6 +87,21 @@ def _explain_sign_error(slot: CalibrationActuator, sweep: Ticks, zero: int, spar
     if max(sweep[0] - first, last - sweep[1]) <= spare:
         return f"with sign {-slot.joint.sign} they would fit: is its sign wrong, or its pose mirrored?"
     return "was it in another pose, or not swept to both ends?"
+
+
+def _other_turn(slot: CalibrationActuator, sweep: Ticks, stands: int, spare: int) -> list[str]:
+    """Return the objection to a pose that reads as another place in a travel of a turn or more."""
+    turn = slot.joint.type.ticks_per_turn
+    if sweep[1] - sweep[0] < turn:
+        return []
+    first = sweep[1] + spare - turn
+    last = sweep[0] - spare + turn
+    if first < stands < last:
+        return []
+    return [
+        f"it reads {stands} or a turn of {turn} away, both in its travel {sweep[0]}..{sweep[1]}: hold it at "
+        f"{first}..{last}, in the middle, by `--at JOINT=RAD`; or take `--from-sweep`"
+    ]
 
 
 def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int) -> list[str]:

@@ -26,6 +26,7 @@ from twind.safety.guard import Guard
 from twind.safety.multiturn import chosen, inside, outside_travel, unfit
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
+SILENT = 0.1  # s without readings in which a limp device may have restarted: a boot takes longer
 ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
 
 
@@ -138,6 +139,7 @@ class JointVerificationState:
         else:
             if not (context.torque.armed or context.torque.energising) and some(self._turn_known):
                 self._recheck_turns(turns, now)
+                self._doubt_silent(turns, now)
             if not every(self._turn_known):
                 self._count(turns)
                 for number, (port, bus) in enumerate(context.hardware.pairs):
@@ -193,6 +195,12 @@ class JointVerificationState:
             self._doubt(np.flatnonzero(self._turn_known & anew))
         else:
             self._astray[:] = inf
+
+    def _doubt_silent(self, turns: MeasuredTravel, now: float) -> None:
+        """Doubt the turns of silent joints that a restart could place on another turn of their travel."""
+        if some(turns.ambiguous):
+            silent = now - self._context.hardware.readings.heard_at > SILENT
+            self._doubt(np.flatnonzero(self._turn_known & turns.ambiguous & silent))
 
     def _count(self, turns: MeasuredTravel) -> None:
         """Count the readings in a row that give the same turn."""
