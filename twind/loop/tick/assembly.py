@@ -197,6 +197,7 @@ def briefing(
             calibrated=joint_map.calibrated[place],
             lower=float(limits.lower[place]),
             upper=float(limits.upper[place]),
+            watchdog=not np.isfinite(binding.ratings.lead[place]),
         )
         for place, name in enumerate(joint_map.names)
     ]
