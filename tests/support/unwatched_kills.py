@@ -53,23 +53,21 @@ class UnwatchedKills:
         self.options = ["--mode", "live", "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
         self.options += ["--port", f"main={virtual.folder / 'ports' / 'main'}"]
         self.running = Daemon(folder / "run", *self.options)
-        self.running.reach(state="connected")
+        self._identified()
         virtual.order(fault="hand", id=3, rad=1.5)  # limp, its elbow lies on the stop, and a count beyond
         until(lambda: abs(self._angle(3) - 1.5) < 0.05, 5.0, "the elbow is lifted")
         with self.running.client() as client:
-            self._arm(client)
+            arm(client, take=True)
         virtual.order(fault="hand", id=3, off=True)
 
-    def _arm(self, client: Client) -> None:
-        """Arm; a busy machine may lose a register of the identification, which is then repeated."""
+    def _identified(self) -> None:
+        """Wait for the daemon; start another where a busy machine lost a reply of the identification."""
         for _ in range(TRIES):
-            try:
-                arm(client, take=True)
+            status = self.running.reach(state="connected")
+            if not any("was not read" in each["message"] for each in status["faults"]):
                 return
-            except Refused as refusal:
-                if not all("was not read" in each["message"] for each in refusal.findings):
-                    raise
-            time.sleep(1.0)
+            self.running.kill()
+            self.running = Daemon(self.folder / "run", *self.options)
         raise AssertionError("identification failed again and again")
 
     def _angle(self, id: int) -> float:
@@ -109,9 +107,9 @@ class UnwatchedKills:
     def kill(self, phase: str) -> UnwatchedKill:
         """Reach the phase, kill at a random moment, look at the arm, start anew, look again."""
         kill = UnwatchedKill(phase, self.random.uniform(0.0, 1.5))
-        self.running.reach(state="connected")
+        self._identified()
         with self.running.client() as client:
-            self._arm(client)
+            arm(client, take=True)
             worker = Thread(target=self._stream if phase == "streaming" else self._swing, args=(client,))
             worker.start()
             time.sleep(0.3)
