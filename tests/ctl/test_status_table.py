@@ -174,5 +174,6 @@ def test_joints_without_a_watchdog_are_named_with_what_that_means() -> None:
         line for line in status_lines(told | {"unwatched": list("abcd")}) if line.startswith("watchdog")
     ]
     assert line == (
-        "watchdog none in 4 joints (a, b, c, ...): if the daemon dies, they drive on to their last goal and hold it"
+        "watchdog none in 4 joints (a, b, c, ...): "
+        "if the daemon dies, they drive on to their last goal and hold it"
     )

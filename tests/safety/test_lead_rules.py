@@ -299,8 +299,9 @@ class Joints:
         """Lead that is reached at most: a block may stop the joint while its goal is still fast."""
         assert self.executor.reference is not None
         speed = np.abs(self.executor.reference.velocity)
-        way = (speed**2 / (2.0 * LIMITS.acceleration) + 2.0 * speed * PERIOD).max()
-        return max(MOST + 0.005, self.lead + float(way) + 1e-9)
+        later = speed + 2.0 * LIMITS.acceleration * PERIOD  # it brakes two ticks after the block
+        way = (later**2 / (2.0 * LIMITS.acceleration) + 2.0 * later * PERIOD).max()
+        return max(MOST, self.lead + float(way)) + 0.005
 
     def tick(self) -> None:
         reference = self.executor.goal(self.now)

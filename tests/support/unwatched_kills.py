@@ -107,7 +107,6 @@ class UnwatchedKills:
     def kill(self, phase: str) -> UnwatchedKill:
         """Reach the phase, kill at a random moment, look at the arm, start anew, look again."""
         kill = UnwatchedKill(phase, self.random.uniform(0.0, 1.5))
-        self._identified()
         with self.running.client() as client:
             arm(client, take=True)
             worker = Thread(target=self._stream if phase == "streaming" else self._swing, args=(client,))
@@ -153,6 +152,7 @@ class UnwatchedKills:
         time.sleep(0.2)
         kill.moved = max(abs(now - then) for now, then in zip(self.places(), rest, strict=True))
         assert kill.moved <= COUNTS, kill
+        self._identified()
 
     def lower(self) -> int:
         """Kill the daemon and let the fail-safe take the arm over; its exit code."""
