@@ -16,6 +16,7 @@ class JointInfo(msgspec.Struct, frozen=True):
     calibrated: bool
     lower: float
     upper: float
+    watchdog: bool = True  # False: it holds its last goal when the daemon dies
     actuator: str = ""  # what is at the end of the wire, where it is not named as the joint; empty: it is
 
 

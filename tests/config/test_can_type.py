@@ -94,7 +94,10 @@ def test_a_damiao_answers_with_its_master_id(tmp_path: Path) -> None:
         ("device: DM4340, return_delay_us: 8, gains: {kp: 120.0", "types.dm.return_delay_us: unknown key"),
         ("device: DM4340, torque_limit_nm: 28.5, gains: {kp: 120.0", "28.5 is outside > 0 and <= 28"),
         ("device: DM4340, ranges: {position_rad: 0.2}, gains: {kp: 120.0", "0.2 is not one of half a turn"),
-        ("device: DM4340, watchdog: none, gains: {kp: 120.0", "'none' is none of device, unverified"),
+        (
+            "device: DM4340, watchdog: none, gains: {kp: 120.0",
+            "types.dm.watchdog: a DM4340 has a watchdog: write `device`",
+        ),
         ("device: DM4340, supply: {warn_v: 20}, gains: {kp: 120.0", "a DM4340 does not tell its voltage"),
         ("device: DM4340, heat: {warn_c: 120}, gains: {kp: 120.0", "120 is outside > 0 and <= 100"),
         ("device: AK70-10, gains: {kp: 120.0", "types.dm.watchdog: a AK70-10 cannot show over the bus"),

@@ -91,3 +91,11 @@ def test_a_current_unit_that_was_measured_goes_before_the_manuals() -> None:
 def test_a_unit_that_is_no_unit_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         of("XM430-W350", text)
+
+
+def test_no_watchdog_is_refused_for_a_model_that_has_one() -> None:
+    with pytest.raises(
+        ConfigError, match=r"watchdog: a XM430-W350 has a bus watchdog.*remove this key"
+    ) as told:
+        of("XM430-W350", "watchdog: none")
+    assert told.value.line > 1

@@ -164,3 +164,16 @@ def test_a_stream_has_a_line_with_its_losses_and_its_error() -> None:
         "stream   http://x/in: 99.6 Hz, 12 sent, 3 waiting, 2 DROPPED, 7 failures; Connection refused",
     ]
     assert not [line for line in status_lines(status()) if line.startswith("stream")]
+
+
+def test_joints_without_a_watchdog_are_named_with_what_that_means() -> None:
+    told: dict[str, Any] = status(None)
+    assert told["unwatched"] == []
+    assert not [line for line in status_lines(told) if line.startswith("watchdog")]
+    (line,) = [
+        line for line in status_lines(told | {"unwatched": list("abcd")}) if line.startswith("watchdog")
+    ]
+    assert line == (
+        "watchdog none in 4 joints (a, b, c, ...): "
+        "if the daemon dies, they drive on to their last goal and hold it"
+    )

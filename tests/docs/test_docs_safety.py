@@ -136,6 +136,9 @@ THRESHOLDS = {
     "OVERTEMP: speed of a hot joint": f"{GUARD.hot_pace * 100:g} %",
     "OVERTEMP, VOLTAGE: not read, warning": f"{GUARD.unread:g} s",
     "LOOKAHEAD_COLLISION: slowest speed": f"{GUARD.least_pace * 100:g} %",
+    "LEAD_LIMIT: slower; HOLD after waiting": (
+        f"from {GUARD.lead_free * 100:g} % of `lead_limit_rad`; {GUARD.lead_for:g} s"
+    ),
     "MIRROR_DRIFT": f"{GUARD.drift:g} rad for {GUARD.drift_for:g} s",
     # buses
     "BUS_ERRORS in 1 s: warning": f"{GUARD.errors_warn * 100:g} %",

@@ -120,3 +120,9 @@ def test_the_calibration_of_another_robot_is_found(tmp_path: Path, robot: Path) 
     words = ("--robot", str(robot), "--calibration", str(file))
     (finding,) = found(*words, code="FILE_REFUSED")
     assert "made for robot 'h24', not for 'other'" in finding.measured
+
+
+def test_joints_without_a_watchdog_are_noted(tmp_path: Path, robot: Path) -> None:
+    (finding,) = found("--robot", "docs/examples/so101/so101.yaml", code="WATCHDOG_NONE")
+    assert finding.measured.startswith("6 joints: shoulder_pan, ")
+    assert found("--robot", str(robot), code="WATCHDOG_NONE") == []

@@ -248,7 +248,7 @@ def slow_down(rig: Rig, share: float) -> None:
     slow = replace(rig.loop.robot.limits, velocity=rig.loop.robot.limits.velocity * share)
     redescribe(rig.loop, limits=slow)
     rig.loop.executor.limits = slow
-    rig.loop.parts.guard.limit(slow)
+    rig.loop.parts.guard.limit(slow, rig.loop.robot.description.ratings)
 
 
 @pytest.mark.parametrize("support", ["gantry", SLOW_FREE])

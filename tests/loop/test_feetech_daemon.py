@@ -1,11 +1,16 @@
 """The whole daemon with an arm of six virtual STS3215, under a fake clock."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.robot.arrays import Floats
+from twind.twin.dynamics import Dynamics
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 
 ARM = Path("docs/examples/so101/so101.yaml")
 
@@ -47,3 +52,108 @@ def test_an_overload_is_reported_and_ends_with_its_cause(make_rig: MakeRig) -> N
     rig.virtual["main"].faults.damage(3, 0x20)
     rig.seconds(0.5)
     assert rig.events("SERVO_ALERT"), [event.code for event in rig.events()]
+
+
+# ------------------------------------------------------------------------------------- no watchdog
+
+
+class LoadedJoints(FirstOrderPhysics):
+    """Servos that sag under the weight of the arm, by the stiffness that their P gain gives."""
+
+    at_rest: Callable[[Floats], Floats] | None = None  # counts (m,) of sag at a position (m,)
+
+    def set_goals(self, goal: Floats) -> None:
+        super().set_goals(goal if self.at_rest is None else goal - self.at_rest(self.position))
+
+
+def soft_arm(make_rig: MakeRig, folder: Path, gain: int) -> tuple[Rig, LoadedJoints]:
+    """An arm whose servos have that P gain, and carry its weight."""
+    text = ARM.read_text().replace("  sts3215:\n", f"  sts3215:\n    gains: {{p: {gain}}}\n")
+    (folder / "so101.yaml").write_text(text)
+    (folder / "so101.xml").write_text(ARM.with_suffix(".xml").read_text())
+    rig: Rig = make_rig(str(folder / "so101.yaml"), muscles=LoadedJoints, start={"elbow_flex": 1.5})
+    muscles = rig.virtual["main"].servos.muscles
+    binding = rig.one.binding
+    dynamics = Dynamics(binding)
+    (bus,) = binding.joint_map.buses
+    shift = muscles.position - (rig.truth[bus.joints] / bus.scale)
+
+    def sag(counts: Floats) -> Floats:
+        angle = np.zeros(len(bus.joints))
+        angle[bus.joints] = (counts - shift) * bus.scale
+        torque = dynamics.at_rest(angle) / binding.ratings.stiffness
+        return torque[bus.joints] / bus.scale
+
+    muscles.at_rest = sag
+    return rig, muscles
+
+
+def goals(rig: Rig) -> list[int]:
+    return [each["goal"] for each in rig.virtual["main"].truth(rig.clock.now())]
+
+
+@pytest.mark.parametrize("seconds", [5.0, pytest.param(600.0, marks=pytest.mark.campaign)])
+def test_a_soft_joint_under_load_is_moved_and_held_without_creeping(
+    make_rig: MakeRig, tmp_path: Path, seconds: float
+) -> None:
+    rig, _ = soft_arm(make_rig, tmp_path, 11)
+    rig.arm()
+    lift = rig.names.index("shoulder_lift")
+    for joint, to in (("elbow_flex", 0.5), ("shoulder_lift", -0.05)):
+        rig.lease()
+        ticket = rig.submit(rig.path(joint, [to], [3.0]), more=True)
+        rig.seconds(4.0)
+        assert rig.replies(ticket)[-1].parameters["phase"] == "succeeded", rig.replies(ticket)[-1]
+    commanded = goals(rig)
+    place = rig.truth
+    sag = rig.loop.robot.written[lift] - place[lift]
+    assert 0.11 < abs(sag) < 0.2  # more than what slows a motion
+    rig.seconds(seconds)
+    assert goals(rig) == commanded
+    assert np.abs(rig.truth - place).max() < 0.002
+    assert rig.loop.torque.armed
+
+
+def test_a_motion_waits_for_a_blocked_joint_and_goes_on(make_rig: MakeRig) -> None:
+    rig: Rig = make_rig(str(ARM))
+    rig.arm()
+    roll = rig.names.index("wrist_roll")
+    rig.virtual["main"].faults.lock(5)
+    ticket = rig.submit(rig.path("wrist_roll", [1.0], [2.0]), more=True)
+    rig.seconds(1.5)
+    lead = rig.loop.robot.written[roll] - rig.truth[roll]
+    assert 0.1 < lead <= 0.15
+    waiting = rig.replies(ticket)[-1].parameters
+    rig.virtual["main"].faults.free(5)
+    rig.seconds(3.0)
+    done = rig.replies(ticket)[-1].parameters
+    assert done["phase"] == "succeeded"
+    assert done["stretched_by"] == waiting["stretched_by"] == ["LEAD_LIMIT"]
+    assert 0.5 < done["stretch"] < 2.0
+    assert not rig.events("FOLLOW_ERR")
+
+
+def test_a_motion_that_waits_in_vain_is_held_where_it_is(make_rig: MakeRig) -> None:
+    rig: Rig = make_rig(str(ARM))
+    rig.arm()
+    rig.virtual["main"].faults.lock(5)
+    ticket = rig.submit(rig.path("wrist_roll", [1.0], [2.0]), more=True)
+    rig.seconds(4.0)
+    ended = rig.replies(ticket)[-1].parameters
+    assert ended["phase"] == "aborted"
+    assert [each["code"] for each in ended["findings"]] == ["LEAD_LIMIT"]
+    commanded = goals(rig)
+    rig.seconds(1.0)
+    assert goals(rig) == commanded
+    assert rig.loop.torque.armed and not rig.loop.condition.latches
+
+
+def test_arming_warns_of_each_joint_without_a_watchdog(make_rig: MakeRig) -> None:
+    rig: Rig = make_rig(str(ARM))
+    rig.connect()
+    rig.call(link.AcquireLease)
+    reply = rig.call(link.Arm)
+    assert reply.error is None
+    warned = reply.parameters["warnings"]
+    assert [each["joint"] for each in warned] == list(range(6))
+    assert "if the daemon dies, it drives on to its last goal" in warned[0]["message"]

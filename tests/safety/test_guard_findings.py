@@ -8,6 +8,7 @@ import pytest
 
 from tests.support.gate_rig import at_rest
 from tests.support.guard_rig import FINE, LIMITS, PERIOD, STEP, N, codes, facts, joints, judge, reading
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
@@ -179,7 +180,8 @@ def test_replaced_limits_apply_from_the_next_tick_and_reported_conditions_are_ke
     assert codes(guard.judge(late)) == [ReasonCode.LOOP_LATE]
     upper = LIMITS.upper - 0.5
     hard = LIMITS.hard_upper - 0.5
-    guard.limit(replace(LIMITS, upper=upper, hard_upper=hard, velocity=LIMITS.velocity / 2))
+    slower = replace(LIMITS, upper=upper, hard_upper=hard, velocity=LIMITS.velocity / 2)
+    guard.limit(slower, ActuatorRatings.unknown(N))
     assert codes(guard.judge(late)) == [], "told already"
     assert codes(guard.judge(there)) == [ReasonCode.OUT_OF_LIMIT]
     step = facts(goal=at_rest([0.0, 0.75 * STEP, 0.0]))

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.guard_rig import LIMITS, PERIOD, facts, reading
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.linkage_table import LinkageTable
 from twind.robot.modes import Motion
@@ -30,7 +31,7 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
     linked = MappedTransmission(np.array([0, 2]), law, -away, away)
     guard = Guard(LIMITS, support="gantry", linked=[linked])
     told = []
-    guard.limit(LIMITS)
+    guard.limit(LIMITS, ActuatorRatings.unknown(len(LIMITS.lower)))
     for tick in range(ticks):
         now = 10.0 + tick * PERIOD
         goal = np.zeros(3)

@@ -201,6 +201,13 @@ def all_servos_of_a_leg_lose_power(made: Rig) -> None:
     made.ticks(13)
 
 
+@leads_to(ReasonCode.LEAD_LIMIT, robot="docs/examples/so101/so101.yaml")
+def a_servo_without_a_watchdog_is_blocked(made: Rig) -> None:
+    faults(made).lock(5)
+    move(made, "wrist_roll", to=1.0, seconds=2.0)
+    made.seconds(1.0)
+
+
 @leads_to(ReasonCode.MIRROR_DRIFT)
 def a_joint_gives_way_where_its_model_does_not(made: Rig) -> None:
     faults(made).lock(1)

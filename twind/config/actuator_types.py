@@ -7,7 +7,7 @@ is: it asks for a property, or for a capability.
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import nan
+from math import inf, nan
 from typing import ClassVar, NamedTuple, Protocol
 
 from twind.config.supply_limits import SupplyLimits, ThermalLimits
@@ -115,6 +115,16 @@ class TypeSpec(ABC):
     def watched(self) -> bool:
         """True if its own watchdog is armed and read back before torque."""
         return True
+
+    @property
+    def lead_limit_rad(self) -> float:
+        """Angle that a goal may lead its joint, beyond the sag of its load; inf: its watchdog stops it."""
+        return inf
+
+    @property
+    def stiffness_nm_per_rad(self) -> float:
+        """Torque for each rad of error at rest, by its gains; NaN: unknown."""
+        return nan
 
     @property
     def winds(self) -> bool:

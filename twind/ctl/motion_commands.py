@@ -32,6 +32,7 @@ PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
 # why a motion takes longer than its path; other codes are shown alone
 CAUSES = {
     "LOOKAHEAD_COLLISION": "slowed near other bodies",
+    "LEAD_LIMIT": "waited for a joint that stayed behind",
     "OVERTEMP": "slowed for a hot motor",
     "LOOP_LATE": "ticks were missed",
 }

@@ -11,6 +11,8 @@ from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, St
 from twind.robot.modes import RESET_STATES
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
+UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
+SHOWN = 3  # names in one line
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
 
@@ -47,6 +49,9 @@ def status_lines(status: StatusMessage) -> list[str]:
             lines.append(f"warning  {bus['name']}: {bus['warning']}")
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
+    if unwatched := status.get("unwatched"):
+        names = f"{', '.join(unwatched[:SHOWN])}{', ...' if len(unwatched) > SHOWN else ''}"
+        lines.append(f"watchdog none in {len(unwatched)} joints ({names}): {UNWATCHED}")
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,13 @@ ROWS = (
         'write `range="LOWER UPPER"` at these joints',
         Severity.WARNING,
         caution="torque off, move the joint by hand over the range: a range too wide hits the endstop",
+    ),
+    Check(
+        "WATCHDOG_NONE",
+        "devices have no watchdog",
+        "if the daemon dies, they drive on to their last goal and hold it",
+        "keep a switch that removes the motors' power within reach; run the daemon as a service",
+        Severity.NOTE,
     ),
     Check(
         "CALIBRATION_MISSING",
@@ -73,6 +81,14 @@ def check_model(context: CheckContext) -> Iterator[DoctorFinding]:
         yield DoctorFinding(
             "MODEL_NO_LIMITS", str(robot.mjcf_path), text, "a range at each", advice=_ranges(robot, free)
         )
+
+
+def check_watchdogs(context: CheckContext) -> Iterator[DoctorFinding]:
+    """WATCHDOG_NONE: joints whose devices have no watchdog, by the robot file."""
+    joints = [joint for joint in context.need_robot().joints if isfinite(joint.type.lead_limit_rad)]
+    if joints:
+        text = f"{len(joints)} joints: {_some([joint.name for joint in joints])}"
+        yield DoctorFinding("WATCHDOG_NONE", context.need_robot().name, text)
 
 
 def check_calibration(context: CheckContext) -> Iterator[DoctorFinding]:
@@ -161,6 +177,7 @@ def _some(names: list[str]) -> str:
 CHECKS = (
     Inspection("files", ("FILE_REFUSED",), check_files),
     Inspection("model", ("FILE_REFUSED", "MODEL_NO_LIMITS"), check_model),
+    Inspection("watchdogs", ("WATCHDOG_NONE",), check_watchdogs),
     Inspection("calibration", ("CALIBRATION_MISSING",), check_calibration),
     Inspection("files as read", ("VERSION_DIFFERS",), check_loaded_files),
 )

@@ -22,6 +22,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     ReasonCode.SELF_COLLISION: ("clearance", "m"),
     ReasonCode.KEEP_OUT: ("clearance", "m"),
     ReasonCode.FLOOR: ("clearance", "m"),
+    ReasonCode.LEAD_LIMIT: ("lead", "rad"),
     ReasonCode.LOOKAHEAD_COLLISION: ("clearance", "m"),
 }
 # Codes whose message states value and bound beside their subject.

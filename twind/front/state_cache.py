@@ -209,7 +209,8 @@ class StateCache:
         of_tick = {key: getattr(tick, key) for key in STATUS_OF_TICK}
         of_overview = {key: getattr(overview, key) for key in STATUS_OF_OVERVIEW}
         head = {"version": self.briefing.version, "robot": self.briefing.robot}
-        tail = {"flight": self.flight, "streams": self.streams}
+        unwatched = [joint.name for joint in self.briefing.joints if not joint.watchdog]
+        tail = {"flight": self.flight, "streams": self.streams, "unwatched": unwatched}
         return encode(head | of_tick | of_overview | tail | self._slow)
 
     def _joints(self) -> bytes:

@@ -42,7 +42,8 @@ class SetpointStream:
     def behind(self) -> tuple[Floats, tuple[Finding, ...]]:
         """Return how far joints (n,) are behind the newest setpoint, rad, and a finding for each late one.
 
-        VEL_LIMIT: its setpoints were too fast since it is late, else ACC_LIMIT. Before the first tick that
+        LEAD_LIMIT: its joint does not follow. VEL_LIMIT: its setpoints were too fast since it is late, else
+        ACC_LIMIT. Before the first tick that
         uses the setpoint nothing is late.
         """
         behind, stopping, fastest = self.follower.lag()
@@ -53,7 +54,11 @@ class SetpointStream:
             asked = float(self._fastest[joint])
             bound = float(fastest[joint])
             message = f"followed late: {behind[joint]:.3g} rad behind the setpoint before"
-            if asked > bound:
+            if self.follower.is_fenced(joint):
+                finding = Finding(
+                    ReasonCode.LEAD_LIMIT, joint, message=f"{message}: its joint does not follow"
+                )
+            elif asked > bound:
                 finding = Finding(ReasonCode.VEL_LIMIT, joint, value=asked, bound=bound, message=message)
             else:
                 most = float(self.follower.acceleration[joint])

@@ -113,6 +113,8 @@ class LimitedFollower:
         self._drift = np.zeros(len(self._target))
         self._last = reference
         self._share = 1.0
+        # rad, (n,) each: where goals stop, besides the limits; a goal beyond it is not pulled back
+        self.fence: tuple[Floats, Floats] | None = None
 
     @property
     def resting(self) -> bool:
@@ -150,8 +152,10 @@ class LimitedFollower:
         self._share = share
         away = self._target - self._position
         wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
-        up = self._braking(limits.upper - self._position)
-        down = self._braking(self._position - limits.lower)
+        lower = limits.lower if self.fence is None else np.maximum(limits.lower, self.fence[0])
+        upper = limits.upper if self.fence is None else np.minimum(limits.upper, self.fence[1])
+        up = self._braking(upper - self._position)
+        down = self._braking(self._position - lower)
         wanted = np.minimum(np.maximum(wanted, -np.minimum(fastest, down)), np.minimum(fastest, up))
         # The acceleration limit comes last: it holds even where the target is reached too late for it.
         self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
@@ -159,6 +163,13 @@ class LimitedFollower:
         self._target = np.minimum(np.maximum(self._target + self._drift * period, limits.lower), limits.upper)
         self._last = Reference(self._position, self._velocity, (self._velocity - before) / period)
         return self._last
+
+    def is_fenced(self, joint: int) -> bool:
+        """Check that the fence keeps a joint from its target."""
+        if self.fence is None:
+            return False
+        lowest, highest = self.fence
+        return not lowest[joint] <= self._target[joint] <= highest[joint]
 
     def lag(self) -> tuple[Floats, Floats, Floats]:
         """Return how far each joint (n,) is behind its target and may be, rad, and its speed limit, rad/s.

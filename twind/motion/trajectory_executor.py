@@ -40,6 +40,7 @@ class TrajectoryExecutor:
         self._tick = 0
         self._pace = 1.0
         self.slowed_by: tuple[ReasonCode, ...] = ()  # reasons of the pace, for reports
+        self.fence: tuple[Floats, Floats] | None = None  # rad, (n,) each: streamed goals go no further
         self._reference: Reference | None = None
         self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
         self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
@@ -336,6 +337,7 @@ class TrajectoryExecutor:
         if self.layers:
             reference = overlay(reference, self.layers, self._tick)
         if self.stream is not None:
+            self.stream.follower.fence = self.fence
             reference = choose(self.stream.joints, self.stream.follower.step(self._pace), reference)
         return reference
 

@@ -134,3 +134,4 @@ class StatusMessage(TypedDict):
     flight: FlightMessage | None
     streams: list[StreamingMessage] | None
     latched: list[str] | None
+    unwatched: list[str] | None

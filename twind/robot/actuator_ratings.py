@@ -1,7 +1,7 @@
 """Ratings of each joint's actuator: voltage, heat, current. `JointLimits` states what the joint may do."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan
 
 import numpy as np
 
@@ -21,6 +21,8 @@ class ActuatorRatings:
     shut: Floats  # °C: settled from here on
     cool: Floats  # °C: after settling for heat, arming is refused until the temperature is below this
     continuous: Floats  # share of the current limit, 0 to 1, of a continuous load (I²t)
+    lead: Floats  # rad that a goal may lead its joint, beyond the sag of its load; inf: it has a watchdog
+    stiffness: Floats  # N·m/rad at the joint, by its gains; NaN unknown
     leg: Bools  # carries the robot: without its torque a free-standing robot falls
 
     @classmethod
@@ -32,4 +34,6 @@ class ActuatorRatings:
         never = frozen([-inf] * count)
         above = frozen([inf] * count)
         always = np.ones(count, np.bool_)
-        return cls(never, never, never, above, above, above, above, above, frozen([1.0] * count), always)
+        full = frozen([1.0] * count)
+        unknown = frozen([nan] * count)
+        return cls(never, never, never, above, above, above, above, above, full, above, unknown, always)

@@ -64,6 +64,7 @@ class ReasonCode(StrEnum):
     SENSE_JUMP = "SENSE_JUMP"
     OUT_OF_LIMIT = "OUT_OF_LIMIT"
     FOLLOW_ERR = "FOLLOW_ERR"
+    LEAD_LIMIT = "LEAD_LIMIT"  # a goal too far ahead of a joint whose device has no watchdog
     SENSE_FROZEN = "SENSE_FROZEN"  # an encoder that stands still while its motor works
     OVERSPEED = "OVERSPEED"
     OVERCURRENT = "OVERCURRENT"

@@ -32,6 +32,7 @@ from twind.safety.guard_types import (
 )
 from twind.safety.heat_rules import HeatRules
 from twind.safety.joint_reading_rules import ReadingRules
+from twind.safety.lead_rules import LeadRules, TorqueAtRest
 from twind.safety.power_rules import CurrentRules, VoltageRules
 from twind.safety.stall_rules import HoldRules, TimeGapRules
 from twind.safety.state_machine import LATCHED
@@ -68,11 +69,13 @@ class Guard:
         support: str = "free",
         ratings: ActuatorRatings | None = None,
         linked: Sequence[MappedTransmission] = (),
+        at_rest: TorqueAtRest | None = None,
     ) -> None:
         """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
 
         `support`: of the robot file. `ratings`: bounds of the actuators; without them supply, heat and load
-        are not judged. `linked`: transmissions, whose actuators turn joints together.
+        are not judged. `linked`: transmissions, whose actuators turn joints together. `at_rest`: torque that
+        holds a pose; None: unknown (LEAD_LIMIT).
         """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
@@ -81,7 +84,8 @@ class Guard:
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._free = free
         self._linked = linked
-        self._goals, readings, tracking = self._limited(limits)
+        self._at_rest = at_rest
+        self._goals, readings, tracking, *leads = self._limited(limits, rated)
         # All rules of every tick, in the order of their findings; a new rule is added here.
         self._rules: tuple[Rule, ...] = (
             TimeGapRules(bounds),
@@ -89,6 +93,7 @@ class Guard:
             LookaheadCollisionRules(bounds),
             readings,
             tracking,
+            *leads,
             BusRules(buses, bounds),
             LineRules(buses, lines, free, bounds),
             DeviceRules(rated.leg, free, bounds, on_can),
@@ -108,19 +113,23 @@ class Guard:
         """The thresholds of all rules."""
         return self._bounds
 
-    def limit(self, limits: JointLimits) -> None:
-        """Use these limits from now on, for a robot at rest. The memory of all other rules is kept."""
-        limited = self._limited(limits)
+    def limit(self, limits: JointLimits, ratings: ActuatorRatings) -> None:
+        """Use these values from now on, for a robot at rest. The memory of all other rules is kept."""
+        limited = self._limited(limits, ratings)
         self._goals = limited[0]
         anew: dict[type, Rule] = {type(rule): rule for rule in limited}
         self._rules = tuple(anew.get(type(rule), rule) for rule in self._rules)
 
-    def _limited(self, limits: JointLimits) -> tuple[GoalRules, ReadingRules, TrackingRules]:
-        """Return the rules that depend on the limits of the joints."""
+    def _limited(
+        self, limits: JointLimits, rated: ActuatorRatings
+    ) -> tuple[GoalRules, ReadingRules, TrackingRules, *tuple[LeadRules, ...]]:
+        """Return the rules that depend on limits and gains. Leads count for devices without a watchdog."""
+        leads = LeadRules(limits, rated, self._bounds, self._at_rest)
         return (
             GoalRules(limits, self._bounds),
             ReadingRules(limits, self._bounds, self._free),
             TrackingRules(limits, self._bounds, self._linked),
+            *((leads,) if leads.applies else ()),
         )
 
     def judge(self, facts: GuardInput) -> GuardDecision:
@@ -171,6 +180,7 @@ class Guard:
             slowing=tuple(dict.fromkeys(one.finding.code for one in results if one.pace < 1.0)),
             here=tuple(sorted(joint for joint in here if joint is not None)),
             gone=tuple(sorted({one.bus for one in results if one.gone})),
+            fence=next((one.fence for one in results if one.fence is not None), None),
         )
 
     def _is_new(self, one: RuleResult, now: float) -> bool:

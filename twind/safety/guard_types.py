@@ -15,6 +15,7 @@ from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.trajectory import Reference
 from twind.safety.state_machine import LATCHED
 
+Fence = tuple[Floats, Floats]  # rad (n,): least and largest goal
 MOVING = (Motion.ACTIVE, Motion.STREAMING)
 # stopping already: a hold would only cut the way to the rest pose short
 REACTING = (RobotState.SETTLING, *LATCHED)
@@ -103,6 +104,8 @@ class GuardThresholds:
     gap: float = 0.1
     # s that a free-standing robot is held after a stop of this daemon; then it is lowered
     hold_most: float = 30.0
+    lead_free: float = 0.75  # share of a joint's lead limit from which a motion is slower (LEAD_LIMIT)
+    lead_for: float = 2.0  # s that a motion waits for a joint, before it is held
     quiet: float = 1.0  # s before the same finding of the same joint is reported again
     quiet_warning: float = 10.0  # s, for a finding without effect: a noisy wire would fill the log
 
@@ -209,6 +212,7 @@ class GuardDecision:
     here: tuple[int, ...] = ()
     # buses on which no device receives requests (CAN_BUS_STATE): to be emptied and begun anew
     gone: tuple[int, ...] = ()
+    fence: Fence | None = field(default=None, compare=False)  # bounds of streamed goals (LEAD_LIMIT)
 
 
 class Rule(Protocol):
@@ -232,6 +236,7 @@ class RuleResult:
     pace: float = 1.0  # share of its speed that a motion may have
     here: bool = False  # a HOLD holds this joint where it is measured
     gone: bool = False  # no device on this bus receives requests
+    fence: Fence | None = field(default=None, compare=False)  # streamed goals go no further
 
     @property
     def key(self) -> "Key":

@@ -285,8 +285,16 @@ def _ratings(robot: RobotFile) -> ActuatorRatings:
         shut=frozen([kind.heat.settle for kind in kinds]),
         cool=frozen([kind.heat.cool for kind in kinds]),
         continuous=frozen([kind.heat.continuous for kind in kinds]),
+        lead=frozen([kind.lead_limit_rad for kind in kinds]),
+        stiffness=frozen([_stiffness(robot, joint) for joint in robot.joints]),
         leg=np.array([joint.name in robot.legs for joint in robot.joints], np.bool_),
     )
+
+
+def _stiffness(robot: RobotFile, joint: JointSpec) -> float:
+    """Return the stiffness of a joint, N·m/rad; NaN where a transmission shares it among actuators."""
+    shared = any(joint.name in each.joints for each in robot.transmissions)
+    return math.nan if shared else joint.ratio**2 * joint.type.stiffness_nm_per_rad
 
 
 def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRange]) -> JointBusMap:

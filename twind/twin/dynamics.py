@@ -1,4 +1,6 @@
-"""Torque and balance along a path (TORQUE_INFEASIBLE, UNSTABLE_POSE). Front process.
+"""Torque and balance along a path (TORQUE_INFEASIBLE, UNSTABLE_POSE), and at rest (LEAD_LIMIT).
+
+The front process judges paths; the loop asks only for robots with devices that have no watchdog.
 
 Inverse dynamics on a model of its own: contacts, joint stops and loops are off, so that the result is the
 torque of the joints alone. The base is pinned; a free-standing robot stands as `balance` computes.
@@ -77,6 +79,13 @@ class Dynamics:
         fast = np.abs(velocity) / self._limits.velocity
         steep = np.sqrt(np.abs(acceleration) / self._limits.acceleration)
         return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
+
+    def at_rest(self, position: Floats) -> Floats:
+        """Return the torque (n,), N·m, that holds a pose (n,), rad; NaN where the pose is not finite."""
+        if not np.isfinite(position).all():
+            return np.full(len(position), np.nan)
+        still = np.zeros(len(position))
+        return self.sample(position, still, still)[0]
 
     def sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
         """Return the torque (n,), N·m, NaN unknown, and the margin of balance (m)."""

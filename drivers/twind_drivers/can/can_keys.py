@@ -74,8 +74,10 @@ class CanTypeKeys(TypeKeys, kw_only=True):
     torque_limit_nm: Annotated[float, Meta(gt=0.0)] | None = None
     """>0, ≤ `ranges.torque_nm` | `ranges.torque_nm` | CAN: a path that needs more is reported. Only RobStride
     enforces it"""
-    watchdog: Literal["device", "unverified"] = "device"
-    """CAN: `device` is read back before torque, `unverified` cannot be; see [CAN buses](#can-buses)"""
+    watchdog: Literal["device", "unverified", "none"] = "device"
+    """CAN: `device`, `unverified`; Feetech: `none` | CAN: `device` | CAN: `device` is read back before
+    torque, `unverified` cannot be, see [CAN buses](#can-buses). Feetech: `none` is required to arm, see
+    [no watchdog](safety.md#no-watchdog)"""
 
 
 def can_bus(name: str, section: ConfigReader) -> BusSpec:
@@ -194,6 +196,9 @@ def _require_provable(section: ConfigReader, watchdog: str, model: CanActuatorMo
     """Raises ConfigError for what the device cannot show: a voltage (it would never arm), a watchdog."""
     if section.has("supply") and model.family not in TELL_VOLTAGE:
         raise section.refuse("supply", f"a {model.name} does not tell its voltage: remove it")
+    if watchdog == "none":
+        choice = "unverified" if model.family in MUTE else "device"
+        raise section.refuse("watchdog", f"a {model.name} has a watchdog: write `{choice}`")
     if watchdog == "device" and model.family in MUTE:
         raise section.refuse(
             "watchdog",

@@ -78,6 +78,8 @@ class ServoTypeKeys(TypeKeys, kw_only=True):
     """| the model's | rad/s per count; likewise"""
     current_lsb_a: UnitOfCount | None = None
     """| the model's | A per count, if measured"""
+    watchdog: Literal["", "none"] = ""
+    """refused: these models have a watchdog, which is armed before torque"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
 
@@ -116,6 +118,10 @@ def servo_type(name: str, section: ConfigReader) -> ServoType:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
     device = given.device
     known = _find_table(section, device)
+    if given.watchdog and known.facts.watchdog_from is not None:
+        raise section.refuse(
+            "watchdog", f"a {device} has a bus watchdog, which is armed before torque: remove this key"
+        )
     ampere = known.facts.ampere_per_count or X_SERIES.ampere_per_count or math.nan
     velocity = given.velocity_lsb_rad_s or known.facts.radians_per_velocity_count
     if velocity is None:

@@ -54,6 +54,9 @@ class FeetechTypeKeys(TypeKeys, kw_only=True):
     """4–25 | 7.4 | Feetech: V of the supply, of which the strength depends"""
     watchdog: Literal["", "none"] = ""
     """`none` | required to arm | Feetech: states that a servo holds its last goal when the daemon dies"""
+    lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
+    """0.02–0.2 | 0.15 | Feetech: how far a goal may lead its joint, beyond the sag of its load; see
+    [no watchdog](safety.md#no-watchdog)"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
 
@@ -87,6 +90,7 @@ def feetech_type(name: str, section: ConfigReader) -> FeetechType:
         torque_limit=given.torque_limit,
         volts=given.volts,
         watchdog=given.watchdog,
+        lead_limit=given.lead_limit_rad,
     )
 
 

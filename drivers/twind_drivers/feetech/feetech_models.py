@@ -14,6 +14,11 @@ RPM = pi / 30.0  # rad/s
 AMPERE = 0.0065  # A per count of the current register
 
 
+# The law of the P gain is assumed, as no page gives it: P 32 is as stiff as an XM430 at 800.
+GAIN = 25.0  # XM430 gain of a count of P
+DIVISOR = 128.0  # output counts for each position count of error: gain / divisor
+FULL = 1000.0  # output counts of the whole supply
+FACTORY_P = 32  # register 21
 STAND_IN = "STS3215"  # model whose figures stand for those of models that no page gives any for
 
 
@@ -31,6 +36,11 @@ class FeetechModel:
         if not self.strength:
             return None
         return self.strength[min(self.strength, key=lambda each: abs(each - volts))]
+
+
+def share_per_radian(p: float) -> float:
+    """Return the share of the stall torque for each rad of error, with P gain `p` (register 21)."""
+    return GAIN * p / DIVISOR / FULL * 4096.0 / (2.0 * pi)
 
 
 def _strength(**rows: tuple[float, float]) -> dict[float, tuple[float, float]]:

@@ -10,7 +10,7 @@ from msgspec import Meta
 from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.feetech.feetech_identification import objections
-from twind_drivers.feetech.feetech_models import AMPERE, model
+from twind_drivers.feetech.feetech_models import AMPERE, FACTORY_P, model, share_per_radian
 from twind_drivers.feetech.feetech_registers import RegisterMap, register_map
 
 KIND = "feetech"  # of its buses
@@ -41,6 +41,7 @@ class FeetechType(TypeSpec):
     torque_limit: int  # 0.1 %, written before torque
     volts: float  # of the supply
     watchdog: str  # `none`; empty: the file does not say it
+    lead_limit: float  # rad, at the joint
 
     BUS: ClassVar[str] = KIND
 
@@ -92,6 +93,17 @@ class FeetechType(TypeSpec):
     def watched(self) -> bool:
         """False: it holds its last goal when its master dies."""
         return False
+
+    @property
+    def lead_limit_rad(self) -> float:
+        """The value of the robot file."""
+        return self.lead_limit
+
+    @property
+    def stiffness_nm_per_rad(self) -> float:
+        """Stall torque and P gain give it; P as from the factory where the file gives none."""
+        p = FACTORY_P if self.gains.p is None else self.gains.p
+        return self.strength[0] * share_per_radian(p)
 
     @property
     def homing_offset_limit(self) -> int | None:

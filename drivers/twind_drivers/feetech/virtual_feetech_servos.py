@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twind_drivers.feetech.feetech_models import AMPERE, STAND_IN, FeetechModel, model
+from twind_drivers.feetech.feetech_models import AMPERE, FULL, GAIN, STAND_IN, FeetechModel, model
 from twind_drivers.feetech.feetech_registers import EPROM_END, GOAL, RegisterMap, register_map
 from twind_drivers.feetech.virtual_feetech_spec import DEFAULTS, FIRMWARE, FeetechServoSpec
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
@@ -20,7 +20,6 @@ from twind_drivers.virtual.shown_position_log import ShownPositionLog
 BOOT = 0.8  # s in the boot loader after each reset
 CHECK = 0.01  # s between two checks of the load, the unit of the protection time
 NEVER = 1e18  # s: the end of a boot that waits for power
-GAIN = 25.0  # P 32, the factory value, is as stiff as an XM430 at 800 (assumed: no page gives the law)
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4
 MIDDLE = 2048
@@ -280,7 +279,7 @@ class VirtualFeetechServos:
                 cap,
                 nothing + inf,
                 supply,
-                1000.0,
+                FULL,
                 turn,
                 60.0 / turn,
                 motor=self._motor,

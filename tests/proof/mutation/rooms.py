@@ -113,6 +113,11 @@ ROOMS = (
         ),
     ),
     Room(
+        "leads",
+        ("twind/safety/lead_rules.py",),
+        ("tests/safety/test_lead_rules.py",),
+    ),
+    Room(
         "torque",
         (
             "twind/loop/procedures/torque_state.py",

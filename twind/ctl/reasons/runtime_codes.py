@@ -109,6 +109,11 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         "The lowest supply passes a bound of `types.TYPE.supply`. Too high, or not read: warning.",
         "check battery, supply and cables; then `twindctl reset`",
     ),
+    ReasonCode.LEAD_LIMIT: ReasonText(
+        "slower; waits; HOLD",
+        "A joint whose device has no watchdog stays behind its goal: the motion waits for it.",
+        "check what blocks it, load and gains; a gripper: grip with a goal near the object",
+    ),
     ReasonCode.LOOKAHEAD_COLLISION: ReasonText(
         "slower; HOLD",
         "The motion comes closer than `warn_m` (slower) or `block_m` (HOLD) to robot or world.",

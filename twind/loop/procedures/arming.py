@@ -31,7 +31,9 @@ from twind_drivers.bus import BusError
 FRESH = 0.05
 # ticks a joint may move between reading and torque; more would be a step (docs/proof.md: 2 counts)
 STILL = 2.5
-UNWATCHED = "armed without a device watchdog that can be read back: nothing stops it if the daemon dies"
+UNWATCHED = (
+    "armed without a device watchdog that can be read back: if the daemon dies, it drives on to its last goal"
+)
 FIRST = 1.0  # s to wait for the first temperature and supply voltage, which are read some 5 times a second
 # attempts of goal := present on a robot that still swings; without a bound arming would never answer
 TRIES = 20

@@ -260,7 +260,7 @@ def put_in_force(context: ProcedureContext, parts: LoopParts, one: BoundRobot) -
         port.enabler = port.enabler if enabler is None else enabler
         port.writer = writers.get(port.name, port.writer)
     hardware.rejoin(binding.joint_map)
-    parts.guard.limit(binding.limits)
+    parts.guard.limit(binding.limits, binding.ratings)
     context.executor.limits = binding.limits
     context.robot.outlook = outlook
     context.robot.description = replace(

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from twind.briefing import Briefing, JointInfo
 from twind.config.driver_family import family
@@ -33,6 +34,7 @@ from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
+from twind.safety.lead_rules import TorqueAtRest
 from twind.safety.lease import Lease
 from twind.sealed_memfd import seal
 from twind.telemetry.command_latency import CommandLatencyTracer
@@ -41,6 +43,7 @@ from twind.twin.binding import Binding
 from twind.twin.binding_transfer import packed
 from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
+from twind.twin.dynamics import Dynamics
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
@@ -99,6 +102,7 @@ def build(
             support=robot.file.support,
             ratings=binding.ratings,
             linked=binding.joint_map.linked,
+            at_rest=_torque_at_rest(binding),
         ),
         lease=Lease(),
         health=health,
@@ -139,6 +143,11 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
     if not bodies.pairs:
         return None
     return CollisionLookahead(bodies, CollisionModel(binding, REACH), binding.limits, period)
+
+
+def _torque_at_rest(binding: Binding) -> TorqueAtRest | None:
+    """Return the torque that holds a pose, as the model gives it; None: every device has a watchdog."""
+    return Dynamics(binding).at_rest if np.isfinite(binding.ratings.lead).any() else None
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:
@@ -188,6 +197,7 @@ def briefing(
             calibrated=joint_map.calibrated[place],
             lower=float(limits.lower[place]),
             upper=float(limits.upper[place]),
+            watchdog=not np.isfinite(binding.ratings.lead[place]),
         )
         for place, name in enumerate(joint_map.names)
     ]

@@ -126,12 +126,14 @@ class Reactions:
         return np.flatnonzero(spread_over_groups(named, context.robot.joints.transmission_groups)).tolist()
 
     def _slow(self, decision: GuardDecision) -> None:
-        """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
+        """Set the pace of motions and the fence of streams. The motion to the rest pose is never slowed."""
         context = self._context
-        before = context.executor.pace
-        context.executor.pace = decision.pace if context.procedures.rank is None else 1.0
+        free = context.procedures.rank is None
+        slower = free and decision.pace < 1.0 and not context.executor.slowed
+        context.executor.pace = decision.pace if free else 1.0
+        context.executor.fence = decision.fence if free else None
         context.executor.slowed_by = decision.slowing
-        if context.executor.pace < 1.0 and before == 1.0 and context.executor.motion in MOVING:
+        if slower and context.executor.motion in MOVING:
             because = ", ".join(decision.slowing)
             context.reports.event(
                 "info", EventCode.PACE, f"the motion is slowed to {context.executor.pace:.0%}: {because}"
