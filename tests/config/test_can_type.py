@@ -158,7 +158,7 @@ def test_an_invalid_can_type_is_refused(tmp_path: Path, ours: str, message: str)
         ),
         ("{id: 2, limits_rad: [-1, 1], registers: {shutdown: 52}}", "joints.knee.registers: unknown key"),
         ("{id: 2, mode: position, limits_rad: [-1, 1]}", "'position' is none of impedance"),
-        ("{id: 2, ratio: 3.0, limits_rad: [-1.2, 1.2]}", "one turn at most"),
+        ("{id: 2, ratio: 3.0, limits_rad: [-1.2, 1.2]}", "more than 1 in mode impedance"),
     ],
 )
 def test_an_invalid_can_joint_is_refused(tmp_path: Path, knee: str, message: str) -> None:
