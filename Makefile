@@ -57,6 +57,7 @@ test-slow: $(VENV)/.ready
 # The long forms of claims that shorter tests make in `make check`: a trained policy, a thousand faults, minutes of a life.
 campaigns: $(VENV)/.learn
 	$(BIN)/pytest -n auto -m campaign --ignore tests/end_to_end
+	$(BIN)/pytest -m campaign tests/end_to_end
 
 # All tests but the campaigns, fast and slow together, so that they are collected no more often than they must. What learning needs, and
 # the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has
