@@ -112,7 +112,8 @@ def _one_life_each(items: list[pytest.Item]) -> None:
     """The first case of a claim about whole lives of the loop; all tests have all cases."""
     begun: set[tuple[Path, str]] = set()
     for item in items:
-        if isinstance(item, pytest.Function) and _lives(item.module):
+        campaign = item.get_closest_marker("campaign") is not None
+        if isinstance(item, pytest.Function) and _lives(item.module) and not campaign:
             claim = item.path, item.originalname
             if claim in begun:
                 item.add_marker("slow")

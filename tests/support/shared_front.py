@@ -47,3 +47,12 @@ def shared_front(folder: Path, **given: bytes) -> Iterator[SharedFront]:
     assert made.front.poll() is None
     assert made.close() == 0
     assert "CALL_BROKE" not in made.log.read_text()
+
+
+def time_stop(loop: StandIn, name: str = "observe") -> float:
+    """Return the seconds from connecting to socket `name` until the reply to an e-stop."""
+    began = time.monotonic()
+    with Raw(loop, name) as client:
+        answer = client.call("EStop")
+    assert "error" not in answer, answer
+    return time.monotonic() - began

@@ -63,6 +63,18 @@ def test_a_distance_is_what_mujoco_measures_up_to_the_reach(robot: Binding, shar
     assert touching > 10
 
 
+def test_a_model_of_another_reach_measures_as_one_that_was_made_for_it(robot: Binding) -> None:
+    places = poses(robot, 20, 0.5)
+    near = CollisionModel(robot, 0.05)
+    short = near.distances(places)
+    far = near.reaching(0.2)
+    made = CollisionModel(robot, 0.2)
+    assert (near.reach, far.reach) == (0.05, made.reach)
+    assert np.array_equal(far.distances(places), made.distances(places))
+    assert np.array_equal(near.distances(places), short)
+    assert not np.array_equal(far.distances(places), short)
+
+
 def test_no_pair_comes_closer_than_its_levers_allow(robot: Binding) -> None:
     bodies = CollisionModel(robot)
     oracle = Oracle(robot, [pair.geoms for pair in bodies.pairs])

@@ -82,16 +82,13 @@ class CollisionModel:
     def __init__(self, binding: JointBinding, reach: float = REACH) -> None:
         """`reach`: m. Raises InvalidInput: a name that the model lacks, a pair that cannot be judged."""
         clearance = binding.robot.gate.collision
-        self.model = model = copy.copy(binding.model)
+        model = binding.model
         self.pairs = judged(model, binding.robot)
         self.band = clearance.band
         self.block = np.array([pair.block for pair in self.pairs])
-        self.reach = max(reach, float(self.block.max(initial=0.0)) + 2.0 * self.band)
         self.levers = levers(model, binding.qpos, [pair.geoms for pair in self.pairs])
-        self._prepare(None if clearance.judge_world else strangers(model, binding.robot.base))
-        self.data = mujoco.MjData(model)
+        self._ignored = None if clearance.judge_world else strangers(model, binding.robot.base)
         self._place = index(binding.qpos)
-        self._qpos = self.data.qpos
         boxes = [place for place, pair in enumerate(self.pairs) if _boxes(model, pair.geoms)]
         self.boxes = np.array(boxes, np.int64)  # pairs that `distances` does not measure: see `between`
         self._contact = np.full((model.ngeom, model.ngeom), -1)
@@ -99,20 +96,29 @@ class CollisionModel:
             if place not in boxes:
                 a, b = pair.geoms
                 self._contact[a, b] = self._contact[b, a] = place
+        self._prepare(model, reach)
 
-    def _prepare(self, ignored: frozenset[int] | None) -> None:
-        """Set margins so that near pairs become contacts, and disable geoms that are never judged."""
-        model = self.model
-        reach = self.reach
+    def reaching(self, reach: float) -> "CollisionModel":
+        """Return a model of the same bodies that measures distances up to `reach`, m."""
+        other = copy.copy(self)
+        other._prepare(self.model, reach)
+        return other
+
+    def _prepare(self, model: mujoco.MjModel, reach: float) -> None:
+        """Copy the model. Set margins that make near pairs contacts; disable geoms that are never judged."""
+        self.model = model = copy.copy(model)
+        self.reach = reach = max(reach, float(self.block.max(initial=0.0)) + 2.0 * self.band)
         # of a pair they are summed up
         model.geom_margin[:] = 0.5 * reach
         model.geom_gap[:] = 0.0
         model.pair_margin[:] = reach
         model.pair_gap[:] = 0.0
-        for geom in ignored or ():
+        for geom in self._ignored or ():
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
         mujoco.mj_setConst(model, mujoco.MjData(model))  # else margins count for single-geom bodies only
+        self.data = mujoco.MjData(model)
+        self._qpos = self.data.qpos
 
     def place(self, position: Floats) -> None:
         """Set the pose (n,), rad."""

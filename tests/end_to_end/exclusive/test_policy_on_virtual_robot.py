@@ -6,23 +6,31 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
-from tests.support import trained_policy as trained
 from tests.support.policy_files import Run, written
 from tests.support.processes import Virtual, arm, daemon, robot, until
 from tests.support.standing_policy import CARD, bending
 
-SECONDS = float(os.environ.get("POLICY_SECONDS", "4"))
+SECONDS = float(os.environ.get("POLICY_SECONDS", "10"))
 STANDING = 0.4  # m of the base above the floor
 
 
-@pytest.fixture(params=["bending", pytest.param("learnt", marks=pytest.mark.campaign)])
-def policy(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A policy file: one that bends the knees to and fro, or that of a test-sized training, 90 s of CPU."""
-    if request.param == "learnt":
-        return trained.policy(request.config)
-    return written(tmp_path, CARD, bending())
+CASES = (
+    pytest.param("bends its knees", marks=pytest.mark.slow),
+    pytest.param("learnt", marks=pytest.mark.campaign),
+)
+
+
+@pytest.fixture(params=CASES)
+def driving(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, float]:
+    """A policy file, and the seconds that it drives; the learnt one comes from a test-sized training."""
+    if request.param != "learnt":
+        return written(tmp_path, CARD, bending()), 6.0
+    pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
+    from tests.support import trained_policy as trained
+
+    return trained.policy(request.config), SECONDS
 
 
 def stands(virtual: Virtual) -> bool:
@@ -31,7 +39,10 @@ def stands(virtual: Virtual) -> bool:
     return not body["held"] and body["position"][2] > STANDING
 
 
-def test_a_policy_keeps_the_robot_upright_and_it_stands_on_after_the_policy_is_killed(policy: Path) -> None:
+def test_a_policy_keeps_the_robot_upright_and_it_stands_on_after_the_policy_is_killed(
+    driving: tuple[Path, float],
+) -> None:
+    policy, seconds = driving
     with robot("h24-standing") as (virtual, folder), daemon(virtual, folder) as running:
         running.reach(state="connected")
         with running.client() as client:
@@ -39,7 +50,7 @@ def test_a_policy_keeps_the_robot_upright_and_it_stands_on_after_the_policy_is_k
         until(lambda: stands(virtual), 10.0, "the hands let go")
         run = Run(running, policy)
         try:
-            told = run.drives(SECONDS)
+            told = run.drives(seconds)
             assert told["refused"] == 0 and told["most_tilt_deg"] < 20.0 and told["rate_hz"] > 45.0, told
             assert stands(virtual)
         finally:

@@ -142,7 +142,7 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
     bodies = CollisionModel(binding, NEAR)
     if not bodies.pairs:
         return None
-    return CollisionLookahead(bodies, CollisionModel(binding, REACH), binding.limits, period)
+    return CollisionLookahead(bodies, bodies.reaching(REACH), binding.limits, period)
 
 
 def _torque_at_rest(binding: Binding) -> TorqueAtRest | None:

@@ -1,4 +1,7 @@
-"""Rights and rate limits, with raw bytes on a real front process (RATE_LIMIT to LEASE_MISSING)."""
+"""Rights and rate limits, with raw bytes on a real front process (RATE_LIMIT to LEASE_MISSING).
+
+Floods are in `exclusive/test_front_reply_times.py`.
+"""
 
 import contextlib
 import fcntl
@@ -9,14 +12,13 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
 from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.processes import until
 from tests.support.raw_connection import Raw, code
-from tests.support.shared_front import SharedFront, shared_front
+from tests.support.shared_front import SharedFront, shared_front, time_stop
 from twind import link
 from twind.front.interface_methods import METHODS, OBSERVER
 from twind.protocol import CONTROL
@@ -51,15 +53,6 @@ def await_event(log: Callable[[], str], event: str) -> str:
     """The log, once it has the event."""
     until(lambda: event in log(), 2.0, log)
     return log()
-
-
-def stopped(loop: StandIn, name: str = "observe") -> float:
-    """Seconds from connecting to the reply to an e-stop."""
-    began = time.monotonic()
-    with Raw(loop, name) as client:
-        answer = client.call("EStop")
-    assert "error" not in answer, answer
-    return time.monotonic() - began
 
 
 # --------------------------------------------------------------------------- roles
@@ -197,7 +190,7 @@ def test_a_call_that_breaks_ends_its_own_connection_and_no_other(tmp_path: Path)
             assert "error" not in holder.call("RenewLease")
             watcher.receive()
             own.answers[link.EStop] = lambda c: [link.Reply(ticket=c.ticket)]
-            assert stopped(own) < BOUND
+            assert time_stop(own) < BOUND
             ends = [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
             renewed = own.await_command(link.RenewLease)
             assert renewed.client not in [end.client for end in ends]  # type: ignore[union-attr]
@@ -208,81 +201,6 @@ def test_a_call_that_breaks_ends_its_own_connection_and_no_other(tmp_path: Path)
         assert own.front.poll() is None
     finally:
         own.close()
-
-
-# --------------------------------------------------------------------------- floods
-
-
-def flood(client: Raw, data: bytes, ended: list[bool]) -> None:
-    client.socket.settimeout(0.5)
-    while not ended:
-        try:
-            client.bytes(data)
-            client.socket.setblocking(False)
-            with contextlib.suppress(BlockingIOError):
-                client.socket.recv(1 << 16)
-            client.socket.settimeout(0.5)
-        except OSError:
-            return
-
-
-FLOODS = {
-    "oneway": ("control", b'{"method":"io.twind.Control.RenewLease","oneway":true}\0' * 200),
-    "calls": ("control", b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0' * 50),
-    "stops": ("observe", b'{"method":"io.twind.Control.EStop","oneway":true}\0' * 200),
-    "nonsense": ("observe", b"\xff" * 60000),
-    "huge": ("control", b"[" * (1 << 20)),
-    "refused": ("observe", b'{"method":"io.twind.Control.Arm"}\0' * 200),
-}
-
-
-@pytest.mark.parametrize("kind", sorted(FLOODS))
-def test_a_stop_is_answered_in_time_while_others_flood(front: SharedFront, kind: str) -> None:
-    name, data = FLOODS[kind]
-    ended: list[bool] = []
-    with contextlib.ExitStack() as stack:
-        clients = [stack.enter_context(Raw(front, name)) for _ in range(3)]
-        threads = [Thread(target=flood, args=(client, data, ended)) for client in clients]
-        for thread in threads:
-            thread.start()
-        time.sleep(0.2)
-        times = [stopped(front, where) for where in ("observe", "control") * 5]
-        ended.append(True)
-        for thread in threads:
-            thread.join()
-    print(f"{kind}: e-stop answered within {max(times) * 1e3:.0f} ms")
-    assert max(times) < BOUND
-
-
-def test_a_stop_is_answered_in_time_among_a_hundred_connections_that_come_and_go(front: SharedFront) -> None:
-    ended: list[bool] = []
-
-    def knock() -> None:
-        while not ended:
-            with contextlib.ExitStack() as stack:
-                for _ in range(25):
-                    one = stack.enter_context(socket.socket(socket.AF_UNIX))
-                    one.connect(str(front.directory / "observe.sock"))
-
-    threads = [Thread(target=knock) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    try:
-        time.sleep(0.2)
-        times = []
-        for _ in range(10):
-            began = time.monotonic()
-            while True:  # one that is pushed out by newcomers comes again
-                with contextlib.suppress(EOFError, OSError):
-                    stopped(front)
-                    break
-            times.append(time.monotonic() - began)
-    finally:
-        ended.append(True)
-        for thread in threads:
-            thread.join()
-    print(f"e-stop answered within {max(times) * 1e3:.0f} ms")
-    assert max(times) < BOUND
 
 
 # --------------------------------------------------------------------------- exhaustion
@@ -305,8 +223,8 @@ def test_without_free_descriptors_new_clients_may_only_stop_and_the_others_conti
         late = [stack.enter_context(Raw(front, "observe")) for _ in range(20)]
         assert late[-1].call("GetStatus")["error"] == f"{CONTROL}.Busy"
         assert "error" not in late[-1].call("EStop")
-        assert stopped(front) < BOUND
-        assert stopped(front, "control") < BOUND
+        assert time_stop(front) < BOUND
+        assert time_stop(front, "control") < BOUND
         time.sleep(0.4)  # what the two left is taken back
         # A trajectory needs one too: it is refused, and nobody is hung up on.
         assert holder.call("SubmitTrajectory", trajectory=PATH)["error"] == f"{CONTROL}.Busy"
@@ -350,7 +268,7 @@ def test_an_unread_log_delays_no_client_and_lost_lines_are_counted(tmp_path: Pat
                     link.Event(time=began + 2.0 * number, sequence=copy, level="info", code="E", message=text)
                 )
             if number % 4 == 0:
-                assert stopped(own) < BOUND
+                assert time_stop(own) < BOUND
             time.sleep(0.01)  # the link takes so much at a time
         text_read = b""
         os.set_blocking(reader, False)
@@ -385,4 +303,4 @@ def test_a_hang_up_by_reset_is_only_a_hang_up(front: SharedFront) -> None:
     client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     client.socket.close()  # an answer lies unread: the other end finds a reset
     front.await_command(link.ConnectionClosed)
-    assert stopped(front) < BOUND
+    assert time_stop(front) < BOUND
