@@ -209,6 +209,10 @@ def test_an_error_is_a_state_and_not_a_latch() -> None:
     rig.faults.damage(2, 0x20)
     assert rig.ticks(10, here)[-1].error.tolist() == [0, 0x80, 0]
     assert rig.registers.fault[1] == 0x20
+    for own, named in ((0x02, 0x08), (0x08, 0x20), (0x05, 0x05)):  # encoder, current, voltage and temperature
+        rig.faults.damage(2, own)
+        rig.ticks(10, here)
+        assert rig.registers.fault[1] == named
     rig.faults.damage(2, 0)
     assert rig.ticks(10, here)[-1].error.tolist() == [0, 0, 0]
     assert rig.registers.fault[1] == 0
@@ -220,6 +224,43 @@ def test_a_blocked_shaft_is_unloaded_and_reported() -> None:
     rig.faults.lock(2)
     rig.ticks(300, here + 400)
     assert rig.registers.fault[1] == 0x20
+
+
+@pytest.mark.parametrize("latches", [False, True])
+def test_an_overload_ends_with_torque_off_unless_only_a_restart_ends_it(latches: bool) -> None:
+    rig = rig_of(latches=latches)
+    here = rig.arm()
+    rig.faults.lock(2)
+    rig.ticks(300, here + 400)
+    rig.faults.free(2)
+    rig.beside(rig.writer.torque(False))
+    rig.ticks(10)
+    assert rig.registers.fault[1] == (0x20 if latches else 0)
+    if latches:
+        with pytest.raises(DeviceRefused, match="overload"):
+            rig.beside(rig.writer.prepare(rig.positions()))
+        rig.beside(rig.writer.reboot(2))
+    rig.arm()
+    assert rig.registers.fault[1] == 0
+
+
+def test_torque_of_a_servo_that_boots_with_it_is_seen_and_taken_back() -> None:
+    rig = rig_of(boots_armed=True)
+    rig.ticks(10)
+    assert rig.registers.torque.tolist() == [1, 1, 1]
+    rig.beside(rig.writer.torque(False))
+    assert not rig.energised().any()
+    rig.beside(rig.writer.reboot(2))
+    assert not rig.energised().any(), "the one that booted with torque, too"
+
+
+def test_an_hls_without_goal_torque_is_refused() -> None:
+    rig = rig_of(model="HLS3955")
+    rig.positions()
+    rig.servos.put(1, "goal_torque", 0)
+    with pytest.raises(DeviceRefused, match="not move"):
+        rig.beside(rig.writer.prepare(np.full(3, 2048)))
+    assert not rig.energised().any()
 
 
 def test_a_restart_waits_for_the_boot_loader() -> None:
