@@ -11,6 +11,7 @@ from twind.config.robot_file import load_robot
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech import feetech_packet as packet
 from twind_drivers.feetech.feetech_type import FeetechType
+from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.position_plausibility import ZERO
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
@@ -178,6 +179,17 @@ def test_a_servo_that_a_goal_arms_holds_where_it_is() -> None:
     rig.writer.goals(np.full(3, 2500))
     rig.ticks(10)
     assert (rig.places() == 2048).all(), "a goal without torque left"
+
+
+def test_a_servo_that_another_writer_armed_follows_once_it_is_prepared() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.writer = FeetechWriter(rig.reader, lower=rig.lower, upper=rig.upper)
+    rig.ticks(10, here + 40)
+    assert (rig.places() == here).all(), "no goal before"
+    rig.beside(rig.writer.prepare(here))
+    rig.ticks(30, here + 40)
+    assert abs(rig.places() - here - 40).max() <= 2
 
 
 def test_a_servo_that_lost_its_supply_gets_no_goals_until_it_is_prepared() -> None:

@@ -61,6 +61,10 @@ def test_a_biped_of_14_servos_is_armed_moved_and_armed_again_after_a_replug(make
     rig.seconds(1.0)
     rig.virtual["main"].faults.replug()
     rig.seconds(3.0)
-    rig.call(link.Disarm, ticks=1500)
-    rig.call(link.Reset)
+    rig.lease()
+    rig.lease()
+    rig.call(link.Disarm, ticks=2500)
+    assert not any(each["torque"] for each in rig.virtual["main"].truth(rig.clock.now()))
+    reset = rig.call(link.Reset)
+    assert reset.error is None, reset
     rig.arm()

@@ -203,6 +203,8 @@ class FeetechWriter:
             rows.append((id, "goal_position", int(ticks[self._index[id]])))
         yield from self._set(rows)
         yield from self._set(self._limits(holding, 1.0))
+        for id in holding:  # it holds the goal that was just written: it may follow the next ones
+            self._on[self._index[id]] = True
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read registers 0 to 70. Raises DeviceRefused for what must not get torque."""
