@@ -321,9 +321,9 @@ OTHERWISE = DeviceRecord(1020, 46, None, 0, 0, 3, *LIMITED)
     ("change", "travel", "message"),
     [
         ({}, (1910, 3390), ""),
-        ({"firmware": 47}, LIMITED, "position limits (52, 48); not what was swept, its servo is not as it"),
-        ({"homing_offset_ticks": 5}, LIMITED, "homing_offset (20) is 0, was 5"),
-        (None, LIMITED, "the travel is its position limits (52, 48)\n"),
+        ({"firmware": 47}, LIMITED, "position limits; not what was swept, its servo is not as it"),
+        ({"homing_offset_ticks": 5}, LIMITED, "homing_offset is 0, was 5"),
+        (None, LIMITED, "the travel is its position limits\n"),
     ],
 )
 def test_the_travel_of_a_servo_changed_since_its_sweep_is_rejected_and_reported(

@@ -301,7 +301,7 @@ def test_a_tag_is_compared_and_kept_whatever_is_calibrated(
     known = replace(FITTING, joints=tuple(stamped if one == knee else one for one in FITTING.joints))
     save_calibration(known, daemon.file.parent, "h24")
     standing(daemon)
-    with pytest.raises(Rejected, match=r"moving_threshold \(24\) is 10, was 613"):
+    with pytest.raises(Rejected, match=r"moving_threshold is 10, was 613"):
         limits_command.limits(options_of("limits", "l_knee", "--yes"))
     daemon.servos[knee.id]["moving_threshold"] = 613
     assert limits_command.limits(options_of("limits", "l_knee", "head_yaw", "--yes")) == DONE
@@ -399,7 +399,7 @@ def test_limits_already_on_the_servo_are_recorded_without_a_write(daemon: FakeDa
 def test_a_servo_that_is_another_is_not_fenced(daemon: FakeDaemon) -> None:
     daemon.servos[daemon.ids["l_knee"]]["homing_offset"] = 20
     before = held(daemon, "l_knee")
-    with pytest.raises(Rejected, match=r"l_knee is not as it was calibrated: homing_offset \(20\) is 20"):
+    with pytest.raises(Rejected, match=r"l_knee is not as it was calibrated: homing_offset is 20"):
         limits_command.limits(options_of("limits", *PAIR, "--yes"))
     del daemon.servos[daemon.ids["l_knee"]]
     with pytest.raises(Rejected, match="no device answers there"):

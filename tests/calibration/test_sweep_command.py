@@ -285,7 +285,10 @@ def test_limits_beyond_the_counts_of_position_mode_are_refused_and_never_cut(off
     first, last = expected_servo_limits(KNEE, zero) or (0, 0)
     assert first < 0 or last > 4095
     [wrong] = misfits(KNEE, device, (first - 40, last + 40), zero)
-    assert f"{first}..{last} leave the counts 0..4095" in wrong and f"(20) is {offset}, write 0" in wrong
+    assert (
+        f"{first}..{last} leave the counts 0..4095" in wrong
+        and f"homing_offset is {offset}, write 0" in wrong
+    )
     inside = replace(DEVICE, homing_offset_ticks=-100)
     first, last = expected_servo_limits(KNEE, 2048) or (0, 0)
     assert misfits(KNEE, inside, (first - 40, last + 40), 2048) == []

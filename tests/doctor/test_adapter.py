@@ -129,4 +129,4 @@ def test_late_replies_of_a_running_daemon_are_found_with_both_remedies() -> None
     (finding,) = adapter.check_latency(context)  # type: ignore[arg-type]
     assert (finding.code, finding.thing) == ("LATENCY_FLOOR", "/dev/ttyUSB0")
     assert "16 ms after their request" in finding.measured
-    assert "latency timer to 1 ms" in finding.advice and "register 9" in finding.advice
+    assert "latency timer to 1 ms" in finding.advice and "return_delay_time" in finding.advice

@@ -49,6 +49,8 @@ RIGS: dict[str, Callable[[], DriverRig]] = {
     "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009") for id in (1, 2, 3)]),
     "dynamixel1": Dynamixel1Rig,
     "ax": lambda: Dynamixel1Rig([Dynamixel1ServoSpec(id, "AX-12A", QUICK) for id in (1, 2, 3)]),
+    "hls": lambda: FeetechRig([FeetechServoSpec(id, "HLS3955") for id in (1, 2)]),
+    "smbl": lambda: FeetechRig([FeetechServoSpec(id, "SM8512BL") for id in (1, 2)]),
     "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),
     "robstride": lambda: CanRig(("RS01", "RS02", "RS00")),
     "cubemars": lambda: CanRig(("AK80-9", "AK70-10")),

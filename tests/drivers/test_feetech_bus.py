@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from twind_drivers.feetech.position_plausibility import ZERO
 
 from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
@@ -11,6 +12,7 @@ from twind.config.robot_file import load_robot
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_type import FeetechType
+from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
@@ -114,17 +116,16 @@ def test_a_position_0_from_nowhere_is_not_believed() -> None:
     servos.frozen[1] = 0
     assert rig.tick().heard.tolist() == [True, False, True]
     servos.frozen[1] = None
-    assert rig.tick().heard.all()
+    assert [bool(rig.tick().heard[1]) for _ in range(3)] == [False, True, True]
     for _ in range(2):
         servos.frozen[1] = 0
         assert rig.tick().heard.tolist() == [True, False, True], "one before a good reading is no witness"
         assert rig.tick().heard.tolist() == [True, False, True]
         servos.frozen[1] = None
-        assert rig.tick().heard.all()
+        assert [bool(rig.tick().heard[1]) for _ in range(2)] == [False, True]
     servos.frozen[1] = 0
-    assert [bool(rig.tick().heard[1]) for _ in range(3)] == [False, False, True], "it really stands there"
-    servos.frozen[1] = 3000
-    assert [bool(rig.tick().heard[1]) for _ in range(3)] == [False, False, True]
+    heard = [bool(rig.tick().heard[1]) for _ in range(ZERO)]
+    assert heard == [False] * (ZERO - 1) + [True], "it really stands there"
 
 
 def test_no_wrong_position_passes_bit_errors() -> None:
@@ -180,6 +181,17 @@ def test_a_servo_that_a_goal_arms_holds_where_it_is() -> None:
     assert (rig.places() == 2048).all(), "a goal without torque left"
 
 
+def test_a_servo_that_another_writer_armed_follows_once_it_is_prepared() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.writer = FeetechWriter(rig.reader, lower=rig.lower, upper=rig.upper)
+    rig.ticks(10, here + 40)
+    assert (rig.places() == here).all(), "no goal before"
+    rig.beside(rig.writer.prepare(here))
+    rig.ticks(30, here + 40)
+    assert abs(rig.places() - here - 40).max() <= 2
+
+
 def test_a_servo_that_lost_its_supply_gets_no_goals_until_it_is_prepared() -> None:
     rig = FeetechRig([FeetechServoSpec(id, goal_arms=True) for id in (1, 2, 3)])
     here = rig.arm()
@@ -209,6 +221,10 @@ def test_an_error_is_a_state_and_not_a_latch() -> None:
     rig.faults.damage(2, 0x20)
     assert rig.ticks(10, here)[-1].error.tolist() == [0, 0x80, 0]
     assert rig.registers.fault[1] == 0x20
+    for own, named in ((0x02, 0x08), (0x08, 0x20), (0x05, 0x05)):  # encoder, current, voltage and temperature
+        rig.faults.damage(2, own)
+        rig.ticks(10, here)
+        assert rig.registers.fault[1] == named
     rig.faults.damage(2, 0)
     assert rig.ticks(10, here)[-1].error.tolist() == [0, 0, 0]
     assert rig.registers.fault[1] == 0
@@ -220,6 +236,43 @@ def test_a_blocked_shaft_is_unloaded_and_reported() -> None:
     rig.faults.lock(2)
     rig.ticks(300, here + 400)
     assert rig.registers.fault[1] == 0x20
+
+
+@pytest.mark.parametrize("latches", [False, True])
+def test_an_overload_ends_with_torque_off_unless_only_a_restart_ends_it(latches: bool) -> None:
+    rig = rig_of(latches=latches)
+    here = rig.arm()
+    rig.faults.lock(2)
+    rig.ticks(300, here + 400)
+    rig.faults.free(2)
+    rig.beside(rig.writer.torque(False))
+    rig.ticks(10)
+    assert rig.registers.fault[1] == (0x20 if latches else 0)
+    if latches:
+        with pytest.raises(DeviceRefused, match="overload"):
+            rig.beside(rig.writer.prepare(rig.positions()))
+        rig.beside(rig.writer.reboot(2))
+    rig.arm()
+    assert rig.registers.fault[1] == 0
+
+
+def test_torque_of_a_servo_that_boots_with_it_is_seen_and_taken_back() -> None:
+    rig = rig_of(boots_armed=True)
+    rig.ticks(10)
+    assert rig.registers.torque.tolist() == [1, 1, 1]
+    rig.beside(rig.writer.torque(False))
+    assert not rig.energised().any()
+    rig.beside(rig.writer.reboot(2))
+    assert not rig.energised().any(), "the one that booted with torque, too"
+
+
+def test_an_hls_without_goal_torque_is_refused() -> None:
+    rig = rig_of(model="HLS3955")
+    rig.positions()
+    rig.servos.put(1, "goal_torque", 0)
+    with pytest.raises(DeviceRefused, match="not move"):
+        rig.beside(rig.writer.prepare(np.full(3, 2048)))
+    assert not rig.energised().any()
 
 
 def test_a_restart_waits_for_the_boot_loader() -> None:

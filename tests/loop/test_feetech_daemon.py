@@ -54,6 +54,27 @@ def test_an_overload_is_reported_and_ends_with_its_cause(make_rig: MakeRig) -> N
     assert rig.events("SERVO_ALERT"), [event.code for event in rig.events()]
 
 
+def test_a_biped_of_14_servos_is_armed_moved_and_armed_again_after_a_replug(make_rig: MakeRig) -> None:
+    rig: Rig = make_rig("docs/examples/biped14/biped14.yaml")
+    rig.arm()
+    before = rig.truth
+    ticket = rig.submit(rig.path("l_knee", [0.8, 0.8], [1.0, 2.0]))
+    rig.seconds(3.0)
+    assert [reply.error for reply in rig.replies(ticket)][:1] == [None], rig.replies(ticket)
+    assert abs((rig.truth - before)[rig.names.index("l_knee")] - 0.8) < 0.05
+    rig.virtual["main"].faults.unplug()
+    rig.seconds(1.0)
+    rig.virtual["main"].faults.replug()
+    rig.seconds(3.0)
+    rig.lease()
+    rig.lease()
+    rig.call(link.Disarm, ticks=2500)
+    assert not any(each["torque"] for each in rig.virtual["main"].truth(rig.clock.now()))
+    reset = rig.call(link.Reset)
+    assert reset.error is None, reset
+    rig.arm()
+
+
 # ------------------------------------------------------------------------------------- no watchdog
 
 

@@ -91,9 +91,7 @@ def _stamp(place: int, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Fi
     tag = now.settings.get(STAMPED)
     if then.tag is not None and tag != then.tag:
         said = "was not read" if tag is None else f"is {tag}"
-        text = (
-            f"{STAMPED} (24) {said}, its tag was {then.tag} when calibrated: another servo, or a reset one?"
-        )
+        text = f"{STAMPED} {said}, its tag was {then.tag} when calibrated: another servo, or a reset one?"
         number = None if tag is None else float(tag)
         yield Finding(ReasonCode.CALIB_MISMATCH, place, value=number, bound=float(then.tag), message=text)
     if then.unique_id is not None and now.unique_id != then.unique_id:

@@ -30,7 +30,7 @@ ENOUGH = 6  # replies
 PUNCTUAL = 0.9  # of the last 100 ticks
 LOST = 0.2  # of all exchanges
 LATE_ADVICE = (
-    "set the latency timer to 1 ms (LATENCY_TIMER), and Return Delay Time (register 9) of each servo to 5: "
+    "set the latency timer to 1 ms (LATENCY_TIMER), and Return Delay Time of each servo to 5: "
     "`twindctl register write BUS ID return_delay_time 5`, torque off"
 )
 LATER = "stop it and ask again, then the port itself is measured"

@@ -111,16 +111,16 @@ def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, devic
             "offset differ: sweep it"
         )
     if source.travel is None:
-        return "its position limits (52, 48) are a whole turn, as delivered: `twindctl calibrate sweep` first"
+        return "its position limits are a whole turn, as delivered: `twindctl calibrate sweep` first"
     low, high = source.travel
     if high - low >= joint.type.ticks_per_turn - 1:
         return f"{low}..{high} is a whole turn, no travel that was measured: `twindctl calibrate sweep`"
     if abs(now) > limit and joint.mode == "position":
-        return f"homing_offset (20) is {now}; beyond ±{limit} position mode ignores it: write 0, sweep"
+        return f"homing_offset is {now}; beyond ±{limit} position mode ignores it: write 0, sweep"
     reversed_since = source.drive_mode is not None and (source.drive_mode ^ device.drive_mode) & REVERSED
     if reversed_since:
         return (
-            f"drive_mode is {source.drive_mode}, that of the servo (10) is {device.drive_mode}: its counts "
+            f"drive_mode is {source.drive_mode}, that of the servo is {device.drive_mode}: its counts "
             "run the other way by now: sweep it"
         )
     return _moved(source, now, limit, _make(slot))

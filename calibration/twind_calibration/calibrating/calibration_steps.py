@@ -260,7 +260,7 @@ daemon is needed; a running daemon names its file, else the settings do."""
 _LIMITS = """\
 set the position limits in the servos
 
-For joints in mode position: Max and Min Position Limit (48, 52) become the joint's limits in counts, rounded
+For joints in mode position: the limit registers become the joint's limits in counts, rounded
 inwards. Shown, asked for, written with torque off, read back, and recorded in the calibration file. Needs the
 daemon in mode live, disarmed."""
 

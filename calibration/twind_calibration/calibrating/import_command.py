@@ -126,7 +126,7 @@ def _limits(source: ForeignCalibration, changed: Sequence[str]) -> str:
     if source.swept:
         return ""
     without = f"; not what was swept, its servo is not as it was then: {', '.join(changed)}"
-    return f"the travel is its position limits (52, 48){without if changed else ''}"
+    return f"the travel is its position limits{without if changed else ''}"
 
 
 def _write(

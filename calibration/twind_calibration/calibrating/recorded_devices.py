@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import Rejected
-from twind.config.calibrated_device import DeviceRecord, make_device_record
+from twind.config.calibrated_device import STAMPED, DeviceRecord, make_device_record
 from twind.config.calibration_file import Calibration
 from twind.config.robot_spec import RobotFile
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
@@ -16,12 +16,12 @@ from twind_drivers.bus import IdentifiedDevice
 
 # Of a record: what people call it.
 NAMES = {
-    "homing_offset_ticks": "homing_offset (20)",
-    "drive_mode": "drive_mode (10)",
-    "operating_mode": "operating_mode (11)",
-    "min_ticks": "min_position_limit (52)",
-    "max_ticks": "max_position_limit (48)",
-    "tag": "moving_threshold (24)",
+    "homing_offset_ticks": "homing_offset",
+    "drive_mode": "drive_mode",
+    "operating_mode": "operating_mode",
+    "min_ticks": "min_position_limit",
+    "max_ticks": "max_position_limit",
+    "tag": STAMPED,
 }
 FENCE = ("min_ticks", "max_ticks")  # what `limits` puts right
 

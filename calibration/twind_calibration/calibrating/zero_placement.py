@@ -114,13 +114,13 @@ def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int
     if (first - seam) // turn != (last - seam) // turn:
         return [
             f"its limits {first}..{last} cross its encoder's seam, which mode {joint.mode} cannot: turn its "
-            "horn by a quarter, or take mode extended_position (in the robot file, and 4 in register 11); "
+            "horn by a quarter, or take mode extended_position (in the robot file and in the servo); "
             "then sweep it again"
         ]
-    if first < slot.start or last >= slot.start + turn:  # of goals, and of registers 48 and 52
+    if first < slot.start or last >= slot.start + turn:  # of goals, and of the limit registers
         return [
             f"its limits {first}..{last} leave the counts {slot.start}..{slot.start + turn - 1}, beyond "
-            f"which mode {joint.mode} takes no goal: its homing_offset (20) is {device.homing_offset_ticks}, "
+            f"which mode {joint.mode} takes no goal: its homing_offset is {device.homing_offset_ticks}, "
             "write 0; or turn its horn; then sweep it again"
         ]
     return []

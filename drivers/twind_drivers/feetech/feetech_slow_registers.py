@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind_drivers.bus import ReadRequest, SlowRegisterValues
-from twind_drivers.feetech.feetech_packet import FAULT_BITS
 from twind_drivers.half_duplex.pending_reply import Octets
 
 BLOCK = (40, 26)  # address, size: torque switch .. status; the same in all maps
@@ -13,6 +12,7 @@ VOLTAGE = 62 - 40
 TEMPERATURE = 63 - 40
 STATUS = 65 - 40
 VOLT = 0.1  # V per raw unit
+COMMON = {0x01: 0x01, 0x02: 0x08, 0x04: 0x04, 0x08: 0x20, 0x20: 0x20}  # of a fault: the bit that names it
 ROUNDS_HZ = 20.0  # refreshes of each device a second, at least
 
 
@@ -26,6 +26,7 @@ class FeetechSlowRegisters:
         self._first: list[ReadRequest] = []
         self._turn = 0
         self._slots = 1
+        self._common = np.array([sum({COMMON[bit] for bit in COMMON if raw & bit}) for raw in range(256)])
 
     def schedule(self, ids: Sequence[int], slots: int, most: int) -> list[ReadRequest]:
         """Schedule slices of these `ids` round robin, in `slots` calls or more; return them.
@@ -63,7 +64,7 @@ class FeetechSlowRegisters:
         places = np.array([place for _, place in known], np.intp)
         state.torque[places] = data[rows, torque] == 1
         if torque + STATUS < query.size:
-            state.fault[places] = data[rows, torque + STATUS] & FAULT_BITS
+            state.fault[places] = self._common[data[rows, torque + STATUS]]
             state.voltage[places] = data[rows, torque + VOLTAGE] * VOLT
             state.temperature[places] = data[rows, torque + TEMPERATURE]
             state.status_time[places] = time

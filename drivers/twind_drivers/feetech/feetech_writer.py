@@ -208,6 +208,8 @@ class FeetechWriter:
         yield from self._set(rows)
         self._reader.watchdog.clear(np.isin(self._ids, ids))
         yield from self._set(self._limits(holding, 1.0))
+        for id in holding:  # it holds the goal that was just written: it may follow the next ones
+            self._on[self._index[id]] = True
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read registers 0 to 70. Raises DeviceRefused for what must not get torque."""

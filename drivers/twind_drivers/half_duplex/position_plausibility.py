@@ -1,8 +1,9 @@
 """Plausibility of positions behind a weak checksum. Pure.
 
-Positions whose two bytes add up to 256 have the checksum of 0: two lost bytes make a sound packet of position
-0. A position must therefore be within reach of the last one. One that is not counts as not received, and is
-believed when the next two readings of the device agree with it.
+One damaged packet in some 20 to 256 has a sound checksum. Positions whose two bytes add up to 256 have the
+checksum of 0: two lost bytes make a sound packet of position 0. So a position must continue the motion of the
+last two believed ones. One that does not counts as not received, and is believed when the readings of the
+next cycles agree with it: one within reach of the last, after a gap, and more beyond it, whatever its age.
 """
 
 from dataclasses import replace
@@ -11,9 +12,13 @@ import numpy as np
 
 from twind_drivers.bus import Bools, BusSample, Ints
 
-FASTEST = 6_000.0  # counts/s: no known model is faster (STS3250: 75 rpm); a faster hand costs a reading
+FASTEST = 6_000.0  # counts/s: no known model is faster (STS3250: 75 rpm); a faster hand costs readings
 MARGIN = 32  # counts, of noise and play
-AGREE = 3  # readings in a row; of two, noise makes a pair in 4 % of the wrong ones
+CHANGE = 0.5  # share of the fastest speed by which the speed may change in a cycle, as at an impact
+LONGEST = 3.0  # periods: a cycle that took longer extends the reach no further
+AFTER_GAP = 2  # readings that agree, of consecutive cycles: within reach of the last one
+AGREE = 4  # likewise, beyond reach: of 3, noise makes some in 10^6 packets that are all damaged
+ZERO = 8  # likewise, of position 0, which lost bytes make most often
 UNKNOWN = 1 << 40  # counts: before the first position
 
 
@@ -21,53 +26,50 @@ class PositionPlausibility:
     """Last believed positions of m devices. `period` (s): of the reading."""
 
     def __init__(self, count: int, period: float) -> None:
-        self._usual = FASTEST * period + MARGIN
-        self._last: Ints = np.full(count, UNKNOWN, np.int64)
-        self._time = np.zeros(count)
-        self._candidate: Ints = np.full(count, UNKNOWN, np.int64)  # dropped last, until one is believed
-        self._candidate_time = np.zeros(count)
-        self._seen = np.zeros(count, np.int64)  # times in a row that the candidate was seen
-        self._waiting = False  # there is a candidate
-        self._count = count
+        self._longest = LONGEST * period
+        self._received = 0.0
+        self._last: Ints = np.full(count, UNKNOWN, np.int64)  # believed last
+        self._expected: Ints = self._last  # of this cycle, if the motion continues
+        self._followed: Bools = np.zeros(count, np.bool_)  # believed in the cycle before
+        self._before: Ints = self._last  # reading of the cycle before
+        self._seen: Ints = np.zeros(count, np.int64)  # cycles in a row with readings that agree
+        self._waiting = False  # a reading waits for the next one to agree
 
     def filter(self, sample: BusSample) -> BusSample:
         """Return the sample without positions that are not plausible: those devices count as not received."""
+        way = FASTEST * min(sample.received - self._received, self._longest)
+        self._received = sample.received
         heard = sample.heard
-        far = heard & (np.abs(sample.position - self._last) > self._usual)
-        if self._waiting:  # a plausible reading in between: it came from nowhere
-            self._seen[heard & ~far] = 0
-            self._waiting = bool(self._seen.any())
-        if np.count_nonzero(far):
-            dropped = self._judge(sample, far)
-            if np.count_nonzero(dropped):
-                heard = heard & ~dropped
-                sample = _without(sample, heard)
-        if np.count_nonzero(heard) == self._count:
-            self._last = sample.position
-            self._time.fill(sample.received)
+        position = sample.position
+        regular = (np.abs(position - self._expected) <= CHANGE * way + MARGIN) & self._followed
+        if self._waiting or np.count_nonzero(heard & ~regular):
+            believed = self._judge(sample, regular, way + MARGIN)
+            if not np.array_equal(believed, heard):
+                sample = _without(sample, believed)
+            heard = believed
+        if heard.all():
+            self._last = position
         else:
-            self._last = np.where(heard, sample.position, self._last)
-            self._time[heard] = sample.received
+            self._last = np.where(heard, position, self._last)
+        self._expected = 2 * position - self._before
+        self._followed = heard
+        self._before = position
         return sample
 
-    def _judge(self, sample: BusSample, far: Bools) -> Bools:
-        """Return the devices (m,) whose position is dropped."""
-        dropped = np.zeros(self._count, np.bool_)
-        for row in np.flatnonzero(far).tolist():
-            position = int(sample.position[row])
-            last = int(self._last[row])
-            reach = FASTEST * (sample.received - self._time[row]) + MARGIN
-            agreed = FASTEST * (sample.received - self._candidate_time[row]) + MARGIN
-            plausible = position != 0 and (last == UNKNOWN or abs(position - last) <= reach)
-            same = abs(position - int(self._candidate[row])) <= min(agreed, self._usual)
-            seen = int(self._seen[row]) + 1 if same else 1
-            self._seen[row] = 0
-            if not plausible and seen < AGREE:
-                dropped[row] = self._waiting = True
-                self._seen[row] = seen
-                self._candidate[row] = position
-                self._candidate_time[row] = sample.received
-        return dropped
+    def _judge(self, sample: BusSample, regular: Bools, reach: float) -> Bools:
+        """Return the devices (m,) whose position is believed."""
+        position = sample.position
+        near = np.abs(position - self._last) <= reach
+        needed = np.where(near, AFTER_GAP, np.where(position == 0, ZERO, AGREE))
+        # The first one needs none here: the daemon chooses the turn of a joint by several readings.
+        needed[regular | ((self._last == UNKNOWN) & (position != 0))] = 1
+        same = np.abs(position - self._before) <= reach
+        self._before = np.where(same, self._before, position)
+        seen = np.where(sample.heard, np.where(same, self._seen, 0) + 1, 0)
+        believed: Bools = seen >= needed
+        self._seen = np.where(believed, 0, seen)
+        self._waiting = bool(self._seen.any())
+        return believed
 
 
 def _without(sample: BusSample, fresh: Bools) -> BusSample:

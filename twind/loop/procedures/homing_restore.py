@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twind import link
+from twind.config.calibrated_device import STAMPED
 from twind.loop.procedures.homing_request import HomingRequest
 from twind.loop.procedures.internal_faults import fail
 from twind.loop.procedures.procedure_context import ProcedureContext
@@ -23,7 +24,7 @@ from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
 REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
 PAUSE = 25  # ticks between two attempts, so that other requests get bus time
 ANSWER = 3.0  # s after the end of the search by which the caller gets its reply, restored or not
-ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings that identify the servo
+ITS_OWN = ("drive_mode", "homing_offset", STAMPED)  # settings that identify the servo
 
 
 @dataclass(eq=False)

@@ -36,7 +36,7 @@ READINGS = 5  # readings that must have been tried before that is reported; one 
 LATE = (
     "replies come {0:.0f} to {1:.0f} ms after their request, too late to be read: set the adapter's latency "
     "timer to 1 ms (`echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`) and the servos' "
-    "Return Delay Time (register 9) to 5; `twindctl doctor` checks both"
+    "return_delay_time to 5; `twindctl doctor` checks both"
 )
 DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows them; disconnect one"
 LOOK = 0.05  # s between two looks at an armed robot without a change
