@@ -47,6 +47,10 @@ def status_lines(status: StatusMessage) -> list[str]:
             lines.append(f"warning  {bus['name']}: {bus['warning']}")
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
+    if status.get("supply_relay") is not None:
+        lines.append(f"relay    {status['supply_relay']}")
+    if status.get("stop_button") is not None:
+        lines.append(f"button   {status['stop_button']}")
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]
 

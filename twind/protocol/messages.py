@@ -134,3 +134,5 @@ class StatusMessage(TypedDict):
     flight: FlightMessage | None
     streams: list[StreamingMessage] | None
     latched: list[str] | None
+    supply_relay: str | None
+    stop_button: str | None
