@@ -33,6 +33,7 @@ from twind.loop.ipc.inherited_descriptors import WRECK, InheritedDescriptors, ha
 from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
 from twind.loop.process import realtime
 from twind.loop.process.hangup_signal import HangupSignal
+from twind.loop.process.power_child import PowerChild
 from twind.loop.process.service_notify import Notifier
 from twind.loop.process.virtual_robot_process import VirtualRobotProcess
 from twind.loop.tick import assembly
@@ -126,8 +127,9 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     wreck = CrashRecording(inherited.wreck)
     stack.callback(wreck.close)
     sources = _sources(options)
+    virtual_power: Mapping[str, str] = {}
     if options.virtual:
-        sources = _with_virtual(sources, stack)
+        sources, virtual_power = _with_virtual(sources, stack)
     described = describe(sources)
     settings = described.settings
     robot = described.robot
@@ -159,7 +161,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     folder = flight_folder(settings, virtual=options.virtual)
     link = assembly.front(briefing, listeners, recorder, folder, wreck)
     stack.callback(link.front.close)
-    loop = _loop(described, one, buses, link, notifier, recorder)
+    power = assembly.power(robot, described.rate_hz, virtual_power)
+    loop = _loop(described, one, buses, link, notifier, recorder, power)
 
     def keep() -> None:
         """Store this daemon's recorder with the service manager, in place of a former daemon's."""
@@ -262,6 +265,7 @@ def _loop(
     link: ControlLink,
     notifier: Notifier,
     recorder: FlightRecorder | None,
+    power: PowerChild | None = None,
 ) -> Loop:
     settings = described.settings
     if recorder is not None:
@@ -283,6 +287,7 @@ def _loop(
         live_denied=described.live_denied,
         rewire=lambda robot: replace(buses, robot=robot.file, joints=robot.binding.joint_map).enable,
         tapes=buses.tapes,
+        power=power,
     )
 
 
@@ -361,8 +366,11 @@ def _sources(options: argparse.Namespace) -> ConfigSources:
     )
 
 
-def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
-    """Start virtual servos of the same robot; their ports and calibration replace all others."""
+def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSources, Mapping[str, str]]:
+    """Start virtual servos of the same robot; their ports and calibration replace all others.
+
+    Returns the ports of its relay and stop button too.
+    """
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))
@@ -371,7 +379,7 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
         f"{name}={virtual_port(family(robot.bus(name).kind).medium, path)}"
         for name, path in child.ports.items()
     ]
-    return replace(sources, calibration=str(child.calibration), ports=tuple(ports))
+    return replace(sources, calibration=str(child.calibration), ports=tuple(ports)), child.power
 
 
 if __name__ == "__main__":

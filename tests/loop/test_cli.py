@@ -238,6 +238,7 @@ def test_the_order_socket_of_a_virtual_robot_is_printed_at_start(
             self.faults = Path("/x/faults.sock")
             self.calibration = Path("/x/none.yaml")
             self.ports = {}
+            self.power = {}
 
         def __enter__(self) -> Any:
             return self

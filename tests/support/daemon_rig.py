@@ -124,9 +124,11 @@ class Rig:
         truth: RobotGroundTruth | None = None,
         calibrated: Calibration | None = None,
         ring: FlightRing | None = None,
+        power: Any = None,
     ) -> None:
         """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
         self._muscles = muscles
+        self.power = power  # stand-in for the process of supply relay and stop button
         self.clock = FakeClock(100.0)
         known = None if "/" in robot else known_robot(robot)
         self.robot = known or load_robot(robot)
@@ -178,6 +180,7 @@ class Rig:
             realtime={},
             rewire=self._rewire,
             tapes=tapes,
+            power=self.power,
         )
 
     def _rewire(self, one: BoundRobot) -> Any:

@@ -126,7 +126,8 @@ class Virtual:
         self.ports = {}
         while (line := self.process.stdout.readline().decode().split()) != ["ready"]:
             assert line, "twind-virtual did not start"
-            self.ports[line[1]] = line[2]
+            if line[0] == "bus":
+                self.ports[line[1]] = line[2]
 
     def order(self, **order: Any) -> dict[str, Any]:
         """A fault or a query, and its answer."""

@@ -5,6 +5,7 @@ from typing import Any
 
 from tests.support.daemon_rig import CLIENT, Rig
 from tests.support.described_robot import redescribe
+from tests.support.power_stand_in import PowerStandIn
 from tests.support.scene_rig import ask, faults, leads_to, move
 from twind import link
 from twind.robot.finding import ReasonCode
@@ -42,6 +43,12 @@ def it_shall_move_without_a_socket_for_a_stop(made: Rig) -> None:
     made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed")))
     made.lease()
     ask(made)
+
+
+@leads_to(ReasonCode.SUPPLY_RELAY, arm=False, power=PowerStandIn())
+def the_supply_stays_behind_the_open_relay(made: Rig) -> None:
+    made.connect()
+    made.seconds(2.0)
 
 
 @leads_to(ReasonCode.MODE_DENIES, arm=False, mode=Mode.MIRROR)

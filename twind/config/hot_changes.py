@@ -42,7 +42,7 @@ _OF_JOINTS = frozenset({"lower", "upper", "velocity_limit", "acceleration_limit"
 _OF_SLOTS = frozenset({"bus", "id", "sign", "ratio", "registers", "mode", "feedback_id"})
 _JOINT = {"stops": "stop_rad"}
 _ROBOT = {"mjcf": "model.mjcf", "mjcf_path": "model.mjcf", "base": "model.base", "rate_hz": "loop.rate_hz"}
-_ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu"}
+_ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu", "relay": "power.relay"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from twind.config.config_reader import ConfigReader, ConfigStruct, Name, Text, f
 from twind.config.imu_config import imu_of
 from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
+from twind.config.power_config import PowerKeys, StopButtonKeys, button_of, relay_of
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.exceptions import InvalidInput
@@ -93,6 +94,8 @@ class RobotKeys(ConfigStruct, kw_only=True):
     motions: Text = "motions"
     """folder | | folder of `twindctl play NAME`"""
     sensors: ConfigReader
+    power: PowerKeys
+    stop_button: StopButtonKeys | None = None
 
 
 def built_in_robots() -> tuple[str, ...]:
@@ -160,6 +163,8 @@ def read_robot(path: Path) -> RobotFile:
         motions=path.absolute().parent / given.motions,
         transmissions=driven,
         imu=imu_of(top, wires, joints),
+        relay=relay_of(top, given.power.relay, given.loop.rate_hz),
+        stop_button=button_of(top, given.stop_button),
     )
 
 

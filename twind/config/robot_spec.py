@@ -8,6 +8,7 @@ from pathlib import Path
 from twind.config.actuator_types import TypeSpec
 from twind.config.collision_config import Clearance
 from twind.config.homing_config import HomingSettings, JointEndstops
+from twind.config.power_config import ButtonSpec, RelaySpec
 from twind.robot.transmission import Transmission
 
 
@@ -188,6 +189,8 @@ class RobotFile:
     motions: Path  # folder of trajectory files
     transmissions: tuple[TransmissionSpec, ...] = ()
     imu: ImuSpec | None = None
+    relay: RelaySpec | None = None  # of the motors' supply
+    stop_button: ButtonSpec | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

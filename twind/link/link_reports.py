@@ -125,6 +125,8 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     voltage: bytes  # V
     torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
     fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
+    supply_relay: str | None = None  # open, closed, tripped, failed, unknown; None: there is none
+    stop_button: str | None = None  # released, pressed, unplugged, unknown; None: there is none
     verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is read
 
 

@@ -135,3 +135,5 @@ class StatusMessage(TypedDict):
     streams: list[StreamingMessage] | None
     latched: list[str] | None
     unwatched: list[str] | None
+    supply_relay: str | None
+    stop_button: str | None

@@ -79,6 +79,7 @@ class ReasonCode(StrEnum):
     INTERNAL = "INTERNAL"
     TIME_GAP = "TIME_GAP"  # the machine was suspended, or the daemon stopped, for longer than a watchdog
     SOCKETS_GONE = "SOCKETS_GONE"  # clients cannot connect: no client could stop a motion
+    SUPPLY_RELAY = "SUPPLY_RELAY"  # the supply relay, or its effect on the supply
     PORT_LOST = "PORT_LOST"
     PORT_UNAVAILABLE = "PORT_UNAVAILABLE"
     DEVICE_MISSING = "DEVICE_MISSING"

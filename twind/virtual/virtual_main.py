@@ -1,7 +1,7 @@
 """Program `twind-virtual`: servos with the real protocol on pseudo-terminals, a robot's with MuJoCo physics.
 
-Prints `bus NAME PATH` per bus, then `ready`. Ends at end-of-file on standard input when that is a pipe, on
-SIGTERM and on SIGINT.
+Prints `bus NAME PATH` per bus, `power NAME PATH` for relay and stop button, then `ready`. Ends at end-of-file
+on standard input when that is a pipe, on SIGTERM and on SIGINT.
 """
 
 import argparse
@@ -10,7 +10,7 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from twind.virtual.bench_servos import bench, by_bus, servo
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.robot_ground_truth import RobotGroundTruth, load_truth, random_truth
+from twind.virtual.virtual_power import BUTTON, RELAY, VirtualPower
 from twind.virtual.virtual_robot_spec import body_for, buses, make_spec, save
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind.virtual.virtual_twin import BusTiming, DeviceOptions
@@ -104,11 +105,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _check(options)
         clock = ServoClock(MonotonicClock())
-        virtual, crane = _buses(options, clock.now())
+        robot = None if options.servo and options.robot is None else load_robot(options.robot or "h24")
+        virtual, crane = _buses(options, robot, clock.now())
         prepare_motors(virtual, options.supply)
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
-        _serve(virtual, clock, options, crane)
+        _serve(virtual, clock, options, crane, power_ports(robot, virtual))
     except (ConfigError, InvalidInput, OperationFailed, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
@@ -139,16 +141,28 @@ def _check(options: argparse.Namespace) -> None:
                 raise InvalidInput(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
 
 
-def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableBus], BaseSupport | None]:
+def power_ports(robot: RobotFile | None, buses: Collection[str]) -> list[str]:
+    """Return the ports of relay and button. Raises InvalidInput: a bus has the same name."""
+    if robot is None:
+        return []
+    named = {RELAY: robot.relay, BUTTON: robot.stop_button}
+    ports = [name for name, spec in named.items() if spec is not None]
+    if taken := [name for name in ports if name in buses]:
+        raise InvalidInput(f"bus {taken[0]}: the robot file describes a {taken[0]} too; rename the bus")
+    return ports
+
+
+def _buses(
+    options: argparse.Namespace, robot: RobotFile | None, now: float
+) -> tuple[dict[str, ServableBus], BaseSupport | None]:
     line = BusTiming(
         wire_timing=not options.no_wire_timing,
         adapter=SerialAdapter(echo=options.echo, latency=options.latency_timer * 1e-3),
         seed=options.seed,
     )
-    if options.servo and options.robot is None:
+    if robot is None:
         named = [_servo(text, options, {}) for text in options.servo]
         return bench(named, line, baud=options.baud, now=now), None
-    robot = load_robot(options.robot or "h24")
     one = make_spec(
         robot,
         baud=options.baud,
@@ -208,20 +222,26 @@ def _serve(
     clock: ServoClock,
     options: argparse.Namespace,
     support: BaseSupport | None,
+    power: Sequence[str],
 ) -> None:
-    links = {name: options.link and options.link / name for name in virtual}
+    links = {name: options.link and options.link / name for name in (*virtual, *power)}
     with ExitStack() as undo:
         ports = {}
         for name, link in links.items():
             ports[name] = VirtualPtyPort(name, link)
             undo.callback(ports[name].close)
+        beside = {name: ports.pop(name) for name in power}
         server = VirtualBusServer(virtual, ports, clock, _print_port, support)
+        if beside:
+            server.power = VirtualPower(beside, server.switch_supply, MonotonicClock())
         if options.faults is not None:
             server.orders = FaultCommandSocket(options.faults, server.execute_fault_command)
             undo.callback(server.orders.close)
         _wait_for_stop(server)
         for name, port in ports.items():
             _print_port(name, port.path)
+        for name, port in beside.items():
+            print(f"power {name} {port.path}", flush=True)
         print("ready", flush=True)
         realtime.one_thread()
         realtime.fifo(PRIORITY)  # servos reply in time on a busy machine, where permitted

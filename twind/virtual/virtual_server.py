@@ -18,6 +18,7 @@ from twind.exceptions import InvalidInput
 from twind.twin.base_support import BaseSupport
 from twind.virtual.fault_commands import BODY_FAULTS, SHARED_FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.virtual_power import POWER_FAULTS, VirtualPower
 from twind.virtual.virtual_twin import twin_of
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.servable_bus import ServableBus
@@ -71,6 +72,7 @@ class VirtualBusServer:
         self._clock = clock
         self._on_plugged = on_plugged
         self._support = support
+        self.power: VirtualPower | None = None  # None: neither relay nor button
         self._lost = clock.skipped_time  # s, that the clock registers have counted
         self.input = -1  # descriptor of a pipe whose end ends the server; -1: none
         self.ended = False
@@ -92,11 +94,20 @@ class VirtualBusServer:
                 for bus, port in self._pairs:
                     bus.advance(now)
                     port.look()
+                if self.power is not None:
+                    self.power.serve()
             for bus, port in self._pairs:
                 if bus.next_output_time() <= now:
                     port.write(bus.take(now))
             if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
                 self.orders.serve()
+
+    def switch_supply(self, on: bool) -> None:
+        """Switch the supply of all devices."""
+        now = self._clock.now()
+        for bus in self._buses.values():
+            bus.advance(now)
+            bus.faults.power(on)
 
     def count_skipped_time(self) -> None:
         """Add the time that the clock left out to the clock registers of the servos."""
@@ -121,6 +132,8 @@ class VirtualBusServer:
             sources.append(self.input)
         if self.orders is not None:
             sources += self.orders.filenos()
+        if self.power is not None:
+            sources += self.power.filenos()
         ready, _, _ = select.select(sources, [], [], max(left, 0.0))
         if self.input in ready and not os.read(self.input, 4096):
             self.ended = True
@@ -140,6 +153,10 @@ class VirtualBusServer:
             return self._hands(order)
         if order.get("fault") in BODY_FAULTS:
             return self._body(order)
+        if self.power is not None and order.get("fault") in POWER_FAULTS:
+            name, given = arguments(order, POWER_FAULTS)
+            getattr(self.power, name)(**given)
+            return {"ok": True}
         bus, port = self._chosen(order.get("bus"))
         name, given = arguments(order, twin_of(family(bus.kind)).faults)
         bus.advance(self._clock.now())
@@ -201,7 +218,8 @@ class VirtualBusServer:
         for name, bus in self._buses.items():
             buses[name] = {"plugged": bus.is_plugged, "kind": bus.kind, "servos": bus.truth(now)}
         body = {} if self._support is None else {"body": self._support.truth()}
-        return {"ok": True, "now": now, "lost": self._clock.skipped_time, "buses": buses, **body}
+        power = {} if self.power is None else {"power": self.power.truth()}
+        return {"ok": True, "now": now, "lost": self._clock.skipped_time, "buses": buses, **body, **power}
 
     def _history(self, order: Order) -> Order:
         """Return at most `PAGE` readings, the oldest first, of those after `since` (s)."""

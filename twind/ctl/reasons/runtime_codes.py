@@ -11,7 +11,7 @@ BUG = "report it with the file of `twindctl dump`"
 RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.ESTOP: ReasonText(
         "latch",
-        "A client requested an e-stop. The message is its reason.",
+        "A client or the stop button requested an e-stop. The message is its reason.",
         "find the cause, then `twindctl reset`",
     ),
     ReasonCode.LOOP_LATE: ReasonText(
@@ -154,6 +154,12 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         "Armed or arming, a tick began later than the servo watchdogs wait, or the machine slept. "
         "Torque stays on.",
         f"find out what stopped the machine; {AGAIN}",
+    ),
+    ReasonCode.SUPPLY_RELAY: ReasonText(
+        "motion and arming refused",
+        "The supply relay opened for want of a tick or cannot be used, or the measured supply does not "
+        "follow it.",
+        "as the message says; [supply relay](safety.md#supply-relay)",
     ),
     ReasonCode.SOCKETS_GONE: ReasonText(
         "warning; HOLD, motion and arming refused; `Check` warns",

@@ -6,10 +6,11 @@ Used at start only.
 import resource
 
 from twind.exceptions import InvalidInput
-from twind.loop.ipc.front_process import ABOVE, HANDED
+from twind.loop.ipc.child_process import ABOVE
+from twind.loop.ipc.front_process import HANDED
 
 _STANDING = (
-    16  # standard streams, notifier, sockets, briefing, flight recorders, link, a virtual robot's pipes
+    18  # standard streams, notifier, sockets, briefing, flight recorders, link, power process, virtual robot
 )
 _PASSING = 8  # open for a short time: a front that is started, files
 _OF_A_BUS = 2

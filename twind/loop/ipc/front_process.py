@@ -5,18 +5,15 @@ only). It gets no bus descriptor: all descriptors of the loop are close-on-exec.
 """
 
 import contextlib
-import ctypes
-import fcntl
 import os
 import select
 import signal
 import socket
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from twind.listening_sockets import Listener
+from twind.loop.ipc.child_process import FIRST, spawn
 from twind.loop.ipc.crash_recording import CrashRecording
 
 # s without a heartbeat: the front is killed and started anew, as a hanging front serves no client
@@ -28,12 +25,7 @@ LAST_WORDS = 4.0  # s that a front has to end by itself: it may have a flight re
 # CPU
 AGAIN = 0.2
 AGAIN_MOST = 5.0  # s between two starts of fronts that die young
-_LINK = 3  # descriptor number in the child; the others follow
-ABOVE = 64  # descriptors of the child are copied to here first, out of the way of their places
 HANDED = 6  # descriptors that a child may be given: link, briefing, two sockets, two flight recorders
-# <linux/prctl.h>
-_PR_CAP_AMBIENT = 47
-_CLEAR_ALL = 4
 
 
 class FrontProcess:
@@ -103,33 +95,15 @@ class FrontProcess:
         for end in (inner, outer):
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        # -P: no module of the folder that the daemon happened to be started in.
         # Its parent by number: `twindctl estop` distinguishes a daemon from a process that adopted an orphan.
-        arguments = [sys.executable, "-P", "-m", "twind.front", "--parent", str(os.getpid())]
+        arguments = ["-m", "twind.front", "--parent", str(os.getpid())]
         arguments += [] if self._folder is None else ["--folder", str(self._folder)]
         for name, listener in self._listeners.items():
             arguments += [f"--{name}-file", listener.label]
         handed = {"link": outer.fileno(), **self._handed()}
-        with contextlib.ExitStack() as copies:
-            actions = []
-            for place, (name, fd) in enumerate(handed.items(), _LINK):
-                # Up and out of the way: dup2 onto 3, 4 ... must not overwrite a source that is still to come.
-                high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, ABOVE)
-                copies.callback(os.close, high)
-                actions.append((os.POSIX_SPAWN_DUP2, high, place))
-                arguments += [f"--{name}", str(place)]
-            copies.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
-            os.sched_setaffinity(0, self._cpus)  # a child inherits the affinity of its parent
-            _keep_rights()
-            return os.posix_spawn(
-                sys.executable,
-                arguments,
-                child_environment(),
-                file_actions=actions,
-                setsid=True,
-                setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
-                **_ordinary(),
-            )
+        for place, name in enumerate(handed, FIRST):
+            arguments += [f"--{name}", str(place)]
+        return spawn(arguments, list(handed.values()), self._cpus)
 
     def _handed(self) -> dict[str, int]:
         """Return the descriptors of a front besides its link, by option name."""
@@ -197,30 +171,3 @@ class FrontProcess:
     def due(self, now: float) -> bool:
         """Check that there is no front and that it is time to start one."""
         return self.pid is None and now >= self._start_at
-
-
-def _keep_rights() -> None:
-    """Clear ambient capabilities (AmbientCapabilities=), so that no child inherits them (capabilities(7)).
-
-    A kernel without ambient capabilities gives none.
-    """
-    ctypes.CDLL(None).prctl(_PR_CAP_AMBIENT, _CLEAR_ALL, 0, 0, 0)
-
-
-def _ordinary() -> dict[str, Any]:
-    """Return normal scheduling for the child of a real-time process; any other policy is kept.
-
-    Leaving the idle class needs a right that a user may not have.
-    """
-    real_time = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
-    return {"scheduler": (os.SCHED_OTHER, os.sched_param(0))} if real_time else {}
-
-
-def child_environment() -> dict[str, str]:
-    """Return the environment for a child: no second BLAS thread, no variables of the service manager.
-
-    Only the main process uses those.
-    """
-    excluded = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(excluded)}
-    return {"OPENBLAS_NUM_THREADS": "1", **kept}

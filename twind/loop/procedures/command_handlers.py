@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -21,7 +21,7 @@ from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Ending, Priority, Procedure
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
-from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
+from twind.loop.procedures.torque_readback import torque_on, torque_possible
 from twind.loop.procedures.torque_release import STOPS, TorqueRelease
 from twind.loop.procedures.trajectory_submissions import TrajectorySubmissions
 from twind.loop.tick.loop_figures import LoopFigures
@@ -47,12 +47,14 @@ class CommandHandlers:
         release: TorqueRelease,
         modes: ModeEntry,
         figures: LoopFigures,
+        troubles: Callable[[], Sequence[Finding]],
     ) -> None:
+        """`troubles`: returns the findings that prevent arming."""
         self._context = context
         self._parts = parts
         self._identity = identity
         self._modes = modes
-        self.gate_input = GateInput(context, parts, figures, lambda: identity.troubles)
+        self.gate_input = GateInput(context, parts, figures, troubles)
         self._calibrating = CalibratingState(context, parts.lease, identity)
         self._arming_client = 0  # client whose Arm is under way
         self.release = release
@@ -291,13 +293,8 @@ class CommandHandlers:
             known = list(STOPS)
             context.reports.error(command, "NotFound", what="level", name=command.level, known=known)
             return
-        context.condition.latch(
-            Finding(ReasonCode.ESTOP, message=command.reason or f"e-stop ({command.level})")
-        )
         self.stops.ask(command)
-        if context.condition.stop_wanted and torque_off(context):
-            return  # nothing is left to stop, and the end of the daemon must not be put off for ever
-        self.release.stop(command.level)
+        self.release.request_stop(command.level, command.reason or f"e-stop ({command.level})")
 
     def _own(
         self, command: link.Command, rank: Priority, start: Callable[[], Procedure], ended: Ending

@@ -17,7 +17,7 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
-from twind.loop.procedures.torque_readback import torque_on, torque_possible
+from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
 from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
@@ -158,6 +158,14 @@ class TorqueRelease:
         return None
 
     # ------------------------------------------------------------------------------- e-stop
+
+    def request_stop(self, level: str, reason: str) -> None:
+        """Latch an e-stop for `reason` and begin it, unless a daemon that ends has torque off already."""
+        context = self._context
+        context.condition.latch(Finding(ReasonCode.ESTOP, message=reason))
+        if context.condition.stop_wanted and torque_off(context):
+            return  # nothing is left to stop, and the end of the daemon must not be put off for ever
+        self.stop(level)
 
     def stop(self, level: str) -> None:
         """Begin an e-stop, unless one as hard is under way.

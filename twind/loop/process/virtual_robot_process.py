@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from twind.exceptions import OperationFailed
-from twind.loop.ipc.front_process import child_environment
+from twind.loop.ipc.child_process import child_environment
 
 START = 30.0  # s it may take to be ready
 
@@ -26,6 +26,7 @@ class VirtualRobotProcess:
         self.calibration = Path(self._folder.name) / "calibration.yaml"
         self.faults = Path(self._folder.name) / "faults.sock"
         self.ports: dict[str, str] = {}
+        self.power: dict[str, str] = {}  # ports of relay and stop button
         # -P: no module of the folder that the daemon happened to be started in.
         command = [sys.executable, "-P", "-m", "twind.virtual", "--robot", robot]
         command += ["--calibration", str(self.calibration), "--faults", str(self.faults), *options]
@@ -57,9 +58,11 @@ class VirtualRobotProcess:
             text += more
         for line in text.decode().splitlines():
             word, _, rest = line.partition(" ")
+            name, _, path = rest.partition(" ")
             if word == "bus":
-                name, _, path = rest.partition(" ")
                 self.ports[name] = path
+            elif word == "power":
+                self.power[name] = path
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None

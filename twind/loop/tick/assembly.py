@@ -22,6 +22,7 @@ from twind.loop.bus.imu_poller import ImuPoller
 from twind.loop.ipc.crash_recording import CrashRecording
 from twind.loop.ipc.front_link import ControlLink, FrontLink
 from twind.loop.ipc.front_process import FrontProcess
+from twind.loop.process.power_child import PowerChild
 from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
@@ -67,11 +68,12 @@ def build(
     live_denied: Finding | None = None,
     rewire: Callable[[BoundRobot], Enabler] | None = None,
     tapes: Mapping[str, BusTap] = NO_TAPES,
+    power: PowerChild | None = None,
 ) -> Loop:
     """Return a loop ready to run.
 
     `rewire` makes the `enabler` for the same robot with other limits or gains. `tapes` are the recorders of
-    the buses that the flight recorder covers.
+    the buses that the flight recorder covers. `power`: process of supply relay and stop button.
     """
     binding = robot.binding
     period = 1.0 / rate_hz
@@ -113,9 +115,24 @@ def build(
         realtime=realtime,
         live_denied=live_denied,
         rewire=rewire,
+        power=power,
         outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
+
+
+def power(robot: RobotFile, rate_hz: float, virtual: Mapping[str, str]) -> PowerChild | None:
+    """Return the process of supply relay and stop button, not started; None: the robot has neither.
+
+    `virtual`: ports of a virtual robot, which replace those of the file. Raises InvalidInput.
+    """
+    relay = robot.relay
+    button = robot.stop_button
+    if relay is not None and virtual:
+        relay = replace(relay, kind="lcus1", port=virtual["relay"])
+    if button is not None and virtual:
+        button = replace(button, kind="serial", port=virtual["stop_button"])
+    return None if relay is None and button is None else PowerChild(relay, button, rate_hz)
 
 
 def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:

@@ -18,6 +18,7 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_runner import ProcedureRunner
 from twind.loop.procedures.robot_condition import RobotCondition
+from twind.loop.procedures.supply_control import SupplyControl
 from twind.loop.procedures.torque_readback import torque_off
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
@@ -57,10 +58,20 @@ class Loop:
         verified = JointVerificationState(self, parts.guard)
         release = TorqueRelease(self, verified, parts.notifier, parts.twin)
         self.identity = IdentificationState(self, verified, release, modes)
-        self.commands = CommandHandlers(self, parts, self.identity, release, modes, self.figures)
+        self.supply = SupplyControl(self, parts.power, release.request_stop)
+        self.commands = CommandHandlers(
+            self, parts, self.identity, release, modes, self.figures, lambda: self.troubles
+        )
         self.reactions = Reactions(self, parts, self.identity, release)
-        self.publisher = StatePublisher(self, parts, self.identity, self.commands.reloads, self.figures)
+        self.publisher = StatePublisher(
+            self, parts, self.identity, self.commands.reloads, self.figures, self.supply
+        )
         modes.enter(mode)
+
+    @property
+    def troubles(self) -> list[Finding]:
+        """Findings on devices, joints and supply that prevent arming."""
+        return [*self.identity.troubles, *self.supply.findings]
 
     # ------------------------------------------------------------------------------- time
 
@@ -80,6 +91,7 @@ class Loop:
 
     def tick(self, now: float) -> None:
         """Run one period: commands, procedures, gate, exchange, twin, reports."""
+        self.supply.serve(now)
         self.commands.serve(now)
         self.procedures.step(now)
         live = self.condition.mode is Mode.LIVE
@@ -112,6 +124,7 @@ class Loop:
             self.figures.failed_in_a_row = 0
             # Only a complete tick feeds the service manager's watchdog: else it restarts the daemon.
             self.parts.notifier.alive(now)
+            self.supply.beat()  # without it the supply relay opens
 
     # ------------------------------------------------------------------------------- the per-tick gate
 
@@ -129,6 +142,7 @@ class Loop:
         self.reports.event("info", EventCode.END, f"torque {_torque_text(torque_off(self))}")
         self.publisher.publish(self.clock.now())
         self.hardware.access(read=False, write=False)
+        self.supply.close()
         self.parts.link.close()
 
     # ------------------------------------------------------------------------------- after the exchange

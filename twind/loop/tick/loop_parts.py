@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from twind.loop.bus.bus_port import Enabler
 from twind.loop.bus.hardware import Hardware
 from twind.loop.ipc.front_link import ControlLink
+from twind.loop.process.power_child import PowerChild
 from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
@@ -44,4 +45,5 @@ class LoopParts:
     live_denied: Finding | None  # reason why mode live is refused; None: it is allowed
     # how write halves are made for a robot that was changed
     rewire: Callable[[BoundRobot], Enabler] | None = None
+    power: PowerChild | None = None  # None: the robot has neither supply relay nor stop button
     outlook: CollisionLookahead | None = None  # None: no two bodies of the model can collide

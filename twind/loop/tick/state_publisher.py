@@ -12,6 +12,7 @@ from twind.loop.bus.bus_port import PortState
 from twind.loop.procedures.identification import IdentificationState
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
+from twind.loop.procedures.supply_control import SupplyControl
 from twind.loop.procedures.torque_readback import torque_inherited, torque_known
 from twind.loop.tick.loop_figures import LoopFigures, buckets
 from twind.loop.tick.loop_parts import LoopParts
@@ -37,12 +38,14 @@ class StatePublisher:
         identity: IdentificationState,
         reloads: ReloadCoordinator,
         figures: LoopFigures,
+        supply: SupplyControl,
     ) -> None:
         self._context = context
         self._parts = parts
         self._identity = identity
         self._reloads = reloads
         self._figures = figures
+        self._supply = supply
         self._next = self._whole = 0.0  # s, when it is time for an overview, and for one with histograms
         self._status_at = 0.0  # s, when the line for the service manager is made again
         self._unknown = np.full(len(context.robot.joints), np.nan).tobytes()
@@ -116,7 +119,11 @@ class StatePublisher:
             return f"no client can be served: {self._parts.link.no_front}"
         if context.condition.unreachable is not None:
             return f"{context.condition.unreachable.code}: {context.condition.unreachable.message}"
-        for finding in (*context.condition.latches.values(), *self._identity.troubles):
+        for finding in (
+            *context.condition.latches.values(),
+            *self._identity.troubles,
+            *self._supply.findings,
+        ):
             joint = "" if finding.joint is None else f" {context.robot.joints.names[finding.joint]}"
             return f"{finding.code}{joint}: {finding.message}"
         for port in context.hardware.ports:
@@ -154,6 +161,8 @@ class StatePublisher:
             voltage=slow.voltage.tobytes(),
             torque=torque_known(context).tobytes(),
             fault_bits=self._faults().tobytes(),
+            supply_relay=self._supply.relay_text,
+            stop_button=self._supply.button_text,
             verified=b"" if context.condition.mode is Mode.SIM else self._identity.verified.joints.tobytes(),
         )
 
@@ -165,6 +174,7 @@ class StatePublisher:
             *lost,
             *context.condition.latches.values(),
             *self._identity.troubles,
+            *self._supply.findings,
             *self._parts.guard.bars,
         )
         return list({(each.code, each.joint, each.message): each for each in found}.values())
