@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from twind_drivers.bus import DeviceRefused, Ints, Script
 from twind_drivers.dynamixel1.dynamixel1_identification import derived, objections
-from twind_drivers.dynamixel1.dynamixel1_reader import ERRORS, Dynamixel1Reader
+from twind_drivers.dynamixel1.dynamixel1_reader import Dynamixel1Reader
 from twind_drivers.dynamixel1.dynamixel1_registers import BLOCKS, CURRENT_MODE, GOAL, TORQUE
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_writer import SHARE, RegisterWriter, Row
@@ -54,6 +54,7 @@ class Dynamixel1Writer(RegisterWriter):
         """
         self._wanted = dict(zip(reader.ids, gains, strict=False))
         self._wanted_limits = dict(zip(reader.ids, torque_limits, strict=False))
+        self._reader = reader
         self._gains: dict[int, dict[str, int]] = {}  # by id, of each prepared servo
         super().__init__(reader, lower=lower, upper=upper)
 
@@ -85,8 +86,9 @@ class Dynamixel1Writer(RegisterWriter):
             known = [id for id in ids if block in BLOCKS or "torque_control_mode" in self._bus.tables[id]]
             for id, values in (yield from self._bus.values(known, *block)).items() if known else ():
                 state[id].update(values)
+        errors = yield from self._reader.errors(ids)
         for id, found in state.items():
-            found |= derived(found, (yield from self._bus.read(id, ERRORS)).value)
+            found |= derived(found, errors[id])
             reasons = objections(found["model_number"], found)
             if reasons:
                 raise DeviceRefused(self._name, id, "arming", "; ".join(reasons))
