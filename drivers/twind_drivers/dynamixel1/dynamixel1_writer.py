@@ -7,7 +7,7 @@ be written under torque.
 
 from collections.abc import Mapping, Sequence
 
-from twind_drivers.bus import DeviceRefused, Ints, Script
+from twind_drivers.bus import DeviceRefused, Ints, RestartResult, Script
 from twind_drivers.dynamixel1.dynamixel1_identification import derived, objections
 from twind_drivers.dynamixel1.dynamixel1_reader import Dynamixel1Reader
 from twind_drivers.dynamixel1.dynamixel1_registers import BLOCKS, CURRENT_MODE, GOAL, TORQUE
@@ -111,7 +111,7 @@ class Dynamixel1Writer(RegisterWriter):
         finally:
             self._check.unlocked = None
 
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[None]:
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
         """Raise DeviceRefused: the protocol has no restart. KeyError for an id that is not on this bus."""
         self._bus.table(id)
         yield from ()
