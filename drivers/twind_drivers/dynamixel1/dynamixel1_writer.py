@@ -78,6 +78,9 @@ class Dynamixel1Writer(RegisterWriter):
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)
         yield from self._set(self._limits(holding, 1.0))
+        # Torque that another writer switched on is taken over: its goals leave from now on.
+        self._on[[self._index[id] for id in holding]] = True
+        self._version = -1
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read all settings. Raises DeviceRefused for what must not get torque."""
