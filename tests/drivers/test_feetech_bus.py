@@ -11,6 +11,7 @@ from twind.config.robot_file import load_robot
 from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteRequest
 from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_type import FeetechType
+from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
@@ -201,6 +202,16 @@ def test_it_holds_its_last_goal_when_the_master_is_gone() -> None:
     assert rig.energised().all()
     assert abs(rig.places() - here - 50).max() <= 2
     assert (rig.registers.watchdog == -1).all()
+
+
+def test_a_new_writer_takes_over_torque_that_another_left() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.writer = FeetechWriter(rig.reader, lower=rig.lower, upper=rig.upper)
+    rig.ticks(10)
+    rig.beside(rig.writer.prepare(here))
+    rig.ticks(40, here + 50)
+    assert abs(rig.places() - here - 50).max() <= 2
 
 
 def test_an_error_is_a_state_and_not_a_latch() -> None:
