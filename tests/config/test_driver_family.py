@@ -128,7 +128,7 @@ def test_a_device_that_two_families_know_is_of_the_one_whose_bus_the_file_has(
 @pytest.mark.parametrize(
     ("added", "kind", "words"),
     [
-        ([], "toy", "no installed package drives buses of kind 'toy'; installed: can, dynamixel2"),
+        ([], "toy", "no installed package drives buses of kind 'toy'; installed: can, dynamixel1"),
         ([("toy", "no.such.module:TOY")], "toy", "no.such.module:TOY cannot be imported: No module named"),
         ([("toy", f"{__name__}:NONE")], "toy", "NONE cannot be imported: module .* has no attribute"),
         ([("toys", f"{__name__}:TOY")], "toys", "registered for kind toys, but drives toy"),

@@ -11,6 +11,7 @@ from twind_drivers.bus import DeviceRefused, NoReply, WireRangeError, WriteReque
 from twind_drivers.dynamixel1.dynamixel1_budget import Dynamixel1Cycle
 from twind_drivers.dynamixel1.dynamixel1_models import models
 from twind_drivers.dynamixel1.dynamixel1_packet import BULK_READ, bulk_read, explain
+from twind_drivers.dynamixel1.dynamixel1_writer import Dynamixel1Writer
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import Dynamixel1ServoSpec
 from twind_drivers.half_duplex import checksum_packet as p
 from twind_drivers.half_duplex.checksum_reply import ChecksumReply
@@ -253,6 +254,16 @@ def test_it_holds_its_last_goal_when_the_master_is_gone() -> None:
     assert rig.energised().all()
     assert abs(rig.places() - here - 50).max() <= 2
     assert (rig.registers.watchdog == -1).all()
+
+
+def test_a_new_writer_takes_over_torque_that_another_left() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.writer = Dynamixel1Writer(rig.reader, lower=rig.lower, upper=rig.upper)
+    rig.ticks(10)
+    rig.beside(rig.writer.prepare(here))
+    rig.ticks(60, here + 50)
+    assert abs(rig.places() - here - 50).max() <= 2
 
 
 def test_there_is_no_restart() -> None:

@@ -215,6 +215,16 @@ def test_it_holds_its_last_goal_when_the_master_is_gone() -> None:
     assert (rig.registers.watchdog == -1).all()
 
 
+def test_a_new_writer_takes_over_torque_that_another_left() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.writer = FeetechWriter(rig.reader, lower=rig.lower, upper=rig.upper)
+    rig.ticks(10)
+    rig.beside(rig.writer.prepare(here))
+    rig.ticks(40, here + 50)
+    assert abs(rig.places() - here - 50).max() <= 2
+
+
 def test_an_error_is_a_state_and_not_a_latch() -> None:
     rig = rig_of()
     here = rig.arm()

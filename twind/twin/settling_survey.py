@@ -94,4 +94,6 @@ def _swings(binding: Binding, joints: Sequence[int], armature: float) -> Floats:
             return np.full(len(goal), np.inf)
         if tick * PERIOD >= WAIT:
             rows.append(np.array(simulation.data.qpos[binding.qpos]))
-    return np.ptp(np.array(rows), axis=0)
+    places = np.array(rows)
+    swings: Floats = places.max(axis=0) - places.min(axis=0)
+    return swings

@@ -5,13 +5,13 @@ And what speaks against torque: what a servo without watchdog must have right be
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from twind_drivers.bus import IdentifiedDevice, ReadRequest, Script
 from twind_drivers.dynamixel1.dynamixel1_models import NEW_FIRMWARE, TWO, Dynamixel1Model, model_of
 from twind_drivers.dynamixel1.dynamixel1_packet import FAULT_BITS, explain
 from twind_drivers.dynamixel1.dynamixel1_registers import BLOCKS, CURRENT_MODE, table_of
 from twind_drivers.half_duplex.register_table import RegisterTable
+from twind_drivers.half_duplex.table_reader import TableReader
 
 IDENTITY = (0, 4)  # address and size: model number, firmware, id
 UNLOADING = 0x24  # mask 18: overload, overheating
@@ -20,16 +20,8 @@ WHEEL = 1
 MULTI_TURN = 2
 LAST = 4095  # both limits of an MX in multi-turn mode
 SLAVE = 0x02  # bit of drive mode (10)
+ENDS = {"max_position_limit", "torque_enable"}  # registers of both blocks that every known model has
 Settings = dict[str, int]
-
-
-class SliceReader(Protocol):
-    """Reader as identification uses it."""
-
-    ids: tuple[int, ...]
-
-    def slice_count(self, size: int) -> int:
-        """Return the devices whose read of `size` bytes fits one transaction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +33,7 @@ class FoundDynamixel1:
     grouped: bool
 
 
-def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Script[dict[int, FoundDynamixel1]]:
+def identify(bus: TableReader, use_groups: Callable[[int, bool], None]) -> Script[dict[int, FoundDynamixel1]]:
     """Read model, firmware and all settings of every id; return the servos that answer, by id.
 
     `use_groups(id, on)`: whether the reader may use bulk reads for a device; the test of it needs that.
@@ -58,7 +50,7 @@ def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Scrip
     settings: dict[int, Settings] = {id: {} for id in kinds}
     for block in (*BLOCKS, CURRENT_MODE):
         known = list(kinds) if block in BLOCKS else [id for id in kinds if _has_current(table_of(kinds[id]))]
-        for part in _slices(known, bus.slice_count(block[1])):
+        for part in slices(known, bus.slice_count(block[1])):
             reply = yield ReadRequest(part, *block)
             missed = [id for id in part if id not in reply.data]
             again = (yield from _each(missed, *block))[0] if missed else {}
@@ -67,6 +59,7 @@ def identify(bus: SliceReader, use_groups: Callable[[int, bool], None]) -> Scrip
     return {
         id: _found(id, numbers[id], kinds[id], settings[id] | derived(settings[id], errors[id]), groups)
         for id in kinds
+        if kinds[id] is None or settings[id].keys() >= ENDS  # else it fell silent in the middle
     }
 
 
@@ -98,7 +91,8 @@ def _deaf_to_groups(ids: Sequence[int], count: int) -> Script[list[int]]:
     return deaf
 
 
-def _slices(ids: Sequence[int], count: int) -> list[tuple[int, ...]]:
+def slices(ids: Sequence[int], count: int) -> list[tuple[int, ...]]:
+    """Return the ids in parts of at most `count`."""
     return [tuple(ids[first : first + count]) for first in range(0, len(ids), count)]
 
 

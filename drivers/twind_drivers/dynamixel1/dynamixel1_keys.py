@@ -27,7 +27,7 @@ class Dynamixel1BusKeys(BusKeys):
         9_600, 19_200, 57_600, 115_200, 200_000, 250_000, 400_000, 500_000, 1_000_000, 2_250_000, 2_500_000,
         3_000_000,
     ] = 1_000_000  # fmt: skip
-    """Dynamixel 1.0: 9600–3000000, a servo rate | | baud rate of the servos; above 1000000 MX only"""
+    """9600–4500000, a servo rate | | baud rate of the servos"""
     latency_timer_ms: Annotated[int, Meta(ge=0, le=255)] = 1
     """of the USB adapter, for the bus budget only; 0: no USB adapter"""
     one_write: bool = True
@@ -50,13 +50,14 @@ class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
     velocity_limit_rad_s: Speed = 2.0
     """of the motor shaft"""
     torque_limit: Annotated[int, Meta(ge=1, le=1023)] = 1023
-    """1–1023 | 1023 | Dynamixel 1.0: 0.1 %, register 34, at most register 14"""
+    """1–1000; Dynamixel 1.0: 1–1023 | all | 0.1 %; Feetech: register 48, at most register 16;
+    Dynamixel 1.0: register 34, at most register 14"""
     volts: Annotated[float, Meta(ge=4.0, le=25.0)] = math.nan
-    """4–25 | of its page | Dynamixel 1.0: V of the supply, of which the strength depends"""
+    """4–25 | Feetech: 7.4; Dynamixel 1.0: of its page | V of the supply, of which the strength depends"""
     watchdog: Literal["", "none"] = ""
     """`none` | required to arm | Dynamixel 1.0: a servo holds its last goal when the daemon dies"""
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500
-    """0–508, even | 500 | Dynamixel 1.0: at least what register 5 says, in µs; factory setting 500"""
+    """0–508, even | 500 | twice register 9; Dynamixel 1.0: twice register 5, or more"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
 

@@ -18,13 +18,14 @@ from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.dynamixel1.dynamixel1_budget import SIZE, TURNAROUND, Dynamixel1Cycle
 from twind_drivers.dynamixel1.dynamixel1_cyclic_read import Dynamixel1CyclicRead, group_transaction
-from twind_drivers.dynamixel1.dynamixel1_identification import IDENTITY, identify
+from twind_drivers.dynamixel1.dynamixel1_identification import IDENTITY, identify, slices
 from twind_drivers.dynamixel1.dynamixel1_models import model
 from twind_drivers.dynamixel1.dynamixel1_packet import FAULT_BITS, explain
 from twind_drivers.dynamixel1.dynamixel1_registers import START, table_of
 from twind_drivers.dynamixel1.dynamixel1_slow_registers import BLOCK, Dynamixel1SlowRegisters
 from twind_drivers.half_duplex.checksum_packet import find_packets
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import PendingReply
 from twind_drivers.half_duplex.register_table import RegisterTable
 from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ
@@ -87,6 +88,7 @@ class Dynamixel1Reader(TableReader):
         self.cyclic: Dynamixel1CyclicRead = Dynamixel1CyclicRead(self.ids, groups, period=self._period)
         self.slow: Dynamixel1SlowRegisters = Dynamixel1SlowRegisters(self.ids)
         self.registers: SlowRegisterValues = self.slow.registers
+        self.watchdog: HostWatchdog = HostWatchdog(self.registers)
         self._query = None
         self._known: dict[Query, SerialTransaction] = {}
         self._schedule()
@@ -174,10 +176,23 @@ class Dynamixel1Reader(TableReader):
         if name != ERRORS:
             return (yield from super().read(id, name))
         self.table(id)
-        reply = yield ReadRequest((id,), *IDENTITY)
-        if id not in reply.error:
-            raise NoReply(self.name, (id,), reply.waited, f"read of {name}")
-        return RegisterAddress(name, IDENTITY[0], 1, reply.error[id] & FAULT_BITS, False)
+        errors = yield from self.errors((id,))
+        return RegisterAddress(name, IDENTITY[0], 1, errors[id], False)
+
+    def errors(self, ids: Sequence[int]) -> Script[dict[int, int]]:
+        """Return the error bits of several devices that are their state. Raises NoReply."""
+        found: dict[int, int] = {}
+        waited = 0.0
+        for _ in range(2):
+            missing = [id for id in ids if id not in found]
+            for part in slices(missing, self.slice_count(IDENTITY[1])):
+                reply = yield ReadRequest(part, *IDENTITY)
+                found.update({id: error & FAULT_BITS for id, error in reply.error.items()})
+                waited += reply.waited
+        silent = [id for id in ids if id not in found]
+        if silent:
+            raise NoReply(self.name, silent, waited, f"read of {ERRORS}")
+        return found
 
     def keeps(self, id: int, name: str) -> bool:
         """Return True for EEPROM registers: addresses below 24. Raises KeyError."""

@@ -15,6 +15,7 @@ from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
 from twind.virtual.joint_actuators import fence
 from twind.virtual.virtual_twin import (
     BenchRequest,
+    DeviceOptions,
     EncoderFrame,
     JointDevice,
     PhysicsRequest,
@@ -49,6 +50,12 @@ FAULTS: FaultArguments = {
 }
 
 
+def _common(options: DeviceOptions, baud: int | None) -> dict[str, int]:
+    """Return the registers that the command line sets. Raises InvalidInput."""
+    delay = options.return_delay_us
+    return _baud(baud) | ({} if delay is None else {"return_delay_time": delay // 2})
+
+
 def _baud(baud: int | None) -> dict[str, int]:
     """Return register 4 for a rate; None: 1 Mbaud. Raises InvalidInput."""
     if baud is None:
@@ -61,11 +68,13 @@ def _baud(baud: int | None) -> dict[str, int]:
 
 def robot_devices(request: RobotBusRequest) -> list[tuple[Dynamixel1ServoSpec, EncoderFrame]]:
     """Servos of the joints of a bus, with angle limits around the travel."""
-    base = _baud(request.options.baud or request.bus.baud)
-    return [_servo_of(each, base) for each in request.joints]
+    base = _common(request.options, request.options.baud or request.bus.baud)
+    return [_servo_of(each, base, request.options.firmware) for each in request.joints]
 
 
-def _servo_of(device: JointDevice, base: dict[str, int]) -> tuple[Dynamixel1ServoSpec, EncoderFrame]:
+def _servo_of(
+    device: JointDevice, base: dict[str, int], firmware: int | None
+) -> tuple[Dynamixel1ServoSpec, EncoderFrame]:
     joint = device.joint
     kind = joint.type
     assert isinstance(kind, Dynamixel1Type)
@@ -79,7 +88,9 @@ def _servo_of(device: JointDevice, base: dict[str, int]) -> tuple[Dynamixel1Serv
         "return_delay_time": kind.return_delay_us // 2,
     }
     settings = own | base | dict(joint.registers) | dict(device.truth.registers)
-    return Dynamixel1ServoSpec(device.id, kind.device, settings, volts=kind.volts, hinge=device.hinge), frame
+    return Dynamixel1ServoSpec(
+        device.id, kind.device, settings, firmware, volts=kind.volts, hinge=device.hinge
+    ), frame
 
 
 def bench_device(request: BenchRequest) -> Dynamixel1ServoSpec:
@@ -90,8 +101,9 @@ def bench_device(request: BenchRequest) -> Dynamixel1ServoSpec:
     version = request.version
     if version is not None and not (version.isascii() and version.isdigit() and int(version) < 256):
         raise InvalidInput(f"--servo {request.text}: firmware {version} is not one of 0..255")
-    settings = _baud(request.options.baud)
-    return Dynamixel1ServoSpec(int(id), request.model, settings, None if version is None else int(version))
+    settings = _common(request.options, request.options.baud)
+    firmware = request.options.firmware if version is None else int(version)
+    return Dynamixel1ServoSpec(int(id), request.model, settings, firmware)
 
 
 def identity(servo: Dynamixel1ServoSpec) -> IdentifiedDevice:

@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import TypeSpec
-from twind.config.robot_spec import JointSpec
+from twind.config.actuator_types import ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel1.dynamixel1_identification import objections
 from twind_drivers.dynamixel1.dynamixel1_models import Dynamixel1Model, model
@@ -27,11 +26,14 @@ class Dynamixel1Gains:
     """Position gains as register counts; None: as the servo has it."""
 
     p: Gain | None = None
-    """0–254 | as the servo has it | MX of Protocol 1.0: register 28, written to RAM before torque"""
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    written before torque"""
     i: Gain | None = None
-    """0–254 | as the servo has it | MX of Protocol 1.0: register 27"""
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    written before torque"""
     d: Gain | None = None
-    """0–254 | as the servo has it | MX of Protocol 1.0: register 26"""
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    written before torque"""
     slope: Annotated[int, Meta(ge=1, le=254)] | None = None
     """1–254 | as the servo has it | AX, RX, EX: compliance slope, registers 28 and 29; larger is softer"""
 
@@ -110,7 +112,7 @@ class Dynamixel1Type(TypeSpec):
         """Return the type with these gains, in whole counts."""
         return replace(self, gains=Dynamixel1Gains(**{name: int(number) for name, number in gains.items()}))
 
-    def unfit(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
+    def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what rules it out: no word on the watchdog, another model, firmware or settings."""
         if self.watchdog != "none":
             yield (

@@ -8,8 +8,9 @@ be written under torque.
 from collections.abc import Mapping, Sequence
 
 from twind_drivers.bus import DeviceRefused, Ints, Script
+from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel1.dynamixel1_identification import derived, objections
-from twind_drivers.dynamixel1.dynamixel1_reader import ERRORS, Dynamixel1Reader
+from twind_drivers.dynamixel1.dynamixel1_reader import Dynamixel1Reader
 from twind_drivers.dynamixel1.dynamixel1_registers import BLOCKS, CURRENT_MODE, GOAL, TORQUE
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_writer import SHARE, RegisterWriter, Row
@@ -54,6 +55,7 @@ class Dynamixel1Writer(RegisterWriter):
         """
         self._wanted = dict(zip(reader.ids, gains, strict=False))
         self._wanted_limits = dict(zip(reader.ids, torque_limits, strict=False))
+        self._reader = reader
         self._gains: dict[int, dict[str, int]] = {}  # by id, of each prepared servo
         super().__init__(reader, lower=lower, upper=upper)
 
@@ -77,6 +79,9 @@ class Dynamixel1Writer(RegisterWriter):
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)
         yield from self._set(self._limits(holding, 1.0))
+        # Torque that another writer switched on is taken over: its goals leave from now on.
+        self._on[[self._index[id] for id in holding]] = True
+        self._version = -1
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read all settings. Raises DeviceRefused for what must not get torque."""
@@ -85,8 +90,9 @@ class Dynamixel1Writer(RegisterWriter):
             known = [id for id in ids if block in BLOCKS or "torque_control_mode" in self._bus.tables[id]]
             for id, values in (yield from self._bus.values(known, *block)).items() if known else ():
                 state[id].update(values)
+        errors = yield from self._reader.errors(ids)
         for id, found in state.items():
-            found |= derived(found, (yield from self._bus.read(id, ERRORS)).value)
+            found |= derived(found, errors[id])
             reasons = objections(found["model_number"], found)
             if reasons:
                 raise DeviceRefused(self._name, id, "arming", "; ".join(reasons))
@@ -109,7 +115,7 @@ class Dynamixel1Writer(RegisterWriter):
         finally:
             self._check.unlocked = None
 
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[None]:
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
         """Raise DeviceRefused: the protocol has no restart. KeyError for an id that is not on this bus."""
         self._bus.table(id)
         yield from ()

@@ -176,7 +176,7 @@ class VirtualDynamixel1Servos:
     def encoder(self, row: int, count: float) -> float:
         """Return the place of the shaft at which the position register shows `count`."""
         turn = self.turn[row]
-        return count + turn * np.floor(float(self.muscles.position[row]) / turn)
+        return count + turn * (float(self.muscles.position[row]) // turn)
 
     def shown(self, row: int) -> int:
         """Return the count that the position register shows: one turn, at most the largest count."""

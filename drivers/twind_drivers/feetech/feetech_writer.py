@@ -91,6 +91,7 @@ class FeetechWriter:
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
+        reader.watchdog.watched = self._on
         self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self.set_goal_limits(lower, upper)
 
@@ -208,8 +209,9 @@ class FeetechWriter:
         yield from self._set(rows)
         self._reader.watchdog.clear(np.isin(self._ids, ids))
         yield from self._set(self._limits(holding, 1.0))
-        for id in holding:  # it holds the goal that was just written: it may follow the next ones
-            self._on[self._index[id]] = True
+        # Torque that another writer switched on is taken over: its goals leave from now on.
+        self._on[[self._index[id] for id in holding]] = True
+        self._version = -1
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read registers 0 to 70. Raises DeviceRefused for what must not get torque."""
@@ -354,7 +356,6 @@ class FeetechWriter:
 
     def _switched(self, on: bool) -> None:
         self._on.fill(on)
-        self._reader.watchdog.watched = self._on
         self._version = -1
 
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:

@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from twind_drivers.bus import (
+    TRIPPED,
     Bools,
     DeviceRefused,
     GroupWriteBatch,
@@ -27,6 +28,7 @@ from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.single_device import SingleDeviceControl
@@ -43,6 +45,7 @@ class RegisterReader(Protocol):
     ids: tuple[int, ...]
     line: HalfDuplexTransactor
     registers: SlowRegisterValues
+    watchdog: HostWatchdog
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:
@@ -82,6 +85,7 @@ class RegisterWriter:
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
+        reader.watchdog.watched = self._on
         self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self.set_goal_limits(lower, upper)
 
@@ -106,14 +110,15 @@ class RegisterWriter:
         """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
 
         A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
-        which could switch torque on.
+        which could switch torque on. One that was silent for 0.1 s gets none until it is prepared.
         """
         self._line.goals = b""
         registers = self._bus.registers
         if registers.version != self._version:
             self._version = registers.version
             self._on &= registers.torque != 0
-            chosen = self._led & self._on & (registers.torque == 1)
+            well = (registers.torque == 1) & (registers.watchdog != TRIPPED) & ~self._bus.watchdog.overdue
+            chosen = self._led & self._on & well
             if np.flatnonzero(chosen).tolist() != self._goals.places:
                 self._goals.choose(chosen)
         self._line.goals = self._goals.encode(ticks)
@@ -167,6 +172,7 @@ class RegisterWriter:
         while there:
             try:
                 yield from self._prepare(there, ticks)
+                self._bus.watchdog.clear(np.isin(self._ids, there))
                 break
             except NoReply as error:
                 silent = silent or error
