@@ -183,7 +183,7 @@ def test_families_with_29_bit_ids_conflict_with_none_and_others_by_their_frames(
             "buses.leg.port: /dev/ttyACM0: a bus of kind can needs can:INTERFA",
         ),
         ("{kind: can, port: 'can:can0'}", "can:can0: a CAN port is can:INTERFACE:CHANNEL"),
-        ("{kind: canopen}", "'canopen' is none of can, dynamixel2"),
+        ("{kind: canopen}", "'canopen' is none of can, dynamixel1"),
     ],
 )
 def test_an_invalid_can_bus_is_refused(tmp_path: Path, bus: str, message: str) -> None:

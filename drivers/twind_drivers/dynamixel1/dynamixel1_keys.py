@@ -56,6 +56,9 @@ class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
     """4–25 | Feetech: 7.4; Dynamixel 1.0: of its page | V of the supply, of which the strength depends"""
     watchdog: Literal["", "none"] = ""
     """`none` | required to arm | Dynamixel 1.0: a servo holds its last goal when the daemon dies"""
+    lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
+    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint, beyond the sag of its load; see
+    [no watchdog](safety.md#no-watchdog)"""
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500
     """0–508, even | 500 | twice register 9; Dynamixel 1.0: twice register 5, or more"""
     registers: ConfigReader
@@ -102,6 +105,7 @@ def dynamixel1_type(name: str, section: ConfigReader) -> Dynamixel1Type:
         volts=known.volts if math.isnan(given.volts) else given.volts,
         watchdog=given.watchdog,
         return_delay_us=given.return_delay_us,
+        lead_limit=given.lead_limit_rad,
     )
 
 

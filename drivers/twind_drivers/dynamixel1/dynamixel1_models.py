@@ -57,6 +57,13 @@ class Dynamixel1Model:
         return stall, speed
 
 
+def share_per_radian(known: Dynamixel1Model, gain: float) -> float:
+    """Return the share of the stall torque for each rad of error: of P gain (28), or compliance slope."""
+    if known.bulk_read:
+        return 4096 / (2 * pi * 1023) * gain / DIVISOR
+    return known.turn / (2 * pi) / gain
+
+
 Row = tuple[float, float, float, float]  # V, N·m, rev/min, A, as OperatingPoint
 
 

@@ -10,12 +10,13 @@ from msgspec import Meta
 from twind.config.actuator_types import ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel1.dynamixel1_identification import objections
-from twind_drivers.dynamixel1.dynamixel1_models import Dynamixel1Model, model
+from twind_drivers.dynamixel1.dynamixel1_models import Dynamixel1Model, model, share_per_radian
 from twind_drivers.dynamixel1.dynamixel1_registers import table_of
 from twind_drivers.half_duplex.register_table import RegisterTable
 
 KIND = "dynamixel1"  # of its buses
 POSITION = "position"
+FACTORY_GAIN = 32  # registers 28 and 29: P of an MX, compliance slope of the others
 FULL = 1023  # torque limit: all of the torque
 MICROSECONDS = 2  # of one count of the return delay
 Gain = Annotated[int, Meta(ge=0, le=254)]
@@ -47,6 +48,7 @@ class Dynamixel1Type(TypeSpec):
     volts: float  # of the supply
     watchdog: str  # `none`; empty: the file does not say it
     return_delay_us: int
+    lead_limit: float  # rad, at the joint
 
     BUS: ClassVar[str] = KIND
 
@@ -101,6 +103,17 @@ class Dynamixel1Type(TypeSpec):
     def watched(self) -> bool:
         """False: it holds its last goal when its master dies."""
         return False
+
+    @property
+    def lead_limit_rad(self) -> float:
+        """The value of the robot file."""
+        return self.lead_limit
+
+    @property
+    def stiffness_nm_per_rad(self) -> float:
+        """Stall torque and gain give it; the gain as from the factory where the file gives none."""
+        given = self.gains.p if self.model.bulk_read else self.gains.slope
+        return self.strength[0] * share_per_radian(self.model, FACTORY_GAIN if given is None else given)
 
     @property
     def gain_limits(self) -> Mapping[str, float]:
