@@ -57,17 +57,21 @@ class UnwatchedKills:
 
     def _arm(self, client: Client) -> None:
         """Arm; a busy machine is asked again. A limp elbow lies beyond its stop by a count: it is lifted."""
+        refused = ""
         for _ in range(TRIES):
             if not all(servo["torque"] for servo in self.virtual.servos()):
                 self.virtual.order(fault="hand", id=3, rad=1.5)
                 until(lambda: abs(self._angle(3) - 1.5) < 0.05, 5.0, "the elbow is lifted")
-            with suppress(Refused):
+            try:
                 client.call("AcquireLease", take=True)
                 client.call("Arm")
+            except Refused as refusal:
+                refused = str(refusal)
+                time.sleep(0.5)
+            else:
                 self.virtual.order(fault="hand", id=3, off=True)
                 return
-            time.sleep(0.5)
-        raise AssertionError("arming was refused again and again")
+        raise AssertionError(f"arming was refused again and again: {refused}")
 
     def _identified(self) -> None:
         """Wait for the daemon; start another where a busy machine lost a reply of the identification."""

@@ -112,8 +112,7 @@ class LeadRules:
         """Return a slower pace for a motion, 0 at the limit of a joint, and HOLD if that lasts."""
         bounds = self._bounds
         room = (self._most - ahead) / (self._most - self._free)
-        room = np.where(self._leading, np.nan_to_num(room, nan=0.0), 1.0)
-        least = float(room.min())
+        least = float(np.nan_to_num(room, nan=0.0)[self._leading].min())
         pace = least if least >= bounds.least_pace else 0.0
         self._waits_since = min(self._waits_since, now) if pace == 0.0 else NEVER
         worst = self._worst(ahead)
