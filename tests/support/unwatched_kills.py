@@ -67,6 +67,9 @@ class UnwatchedKills:
                 client.call("Arm")
             except Refused as refusal:
                 refused = str(refusal)
+                if "OUT_OF_LIMIT" in refused:  # it was lowered to its stop, and torque is on
+                    with suppress(Refused):
+                        client.call("Disarm")
                 time.sleep(0.5)
             else:
                 self.virtual.order(fault="hand", id=3, off=True)
