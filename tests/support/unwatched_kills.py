@@ -68,8 +68,9 @@ class UnwatchedKills:
             except Refused as refusal:
                 refused = str(refusal)
                 if "OUT_OF_LIMIT" in refused:  # it was lowered to its stop, and torque is on
-                    with suppress(Refused):
-                        client.call("Disarm")
+                    with suppress(ClientError):
+                        client.call("EStop", level="cut")
+                        client.call("Reset")
                 time.sleep(0.5)
             else:
                 self.virtual.order(fault="hand", id=3, off=True)
