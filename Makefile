@@ -19,7 +19,7 @@ CHANGED ?=
 EXTRAS ?=
 
 .PHONY: all help demo test test-fast test-slow campaigns check computed lived format lint types imports bench coverage oracle fuzz \
-	mutate clean faults soak kills model cast pictures ros ros-if-here \
+	mutate clean faults soak kills lead-kills model cast pictures ros ros-if-here \
 	install uninstall deb extras docs FORCE
 
 all: $(VENV)/.ready
@@ -123,6 +123,9 @@ soak: $(VENV)/.ready
 
 kills: $(VENV)/.ready
 	$(BIN)/python -m tests.support.sigkill_runs $(N) $(if $(SEED),--seed $(SEED))
+
+lead-kills: $(VENV)/.ready
+	$(BIN)/python -m tests.support.unwatched_kills $(N) $(if $(SEED),--seed $(SEED))
 
 model: $(VENV)/.ready
 	$(BIN)/python -m tests.proof.model $(N) $(if $(SEED),--seed $(SEED))

@@ -107,6 +107,7 @@ def test_a_device_with_a_watchdog_may_be_led_as_far_as_ever() -> None:
     [
         (1.0, 0.0, 0.025),
         (1.0, 0.5, 0.00625),
+        (0.5, -1.0, 0.00625),
         (1.0, 1.5, 0.0),
         (1.0, -1.0, 0.025),
         (-1.0, 0.0, 0.0),
@@ -220,11 +221,11 @@ def test_a_motion_that_waits_for_two_seconds_is_held_and_another_may_begin() -> 
     assert to.holding(0, PERIOD) == ()
 
 
-@pytest.mark.parametrize("away", [0.08, 0.1])
-def test_a_joint_that_follows_again_has_its_time_anew(away: float) -> None:
+@pytest.mark.parametrize(("away", "speed"), [(0.08, 1e-6), (0.1, 1e-6), (0.15, -1e-6)])
+def test_a_joint_that_follows_again_has_its_time_anew(away: float, speed: float) -> None:
     to = guard()
     follow(to, 0.15)
-    follow(to, away, 1e-6, now=11.9)
+    follow(to, away, speed, now=11.9)
     assert follow(to, 0.15, now=12.0).reaction is Reaction.NONE
     assert follow(to, 0.15, now=13.9).reaction is Reaction.NONE
     assert follow(to, 0.15, now=14.0).reaction is Reaction.HOLD
@@ -272,6 +273,25 @@ def test_limits_and_gains_of_a_reload_count() -> None:
     assert follow(to, 0.18).pace == 0.0
     to.limit(replace(LIMITS, acceleration=np.full(N, 5.0)), stiff)
     assert follow(to, 0.06, 1.0, own=0.0).pace < 1.0
+
+
+@pytest.mark.parametrize(("lead", "applies"), [((inf, inf, inf), False), ((inf, MOST, inf), True)])
+def test_only_a_robot_with_a_device_without_watchdog_has_the_rule(
+    lead: tuple[float, ...], applies: bool
+) -> None:
+    rated = replace(ratings(N), lead=np.array(lead))
+    assert LeadRules(LIMITS, rated, CALM, None).applies is applies
+
+
+def test_the_bounds_themselves_are_free_and_slowest() -> None:
+    to = Guard(
+        LIMITS,
+        replace(CALM, least_pace=0.125),
+        ratings=replace(ratings(N), lead=np.ones(N), stiffness=np.full(N, STIFF)),
+        at_rest=load(2.5),
+    )
+    assert follow(to, 1.0).slowing == ()  # 0.75 beyond a sag of 0.25
+    assert follow(to, 1.21875).pace == 0.125
 
 
 # ---------------------------------------------------------------------------------- with an executor

@@ -70,13 +70,14 @@ class LeadRules:
             self._forget()
             return NOTHING
         away = goal.position[self._rows] - measured.position[self._rows]
-        coming = self._coming(goal, measured, away)
-        if every(np.abs(away) + coming <= self._free):
+        later = away + self._coming(goal, measured)
+        if every(np.maximum(np.abs(away), np.abs(later)) <= self._free):
             self._forget()
             return NOTHING
         sag = self._sag(measured.position)
-        lead = np.abs(away - np.clip(away, np.minimum(sag, 0.0), np.maximum(sag, 0.0)))
-        self._follow_joints(goal, away, ~(lead + coming <= self._free))
+        lead = _beyond(away, sag)
+        ahead = np.maximum(lead, _beyond(later, sag))
+        self._follow_joints(goal.velocity[self._rows] * np.sign(later), ~(ahead <= self._free))
         if not some(self._leading):
             self._waits_since = NEVER
             return NOTHING
@@ -84,15 +85,15 @@ class LeadRules:
             worst = self._worst(lead)
             fence = self._fence(goal, measured, sag)
             return (RuleResult(self._finding(worst, lead, "its setpoints are limited"), fence=fence),)
-        return (self._paced(lead, coming, facts.now),)
+        return (self._paced(lead, ahead, facts.now),)
 
-    def _coming(self, goal: Reference, measured: JointState, away: Floats) -> Floats:
-        """Return how much each lead grows while the goal brakes and the joint keeps its speed, rad (m,)."""
-        outward = goal.velocity[self._rows] * np.sign(away)
-        along = np.nan_to_num(measured.velocity[self._rows]) * np.sign(away)
-        closing = np.minimum(outward, outward - along)
-        grows: Floats = np.maximum(closing, 0.0) ** 2 / (2.0 * self._acceleration)
-        return grows
+    def _coming(self, goal: Reference, measured: JointState) -> Floats:
+        """Return how each goal gains on its joint while it brakes and the joint keeps its speed, rad (m,)."""
+        speed = goal.velocity[self._rows]
+        gains = speed - np.nan_to_num(measured.velocity[self._rows])
+        closing = np.clip(gains, np.minimum(speed, 0.0), np.maximum(speed, 0.0))
+        way: Floats = closing * np.abs(closing) / (2.0 * self._acceleration)
+        return way
 
     def _sag(self, position: Floats) -> Floats:
         """Return goal minus position (m,), rad, of joints that hold their load at rest; 0 where unknown."""
@@ -101,22 +102,20 @@ class LeadRules:
         sag = self._at_rest(position)[self._rows] / self._stiffness
         return np.where(np.isfinite(sag), sag, 0.0)
 
-    def _follow_joints(self, goal: Reference, away: Floats, near: Bools) -> None:
+    def _follow_joints(self, outward: Floats, near: Bools) -> None:
         """Note the joints near their limit whose goal moves away from them, or waits after it did."""
-        outward = goal.velocity[self._rows] * np.sign(away)
         begins = ~(outward <= 0.0)
         waits = self._leading & ~(outward < 0.0)
         self._leading = near & (begins | waits)
 
-    def _paced(self, lead: Floats, coming: Floats, now: float) -> RuleResult:
+    def _paced(self, lead: Floats, ahead: Floats, now: float) -> RuleResult:
         """Return a slower pace for a motion, 0 at the limit of a joint, and HOLD if that lasts."""
         bounds = self._bounds
-        room = (self._most - lead - coming) / (self._most - self._free)
-        room = np.where(self._leading, np.nan_to_num(room, nan=0.0), 1.0)
-        least = float(room.min())
+        room = (self._most - ahead) / (self._most - self._free)
+        least = float(np.nan_to_num(room, nan=0.0)[self._leading].min())
         pace = least if least >= bounds.least_pace else 0.0
         self._waits_since = min(self._waits_since, now) if pace == 0.0 else NEVER
-        worst = self._worst(lead + coming)
+        worst = self._worst(ahead)
         if now - self._waits_since >= bounds.lead_for:
             finding = self._finding(worst, lead, f"holding after {bounds.lead_for:g} s: what blocks it?")
             return RuleResult(finding, Reaction.HOLD, transient=True)
@@ -147,3 +146,9 @@ class LeadRules:
     def _forget(self) -> None:
         self._leading[:] = False
         self._waits_since = NEVER
+
+
+def _beyond(away: Floats, sag: Floats) -> Floats:
+    """Return how far `away` lies outside what the sag of a load explains, rad (m,)."""
+    lead: Floats = np.abs(away - np.clip(away, np.minimum(sag, 0.0), np.maximum(sag, 0.0)))
+    return lead
