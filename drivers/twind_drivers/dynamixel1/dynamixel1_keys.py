@@ -57,7 +57,7 @@ class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
     watchdog: Literal["", "none"] = ""
     """`none` | required to arm | Dynamixel 1.0: a servo holds its last goal when the daemon dies"""
     lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
-    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint, beyond the sag of its load; see
+    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint beyond the sag of its load; see
     [no watchdog](safety.md#no-watchdog)"""
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500
     """0–508, even | 500 | twice register 9; Dynamixel 1.0: twice register 5, or more"""

@@ -55,7 +55,7 @@ class FeetechTypeKeys(TypeKeys, kw_only=True):
     watchdog: Literal["", "none"] = ""
     """`none` | required to arm | Feetech: states that a servo holds its last goal when the daemon dies"""
     lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
-    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint, beyond the sag of its load; see
+    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint beyond the sag of its load; see
     [no watchdog](safety.md#no-watchdog)"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
