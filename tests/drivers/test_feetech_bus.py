@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from twind_drivers.feetech.position_plausibility import ZERO
 
 from tests.support.driver_rig import both
 from tests.support.feetech_rig import FeetechRig
@@ -14,6 +13,7 @@ from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_type import FeetechType
 from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
+from twind_drivers.half_duplex.position_plausibility import ZERO
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from twind_drivers.feetech.feetech_reply import FeetechReply
-from twind_drivers.feetech.position_plausibility import AGREE, FASTEST, MARGIN, PositionPlausibility
 
 from tests.support.feetech_rig import FeetechRig
 from twind_drivers.bus import BusSample
 from twind_drivers.feetech.feetech_packet import instruction
+from twind_drivers.half_duplex.checksum_reply import ChecksumReply
+from twind_drivers.half_duplex.position_plausibility import AGREE, FASTEST, MARGIN, PositionPlausibility
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 
 PERIOD = 0.01
@@ -89,7 +89,7 @@ def packets_of(position: np.ndarray) -> np.ndarray:
 def campaign(cycles: int, share: float, seed: int) -> Outcome:
     """Read `cycles` times, `share` of the packets damaged; every 150 cycles nobody answers for 0.4 s."""
     random = np.random.default_rng(seed)
-    reply = FeetechReply(tuple(IDS), DATA)
+    reply = ChecksumReply(tuple(IDS), DATA)
     filter = PositionPlausibility(len(IDS), PERIOD)
     total = passed = slight = wrong = 0
     for cycle, true in zip(range(cycles), motion(), strict=False):
