@@ -1,6 +1,6 @@
 """Permitted commands of each servo of a bus, from the robot file and the calibration file, read on its own.
 
-Knows the X series (control tables 0..63 EEPROM, 64.. RAM) and STS servos; any other is refused.
+Knows the X series (control tables 0..63 EEPROM, 64.. RAM) STS servos and the MX-28 of Protocol 1.0.
 """
 
 import math
@@ -10,11 +10,11 @@ from typing import Any
 
 import yaml
 
-from tests.proof.busmon.protocol1_packets import STS, Registers
+from tests.proof.busmon.protocol1_packets import MX, STS, Registers
 
 BEYOND = 0.05  # rad past `limits_rad` that the robot's hard limits lie
 MODES = {"position": 3, "extended_position": 4, "current_based_position": 5}
-TABLES = {"STS": STS}  # by the beginning of a model's name
+TABLES = {"STS": STS, "MX-28(1.0)": MX}  # by the beginning of a model's name
 X_SERIES = ("XL", "XC", "XM", "XH", "XD", "XW", "2X")
 TURNS = 1_048_575  # counts either way in the modes that have no limit registers
 AMPERE = 0.00269  # A a count of an X series servo, where the robot file says nothing else

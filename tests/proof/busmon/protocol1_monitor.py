@@ -114,7 +114,7 @@ class Protocol1Monitor:
             limp = data[own.torque - address] == 0
             self.servos.off[row] = limp and not self.servos.on[row]
             self.servos.lost[row] = limp and self.servos.on[row]
-        if address <= own.lock < address + size:
+        if own.lock is not None and address <= own.lock < address + size:
             self._open[row] = data[own.lock - address] != own.locked
         return True
 
@@ -228,7 +228,7 @@ class Protocol1Monitor:
         own = self.registers
         if address <= own.goal and own.goal + 2 <= address + len(data):
             goals[row] = position(own, data[own.goal - address :])
-        if address <= own.lock < address + len(data):
+        if own.lock is not None and address <= own.lock < address + len(data):
             self._open[row] = data[own.lock - address] != own.locked
         if address <= own.torque < address + len(data):
             self._torque(row, data[own.torque - address], now)

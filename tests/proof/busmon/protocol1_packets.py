@@ -38,7 +38,7 @@ class Registers:
     torque: int
     goal: int
     position: int
-    lock: int
+    lock: int | None  # None: no register decides whether those below `stored` are stored
     locked: int  # value of `lock` at which the registers below `stored` are not stored
     sign: int  # bit of the sign of a position; 0: none
     ram: Mapping[int, int]  # address: size, of what may be written under torque
@@ -56,6 +56,17 @@ STS = Registers(
     sign=15,
     ram={40: 1, 41: 1, 42: 2, 44: 2, 46: 2, 48: 2, 55: 1},
     copies=frozenset((21, 22, 23)),
+)
+MX = Registers(
+    frozenset((PING, READ, WRITE, SYNC_WRITE, BULK_READ)),
+    stored=24,
+    torque=24,
+    goal=30,
+    position=36,
+    lock=None,
+    locked=1,
+    sign=0,
+    ram={24: 1, 26: 1, 27: 1, 28: 1, 30: 2, 32: 2, 34: 2},
 )
 
 

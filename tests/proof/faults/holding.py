@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +77,9 @@ class TruthJudge:
 class HoldingWorld(World):
     """`joint` is a random one, `id` its servo."""
 
-    clear = CLEAR
-    around = FOLDED
+    robot = str(ARM)
+    clear: Mapping[str, float] = CLEAR
+    around: Mapping[str, float] = FOLDED
 
     def __init__(self, fault: Fault, seed: int) -> None:
         super().__init__(fault, seed)
@@ -85,7 +87,7 @@ class HoldingWorld(World):
 
     def live(self, robot: str = str(ARM), *, judge: bool = False, **how: Any) -> Rig:
         """A daemon in live mode, everybody identified; each fresh reading is judged."""
-        rig = self.take(HoldingRig(str(ARM), **how))
+        rig = self.take(HoldingRig(self.robot, **how))
         self.judge = TruthJudge(rig)  # type: ignore[assignment]
         for _ in range(300):
             self.ticks(1)
@@ -96,7 +98,7 @@ class HoldingWorld(World):
     def arm(self) -> None:
         """The same, out of the rest pose, where some joints lie on their stops."""
         super().arm()
-        way = np.array([[FOLDED.get(name, 0.0) for name in self.rig.names]])
+        way = np.array([[self.around.get(name, 0.0) for name in self.rig.names]])
         ticket = self.rig.submit(
             Trajectory(np.array([1.5]), way, np.ones(way.shape[1], np.bool_)), policy="retime"
         )
@@ -107,7 +109,7 @@ class HoldingWorld(World):
 
     def moving(self, robot: str = str(ARM), *, far: float = 0.0, **how: Any) -> Rig:
         """The same, armed and on its way."""
-        return super().moving(str(ARM), far=far, **how)
+        return super().moving(self.robot, far=far, **how)
 
     def note(self) -> None:
         """Record the present, and judge the readings."""
@@ -139,7 +141,9 @@ class HoldingWorld(World):
             connected = self.until(lambda: rig.loop.condition.state is RobotState.CONNECTED, 5.0)
             assert connected, f"state {rig.loop.condition.state.value} after a reset"
             self.arm()
-            self.joint = int(self.random.integers(len(rig.names)))
+            self.joint = int(
+                self.random.choice([at for at, name in enumerate(rig.names) if self._stroke(name) > 0.1])
+            )
             self.move()
             since = self.now
             self.seconds(1.5)
@@ -147,3 +151,24 @@ class HoldingWorld(World):
             assert moved > 20, f"armed again, and {rig.names[self.joint]} moves {moved:.0f} counts"
         except AssertionError as error:
             self.blame(f"no way back: {error}")
+
+
+# Of a humanoid with twenty MX-28: arms apart, knees bent, feet side by side.
+BENT = {
+    **{"l_shoulder_roll": 0.6, "r_shoulder_roll": -0.6, "l_elbow": -0.3, "r_elbow": -0.3},
+    **{
+        f"{side}_{joint}": value
+        for side in "lr"
+        for joint, value in (("hip_pitch", -0.3), ("knee", 0.6), ("ankle_pitch", -0.3))
+    },
+}
+MOVED = {name: value + 0.25 * (1 if value <= 0.0 else -1) for name, value in BENT.items()}
+MOVED |= {"head_pan": 0.6, "head_tilt": -0.3, "l_shoulder_pitch": 0.4, "r_shoulder_pitch": -0.4}
+
+
+class ProtocolOneWorld(HoldingWorld):
+    """Servos of Dynamixel Protocol 1.0, read together by bulk read."""
+
+    robot = "docs/examples/darwin/darwin.yaml"
+    clear = MOVED
+    around = BENT

@@ -1,11 +1,12 @@
-"""Row 41 under the fake clock: what goes wrong on a bus of servos that do not stop by themselves."""
+"""Rows 41 and 42 under the fake clock: what goes wrong on buses of servos that do not stop by themselves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from tests.proof.faults.fault import Fault
-from tests.proof.faults.holding import HoldingWorld
+from tests.proof.faults.holding import HoldingWorld, ProtocolOneWorld
 from tests.proof.faults.world import AWAY
 from twind.robot.modes import RobotState
 
@@ -205,3 +206,4 @@ ROW = Fault(
     ),
     world=HoldingWorld,
 )
+PROTOCOL_ONE = replace(ROW, number=42, name="servos of Protocol 1.0", world=ProtocolOneWorld)

@@ -1,4 +1,4 @@
-"""The 41 rows, by number: what can go wrong, and how it is shown. A test walks 1 to 41."""
+"""The 42 rows, by number: what can go wrong, and how it is shown. A test walks 1 to 42."""
 
 from __future__ import annotations
 
@@ -29,9 +29,11 @@ ONLY_REAL = {
 ROWS = {row.number: row for module in (port, line, servos, timing, outside) for row in module.ROWS} | {
     38: can_rows.ROW,
     41: holding_rows.ROW,
+    42: holding_rows.PROTOCOL_ONE,
 }
 NO_REAL = {
     41: "real: the robot of the real runs has other servos; the bytes are those of virtual time",
+    42: "real: as row 41",
     4: "real: other servos behind the port are other files to read; the bytes are those of virtual time",
     23: "real: the collector is off in the process that ticks; tests/loop/test_realtime.py holds it to that",
     30: "real: nobody may suspend this machine; a stopped process, row 25, is what it sees of it",
@@ -43,5 +45,5 @@ MATRIX: dict[int, Fault] = {
         real=REAL.get(number),
         instead=(ROWS | ONLY_REAL)[number].instead or ("" if number in REAL else NO_REAL.get(number, "")),
     )
-    for number in range(1, 42)
+    for number in range(1, 43)
 }

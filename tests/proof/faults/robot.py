@@ -111,13 +111,18 @@ class Robot:
         joints = [
             joint
             for joint, name in enumerate(rig.names)
-            if abs(self.clear[name] - self.around.get(name, 0.0)) >= far
+            if self._stroke(name) > 0.0 and self._stroke(name) >= far
         ]
         self.joint = int(self.random.choice(joints))
         self.id = self.id_of(self.joint)
         self.move()
         self.ticks(int(self.random.integers(20, 120)))
         return rig
+
+    def _stroke(self, name: str) -> float:
+        """Distance of the two poses of a joint, rad."""
+        around = self.around.get(name, 0.0)
+        return abs(self.clear.get(name, around) - around)
 
     @property
     def leg(self) -> bool:
@@ -209,7 +214,7 @@ class Robot:
         assert self.call(link.AcquireLease).error is None
         reference = rig.loop.executor.reference
         here = reference.position if reference is not None else rig.loop.robot.measured.position
-        far = np.array([self.clear[name] for name in rig.names])
+        far = np.array([self.clear.get(name, self.around.get(name, 0.0)) for name in rig.names])
         commanded = self.random.random(len(far)) < 0.7
         commanded[self.joint] = True
         share = self.random.uniform(0.5, 1.0, len(far))

@@ -48,7 +48,10 @@ def take_over(
     stepped = beyond_hard_limit(context)
     # a joint that holds well goes on: a goal at its measured position would make it sag
     if torque.armed and context.robot.written is not None:
-        here = np.where(well, context.robot.written, here)
+        limp = (
+            (context.hardware.slow.torque == 0) & located & ~stepped
+        )  # it holds no goal: it goes where it is
+        here = np.where(well & ~limp, context.robot.written, here)
         located = located | well
         stepped = stepped & ~well
     whole = whole and not torque.armed
