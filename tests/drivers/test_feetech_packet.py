@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_drivers.feetech.feetech_packet import FeetechInstruction, from_word, sync_read, to_word
+from twind_drivers.feetech.feetech_packet import FeetechInstruction, sync_read
 from twind_drivers.feetech.feetech_registers import map_of_firmware, register_map
 from twind_drivers.half_duplex import checksum_packet as p
 from twind_drivers.half_duplex.checksum_reply import ChecksumReply
+from twind_drivers.half_duplex.signed_words import from_word, to_word
 
 IDS = st.integers(0, p.LAST_ID)
 DATA = st.binary(max_size=40)
@@ -118,4 +118,4 @@ def test_the_map_follows_from_the_firmware_alone() -> None:
     assert list(found.values()) == ["sts", "sts", "hls", "scs", "smbl"]
     for row in ((3, 60, 0), (3, 10, 1), (9, 0, 0), (0, 20, 0)):
         assert not map_of_firmware(*row).driven
-    assert np.all([each.big_endian for each in register_map("scs").registers.values()])
+    assert {each.order for each in register_map("scs").registers.values()} == {"big"}

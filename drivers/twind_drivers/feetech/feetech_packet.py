@@ -41,18 +41,3 @@ def explain(error: int) -> str:
 def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
     """Build a read of the same block of several devices; each sends a status, in this order."""
     return instruction(BROADCAST, FeetechInstruction.SYNC_READ, bytes((address, size, *ids)))
-
-
-def to_word(value: int, sign: int | None) -> int:
-    """Encode a number: sign and magnitude with bit `sign`; None: without sign. Raises OverflowError."""
-    most = 0xFFFF if sign is None else (1 << sign) - 1
-    if not (-most if sign is not None else 0) <= value <= most:
-        raise OverflowError(f"{value} does not fit a word with sign bit {sign}")
-    return value if value >= 0 else -value | 1 << (sign or 0)
-
-
-def from_word(word: int, sign: int | None) -> int:
-    """Decode sign and magnitude; minus zero is 0."""
-    if sign is None or not word >> sign & 1:
-        return word
-    return -(word & (1 << sign) - 1)

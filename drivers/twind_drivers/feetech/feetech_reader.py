@@ -7,30 +7,26 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 from twind_drivers.bus import (
-    GroupWriteBatch,
     IdentifiedDevice,
     PingRequest,
     Query,
     ReadRequest,
-    Request,
     Script,
     SlowRegisterValues,
-    WriteRequest,
 )
 from twind_drivers.byte_transport import ByteTransport
-from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
 from twind_drivers.feetech.feetech_cyclic_read import START, FeetechCyclicRead, group_transaction
 from twind_drivers.feetech.feetech_identification import identify
 from twind_drivers.feetech.feetech_models import model
 from twind_drivers.feetech.feetech_packet import explain
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
-from twind_drivers.feetech.feetech_slow_registers import BLOCK, ROUNDS_HZ, FeetechSlowRegisters
+from twind_drivers.feetech.feetech_slow_registers import BLOCK, FeetechSlowRegisters
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
-from twind_drivers.half_duplex.pending_reply import wire
-from twind_drivers.half_duplex.serial_reader import SerialReader
+from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ
+from twind_drivers.half_duplex.table_reader import TableReader
 from twind_drivers.slow_read_rate import upkeep_stride
 
 SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
@@ -38,13 +34,11 @@ SLICE = 0.002  # s of bus time per transaction of a script, at most half a perio
 LONGEST = 0.000508  # s from a request to its reply, where 254 steps of register 7 have a function
 
 
-class FeetechReader(SerialReader):
+class FeetechReader(TableReader):
     """Reader of the devices `ids` of one bus. Arrays are (m,), in the order of `ids`, in raw units.
 
     Effort is the current (6.5 mA) where a device of the bus has it, else the PWM duty (0.1 %).
     """
-
-    overhead = packet.OVERHEAD
 
     def __init__(
         self,
@@ -126,10 +120,10 @@ class FeetechReader(SerialReader):
         slices = self.slow.schedule(ids, slots, self.slice_count(BLOCK[1]))
         self._known = {query: self._exchange(query) for query in slices}
 
-    def slice_count(self, size: int) -> int:
-        """Return the devices whose read of `size` bytes fits one transaction of a script."""
-        each = wire(packet.OVERHEAD + size + 1, self.line.baud) + self.line.return_delay_s
-        return max(1, int(self.slice / each))
+    @property
+    def tables(self) -> Mapping[int, RegisterMap]:
+        """Register map by id; that of the expected model until `identify`."""
+        return self.maps
 
     def block(self, place: int) -> tuple[int, int]:
         """Return address and size of the cyclic block of one device."""
@@ -138,21 +132,6 @@ class FeetechReader(SerialReader):
     def explain(self, error: int) -> str:
         """Return the meaning of the error byte of a status."""
         return explain(error)
-
-    def span(self, query: Request) -> float:
-        """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
-        if isinstance(query, PingRequest | ReadRequest):
-            return self.line.span(self._transaction(query))
-        writes = query.writes if isinstance(query, GroupWriteBatch) else (query,)
-        size = sum(
-            8 + sum(1 + len(data) for data in each.data.values())
-            for each in writes
-            if isinstance(each, WriteRequest)
-        )
-        return wire(size + 14, self.line.baud) + self.line.return_delay_s
-
-    def _transaction(self, query: Query) -> SerialTransaction:
-        return self._known.get(query) or self._exchange(query)
 
     def _exchange(self, query: Query) -> SerialTransaction:
         if isinstance(query, PingRequest):
@@ -190,24 +169,3 @@ class FeetechReader(SerialReader):
             self.cyclic.begin_anew()
         self._schedule()
         return tuple(found[id].device for id in self.ids if id in found)
-
-    def values(self, ids: Sequence[int], address: int, size: int) -> Script[dict[int, Mapping[str, int]]]:
-        """Read one block of several devices; return its registers by id. Raises NoReply."""
-        raw = yield from self.collect(ids, address, size)
-        return {id: self.maps[id].values(address, data) for id, data in raw.items()}
-
-    def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """Read one register by its name. Raises NoReply, KeyError, InvalidInput (lists similar names)."""
-        field = self.table(id)[name]
-        data = yield from self.collect((id,), field.address, field.size)
-        return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eprom)
-
-    def keeps(self, id: int, name: str) -> bool:
-        """Return True for EPROM registers: addresses below 40. Raises KeyError."""
-        return self.table(id)[name].eprom
-
-    def table(self, id: int) -> RegisterMap:
-        """Return the register map of a device. Raises KeyError that lists the ids of this bus."""
-        if id not in self.maps:
-            raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
-        return self.maps[id]

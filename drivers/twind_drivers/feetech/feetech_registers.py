@@ -6,11 +6,10 @@ of an STS and the lock of an SCS. A firmware without a map here is read only.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache
+from typing import Any
 
-from twind_drivers.device_registers import unknown_register
-from twind_drivers.feetech.feetech_packet import from_word, to_word
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable, parse_registers
 
 EPROM_END = 40  # the first RAM register
 IDENTITY = (0, 5)  # address and size: firmware major, minor, END, model major, minor
@@ -90,99 +89,40 @@ _NOT_SCS = (
 
 
 @dataclass(frozen=True, slots=True)
-class FeetechRegister:
-    """One register of a map."""
-
-    name: str
-    address: int
-    size: int  # bytes
-    sign: int | None  # sign bit; None: unsigned
-    least: int
-    most: int
-    big_endian: bool
-
-    @property
-    def eprom(self) -> bool:
-        """True if it survives power-off."""
-        return self.address < EPROM_END
-
-    @property
-    def writable(self) -> bool:
-        """True if a write has an effect."""
-        return self.least < self.most
-
-    @property
-    def order(self) -> str:
-        """Byte order, as `int.to_bytes` has it."""
-        return "big" if self.big_endian else "little"
-
-    def encode(self, value: int) -> bytes:
-        """Return the bytes of a value. Raises OverflowError."""
-        word = to_word(value, self.sign)
-        return word.to_bytes(self.size, "big" if self.big_endian else "little")
-
-    def decode(self, data: bytes) -> int:
-        """Return the value in the first bytes of `data`."""
-        word = int.from_bytes(data[: self.size], "big" if self.big_endian else "little")
-        return from_word(word, self.sign)
-
-    def check(self, value: int) -> None:
-        """Raise ValueError for a value outside the range, and for a register that is read only."""
-        if not self.writable:
-            raise ValueError(f"{self.name} is read only")
-        if not self.least <= value <= self.most:
-            raise ValueError(f"{self.name} = {value} is outside {self.least}..{self.most}")
-
-
-@dataclass(frozen=True, slots=True)
-class RegisterMap:
+class RegisterMap(RegisterTable):
     """Registers of one kind of servo. `driven`: its torque may be switched on by this driver."""
 
     name: str
-    registers: Mapping[str, FeetechRegister]
     big_endian: bool
     sync_read: bool  # the kind has it; old firmware of the kind may lack it
     driven: bool
     turn: float  # counts per turn
 
-    def __contains__(self, name: str) -> bool:
-        return name in self.registers
 
-    def __getitem__(self, name: str) -> FeetechRegister:
-        """Raise InvalidInput that lists similar names, for an unknown one."""
-        found = self.registers.get(name)
-        if found is None:
-            near = get_close_matches(name.replace(" ", "_"), self.registers, cutoff=0.4)
-            raise unknown_register(f"a Feetech {self.name.upper()}", name, near)
-        return found
-
-    def values(self, first: int, data: bytes) -> dict[str, int]:
-        """Decode all registers that lie in `data`, read from address `first`."""
-        return {
-            each.name: each.decode(data[each.address - first :])
-            for each in self.registers.values()
-            if first <= each.address and each.address + each.size <= first + len(data)
-        }
+def _map(name: str, registers: Mapping[str, MappedRegister], **more: Any) -> RegisterMap:
+    return RegisterMap(f"a Feetech {name.upper()}", registers, name, **more)
 
 
 @cache
 def register_map(name: str) -> RegisterMap:
     """Return the map `sts`, `smbl`, `hls`, `scs`, `scs2`, `smcl` or `unknown`. Raises KeyError."""
-    sts = _parse(_STS)
-    scs = {key: each for key, each in (sts | _parse(_SCS)).items() if key not in _NOT_SCS}
-    scs = {key: replace(each, big_endian=True) for key, each in scs.items()}
+    sts = parse_registers(_STS, EPROM_END)
+    of_scs = sts | parse_registers(_SCS, EPROM_END)
+    scs = {key: replace(each, order="big") for key, each in of_scs.items() if key not in _NOT_SCS}
     hls = {
-        key: each for key, each in (sts | _parse(_HLS)).items() if key not in ("goal_time", "overload_torque")
+        key: each
+        for key, each in (sts | parse_registers(_HLS, EPROM_END)).items()
+        if key not in ("goal_time", "overload_torque")
     }
     known = {key: sts[key] for key in ("firmware_major", "firmware_minor", "end", "model_number", "id")}
     maps = (
-        RegisterMap("sts", sts, big_endian=False, sync_read=True, driven=True, turn=4096.0),
-        RegisterMap("smbl", sts, big_endian=False, sync_read=True, driven=True, turn=4096.0),
-        RegisterMap("hls", hls, big_endian=False, sync_read=True, driven=True, turn=4096.0),
-        RegisterMap("scs", scs, big_endian=True, sync_read=False, driven=True, turn=1024 * 1.2),
-        RegisterMap("scs2", scs, big_endian=True, sync_read=False, driven=False, turn=1024 * 1.2),
-        RegisterMap("smcl", known, big_endian=False, sync_read=False, driven=False, turn=4096.0),
-        RegisterMap("unknown", known, big_endian=False, sync_read=False, driven=False, turn=4096.0),
+        _map("sts", sts, big_endian=False, sync_read=True, driven=True, turn=4096.0),
+        _map("smbl", sts, big_endian=False, sync_read=True, driven=True, turn=4096.0),
+        _map("hls", hls, big_endian=False, sync_read=True, driven=True, turn=4096.0),
+        _map("scs", scs, big_endian=True, sync_read=False, driven=True, turn=1024 * 1.2),
+        _map("scs2", scs, big_endian=True, sync_read=False, driven=False, turn=1024 * 1.2),
+        _map("smcl", known, big_endian=False, sync_read=False, driven=False, turn=4096.0),
+        _map("unknown", known, big_endian=False, sync_read=False, driven=False, turn=4096.0),
     )
     return {each.name: each for each in maps}[name]
 
@@ -201,13 +141,3 @@ def map_of_firmware(major: int, minor: int, end: int) -> RegisterMap:
         if (major, end) == (own, order) and minor in minors:
             return register_map(name)
     return register_map("unknown")
-
-
-def _parse(text: str) -> dict[str, FeetechRegister]:
-    found = {}
-    for line in text.split("\n"):
-        if line:
-            name, address, size, sign, least, most = line.split()
-            bit = None if sign == "-" else int(sign)
-            found[name] = FeetechRegister(name, int(address), int(size), bit, int(least), int(most), False)
-    return found
