@@ -17,9 +17,8 @@ from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
-BOOT = 0.8  # s in the boot loader after each reset
+BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)  # register 6
 CHECK = 0.01  # s between two checks of the load, the unit of the protection time
-NEVER = 1e18  # s: the end of a boot that waits for power
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4
 MIDDLE = 2048
@@ -28,6 +27,8 @@ OVERLOAD = 0x20
 
 class VirtualFeetechServos:
     """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
+
+    BOOT = 0.8  # s in the boot loader after each reset
 
     def __init__(self, specs: Sequence[FeetechServoSpec], muscles: ServoPhysics, *, now: float = 0.0) -> None:
         """Raises InvalidInput for a model that is not known."""
@@ -117,6 +118,14 @@ class VirtualFeetechServos:
     def ids(self) -> list[int]:
         """Return the ids in the order of rows."""
         return [each[5] for each in self.ram]
+
+    def baud(self, row: int) -> int:
+        """Return the rate of a servo."""
+        return BAUDS[min(self.get(row, "baud_rate"), len(BAUDS) - 1)]
+
+    def stand_ins(self) -> dict[str, str]:
+        """Return the models without motor figures, and the one whose figures they have."""
+        return {each.name: STAND_IN for each in self.models if not each.strength}
 
     def listening(self, row: int) -> bool:
         """Return True if the servo has power, is plugged in and has booted."""
