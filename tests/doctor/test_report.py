@@ -37,7 +37,6 @@ HARMFUL = re.compile(
 )
 # Rows whose remedy has such a word and no such effect.
 HARMLESS = {
-    "VOLTAGE_BOUNDS": "the supply stays as it is",
     "PORT_DENIED": "the group lets the daemon open a port, which moves nothing",
     "NO_DAEMON": "a daemon that begins changes no torque",
 }

@@ -168,7 +168,7 @@ def test_replies_later_than_a_tick_has_room_for_are_called_late(make_rig: MakeRi
         "ms after their request, too late to be read: set the adapter's latency timer to 1 ms"
         in event.message
     )
-    assert "Return Delay Time (register 9)" in event.message
+    assert "the servos' return_delay_time" in event.message
     (bus,) = rig.loop.publisher.overview(rig.clock.now()).buses
     assert bus.late_reply_ms is not None
     assert 2.0 < bus.late_reply_ms <= 25.0

@@ -320,5 +320,5 @@ def test_the_built_in_robots_have_no_finding_on_ports_and_through_the_daemon(
 
 def test_every_code_of_buses_and_devices_has_a_planted_case() -> None:
     cases = (*LIMP, *TIGHT, *UNCALIBRATED, *OLDER, *LINE, *STRANGE, *AWAY, *LEGS, *WIRES)
-    others = {"IMU_GRAVITY", "VOLTAGE_BOUNDS"}  # test_imu.py, test_doctor_supply.py
+    others = {"IMU_GRAVITY"}  # test_imu.py
     assert {case.code for case in cases} | others == {code for check in MINE for code in check.codes}

@@ -47,14 +47,6 @@ ROWS = (
         caution=SUPPORT,
     ),
     Check(
-        "VOLTAGE_BOUNDS",
-        "a servo's supply bounds contradict each other",
-        "no supply fits: the lower bound would burn the servo",
-        "leave the supply as it is; correct `supply` of its type, or min_voltage_limit, max_voltage_limit, "
-        "by the model's page",
-        Severity.FAULT,
-    ),
-    Check(
         "VOLTAGE_DROP",
         "servos get less voltage than others on this bus",
         "thin cable or bad connector: these servos restart first",
@@ -157,7 +149,7 @@ def _torque(
 
 
 def check_supply(context: CheckContext) -> Iterator[DoctorFinding]:
-    """VOLTAGE_LOW, VOLTAGE_HIGH, VOLTAGE_BOUNDS, VOLTAGE_DROP."""
+    """VOLTAGE_LOW, VOLTAGE_HIGH, VOLTAGE_DROP, and REGISTER_DIFFERS for bounds that exclude each other."""
     for survey in serial_surveys(context):
         volts = {
             servo: servo.values["present_input_voltage"] / 10
@@ -192,7 +184,11 @@ def _volts(servo: SurveyedServo, volts: float) -> Iterator[DoctorFinding]:
     if least >= rated:
         text = f"{volts:.1f} V, to be above {least:.1f} V"
         expected = f"a lower bound below {rated:.1f} V, the most that it may get"
-        yield DoctorFinding("VOLTAGE_BOUNDS", servo.thing, text, expected)
+        advice = (
+            "no supply fits these bounds: leave it as it is; correct `supply` of its type, or "
+            "min_voltage_limit, max_voltage_limit, by the model's page"
+        )
+        yield DoctorFinding("REGISTER_DIFFERS", servo.thing, text, expected, advice=advice)
     elif volts <= least:
         expected = f"above {least:.1f} V, {most:.1f} V at most"
         yield DoctorFinding("VOLTAGE_LOW", servo.thing, f"{volts:.1f} V", expected)
@@ -212,6 +208,6 @@ def _type(servo: SurveyedServo) -> TypeSpec:
 
 
 CHECKS = (
-    Inspection(SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP"), check_supply),
+    Inspection(SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "REGISTER_DIFFERS", "VOLTAGE_DROP"), check_supply),
     Inspection(SERVOS, ("SERVO_ERROR", "TORQUE_ON", "WATCHDOG_TRIPPED", "WATCHDOG_LEFT"), check_state),
 )
