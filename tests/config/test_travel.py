@@ -34,12 +34,12 @@ def waist(
 
 
 def test_gears_of_a_waist_by_mode() -> None:
-    for ratio, long in ((1.0, False), (2.0, True), (3.0, True)):
+    for ratio, long in ((1.0, False), (2.0, True), (2.5, True)):
         assert travel_refusal(waist(ratio)) is None
         assert is_long(waist(ratio)) == long
     assert travel_refusal(waist(1.0, "position")) is None
     assert "does not fit one turn of 4096" in (travel_refusal(waist(2.0, "position")) or "")
-    assert "no place would tell its turn: narrow limits_rad" in (travel_refusal(waist(3.6)) or "")
+    assert "no place would tell its turn: narrow limits_rad" in (travel_refusal(waist(3.0)) or "")
     assert most_turns(JOINT.type, "position") == 1.0
     assert longest_travel(waist(1.0, "position")) == TURN - 1
 

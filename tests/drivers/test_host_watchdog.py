@@ -13,7 +13,7 @@ FIRST = np.array([True, False])
 
 def make() -> tuple[HostWatchdog, SlowRegisterValues]:
     registers = SlowRegisterValues.unknown(2)
-    watchdog = HostWatchdog(registers)
+    watchdog = HostWatchdog(registers, 0.01)
     watchdog.watched = ALL
     return watchdog, registers
 
@@ -57,3 +57,15 @@ def test_a_device_that_gets_no_goals_does_not_trip() -> None:
     watchdog.record(FIRST, 0.1)
     watchdog.record(ALL, 0.5)
     assert registers.watchdog.tolist() == [-1, -1]
+
+
+def test_at_a_low_rate_three_missed_readings_are_no_silence() -> None:
+    registers = SlowRegisterValues.unknown(2)
+    watchdog = HostWatchdog(registers, 0.05)
+    watchdog.watched = ALL
+    watchdog.record(ALL, 0.0)
+    for now in (0.05, 0.1, 0.15):
+        watchdog.record(FIRST, now)
+        assert not watchdog.overdue.any()
+    watchdog.record(FIRST, 0.2)
+    assert watchdog.overdue.tolist() == [False, True]

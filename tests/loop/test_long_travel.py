@@ -1,4 +1,4 @@
-"""Travel of more than a turn: a waist of ±1.57 rad through a gear of 1:3, on virtual servos with hands."""
+"""Travel of more than a turn: a waist of ±1.57 rad through a gear of 1:2.5, on virtual servos with hands."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,7 +39,7 @@ def waist_in(folder: Path) -> str:
     body.write_text(body.read_text().replace('range="-1.1 1"', 'range="-1.7 1.7"'))
     path.write_text(
         path.read_text().replace(
-            "ratio: 1.5, limits_rad: [-0.9, 0.8]", "ratio: 3.0, limits_rad: [-1.57, 1.57]"
+            "ratio: 1.5, limits_rad: [-0.9, 0.8]", "ratio: 2.5, limits_rad: [-1.57, 1.57]"
         )
     )
     return str(path)
@@ -113,7 +113,7 @@ def go(rig: Rig, angle: float) -> None:
 def test_a_travel_of_one_and_a_half_turns_is_accepted_and_shown(tmp_path: Path) -> None:
     report = check_robot(load_robot(waist_in(tmp_path)))
     assert report.errors == ()
-    assert "in the middle alone: extended (1.50 turns)" in "\n".join(report.lines)
+    assert "in the middle alone: extended (1.25 turns)" in "\n".join(report.lines)
 
 
 def test_it_is_calibrated_by_hands_and_moves_from_end_to_end(waist: tuple[Rig, Calibration]) -> None:

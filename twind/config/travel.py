@@ -8,6 +8,7 @@ from twind.config.actuator_types import TypeSpec
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
+from twind.robot.measured_travel import ROOM
 
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 MIDDLE = 0.125  # turns in the middle of a longer travel where only one turn fits, at least
@@ -16,7 +17,7 @@ ASTRAY = 0.15  # rad, how far a limp joint may hang beyond its travel
 
 def most_turns(kind: TypeSpec, mode: str) -> float:
     """Return the turns that limits of a joint may span in that mode of its actuator."""
-    return 2.0 - MIDDLE if kind.winds and not kind.fenced(mode) else 1.0
+    return 2.0 - 2.0 / ROOM - MIDDLE if kind.winds and not kind.fenced(mode) else 1.0
 
 
 def sweep_range(joint: JointSpec) -> tuple[float, float]:
@@ -31,7 +32,8 @@ def longest_travel(joint: JointSpec) -> int:
     turns = most_turns(joint.type, joint.mode)
     if turns <= 1.0:
         return turn - 1
-    return int(turns * turn - 2.0 * ASTRAY / abs(rad_per_tick(joint)))
+    further = max(0.0, ASTRAY / abs(rad_per_tick(joint)) - turn / ROOM)
+    return int(turns * turn - 2.0 * further)
 
 
 def zero_range(joint: JointSpec) -> tuple[int, int]:

@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from twind.robot.arrays import Bools, Ints
+
+ROOM = 4  # part of a turn that a joint with a long travel may stand beyond it, at most
 
 
 @dataclass(frozen=True)
@@ -32,3 +36,18 @@ class MeasuredTravel:
         """Joints (n,) with places where more than one turn fits the travel and its slack."""
         marked: Bools = self.known & (self.last - self.first + 2 * self.slack >= self.whole)
         return marked
+
+    @cached_property
+    def long(self) -> Bools:
+        """Joints (n,) with a travel of a turn or more."""
+        marked: Bools = self.known & (self.last - self.first >= self.whole)
+        return marked
+
+    @cached_property
+    def room(self) -> Ints:
+        """Ticks (n,) beyond the travel in which a joint may stand while its turn is chosen.
+
+        Of a long travel another turn lies inside: a sweep that missed a stop must not hide that.
+        """
+        wide: Ints = np.where(self.long, np.maximum(self.slack, self.whole // ROOM), self.slack)
+        return wide

@@ -41,9 +41,9 @@ def unfit(raw: Ints, shift: Ints, turns: MeasuredTravel, energised: Bools) -> Se
     """
     count = raw + shift
     span = turns.last - turns.first
-    wide = np.where(turns.falls, span >= turns.whole, span + 2 * turns.slack >= 2 * turns.whole - 1)
-    another = (count - turns.whole >= turns.first - turns.slack) | (
-        count + turns.whole <= turns.last + turns.slack
+    wide = np.where(turns.falls, span >= turns.whole, span + 2 * turns.room >= 2 * turns.whole - 1)
+    another = (count - turns.whole >= turns.first - turns.room) | (
+        count + turns.whole <= turns.last + turns.room
     )
     low = turns.lower - shift
     high = turns.upper - shift

@@ -88,7 +88,7 @@ class Dynamixel1Reader(TableReader):
         self.cyclic: Dynamixel1CyclicRead = Dynamixel1CyclicRead(self.ids, groups, period=self._period)
         self.slow: Dynamixel1SlowRegisters = Dynamixel1SlowRegisters(self.ids)
         self.registers: SlowRegisterValues = self.slow.registers
-        self.watchdog: HostWatchdog = HostWatchdog(self.registers)
+        self.watchdog: HostWatchdog = HostWatchdog(self.registers, self._period)
         self._query = None
         self._known: dict[Query, SerialTransaction] = {}
         self._schedule()

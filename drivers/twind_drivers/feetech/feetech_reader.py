@@ -92,7 +92,7 @@ class FeetechReader(TableReader):
         )
         self.slow: FeetechSlowRegisters = FeetechSlowRegisters(self.ids)
         self.registers: SlowRegisterValues = self.slow.registers
-        self.watchdog: HostWatchdog = HostWatchdog(self.registers)
+        self.watchdog: HostWatchdog = HostWatchdog(self.registers, self._period)
         self._query = None
         self._known: dict[Query, SerialTransaction] = {}
         self._schedule()

@@ -11,17 +11,20 @@ import numpy as np
 from twind_drivers.bus import TRIPPED, Bools, SlowRegisterValues
 from twind_drivers.flags import every
 
-LIMIT = 0.1  # s of silence, as long as the bus watchdogs of devices that have one
+LIMIT = 0.1  # s of silence, as long as the bus watchdogs of devices that have one ...
+PERIODS = 3.5  # ... and no fewer readings: at a low rate one lost reply is no silence
 
 
 class HostWatchdog:
     """Watchdog of m devices; the tripped ones read `TRIPPED` in `registers.watchdog`.
 
     `watched` (m,): devices that get goals; the writer sets it. `overdue` (m,): those of them that are silent
-    for longer than `LIMIT` now. Times in s, never going back.
+    for longer than `limit` (s) now. Times in s, never going back.
     """
 
-    def __init__(self, registers: SlowRegisterValues) -> None:
+    def __init__(self, registers: SlowRegisterValues, period: float) -> None:
+        """`period` (s): of the readings."""
+        self.limit = max(LIMIT, PERIODS * period)
         self.watched: Bools = np.zeros(len(registers.watchdog), np.bool_)
         self.overdue: Bools = np.zeros(len(registers.watchdog), np.bool_)
         self._registers = registers
@@ -37,7 +40,7 @@ class HostWatchdog:
                 return
             self._missing = True
             self._heard_at.fill(min(self._all_at, now))
-        late = (now - self._heard_at > LIMIT) & self.watched
+        late = (now - self._heard_at > self.limit) & self.watched
         self._registers.watchdog[late & replied] = TRIPPED
         self.overdue = late & ~replied
         if late.any():

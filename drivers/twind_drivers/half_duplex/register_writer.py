@@ -213,10 +213,14 @@ class RegisterWriter:
             yield from self._set(self._limits(self._ids, share), verify=share == RAMP[-1])
 
     def damp(self) -> Script[tuple[int, ...]]:
-        """Lower torque limit and gains (RAM copies); return the ids that did not confirm it."""
-        ids = [id for id in self._ids if id in self._full]
+        """Lower torque limit and gains (RAM copies); return the ids that did not confirm it.
+
+        A servo without torque is left alone: a torque limit may switch on one that its alarm has shut down.
+        """
+        limp = {id for id, on in zip(self._ids, self._bus.registers.torque.tolist(), strict=True) if on == 0}
+        ids = [id for id in self._ids if id in self._full and id not in limp]
         rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
-        bad = set(self._ids).difference(ids)
+        bad = set(self._ids).difference(ids, limp)
         while True:
             try:
                 yield from self._set([row for row in rows if row[0] not in bad])

@@ -137,9 +137,10 @@ class JointVerificationState:
         if turns is None:
             self._turn_known |= self._answered
         else:
+            if some(turns.ambiguous):
+                self._doubt_silent(turns, now)
             if not (context.torque.armed or context.torque.energising) and some(self._turn_known):
                 self._recheck_turns(turns, now)
-                self._doubt_silent(turns, now)
             if not every(self._turn_known):
                 self._count(turns)
                 for number, (port, bus) in enumerate(context.hardware.pairs):
@@ -189,7 +190,8 @@ class JointVerificationState:
         outside = self._turn_known & ~inside(raw + readings.shift, turns)
         if some(outside) or some(readings.jumps):
             self._astray = np.where(outside, np.minimum(self._astray, now), inf)
-            long = (now - self._astray >= ASTRAY) & (torque_known(self._context) == 0)
+            # one that another turn would place inside too is no proof that this one is wrong
+            long = (now - self._astray >= ASTRAY) & (torque_known(self._context) == 0) & ~turns.long
             leapt = (readings.jumps > 0) & (2 * readings.leaps >= turns.whole * hardware.resolution)
             anew = (long & inside(raw + chosen(raw, turns), turns)) | (leapt & turns.known)
             self._doubt(np.flatnonzero(self._turn_known & anew))
@@ -198,9 +200,8 @@ class JointVerificationState:
 
     def _doubt_silent(self, turns: MeasuredTravel, now: float) -> None:
         """Doubt the turns of silent joints that a restart could place on another turn of their travel."""
-        if some(turns.ambiguous):
-            silent = now - self._context.hardware.readings.heard_at > SILENT
-            self._doubt(np.flatnonzero(self._turn_known & turns.ambiguous & silent))
+        silent = now - self._context.hardware.readings.heard_at > SILENT
+        self._doubt(np.flatnonzero(self._turn_known & turns.ambiguous & silent))
 
     def _count(self, turns: MeasuredTravel) -> None:
         """Count the readings in a row that give the same turn."""

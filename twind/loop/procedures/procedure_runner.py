@@ -169,7 +169,6 @@ class ProcedureRunner:
     def _end(self, owner: TorqueOwner) -> None:
         """Process the end of `owner`. A running body cannot be ended, so it has begun no other owner."""
         self._torque = None
-        self._rank = None
         owner.finish(owner.outcome)
 
 

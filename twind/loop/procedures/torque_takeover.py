@@ -46,13 +46,12 @@ def take_over(
     yield from _wait_for_turns(context, unjudged)
     here, located = _where_it_is(context)
     stepped = beyond_hard_limit(context)
-    # a joint that holds well goes on: a goal at its measured position would make it sag
+    # A joint that holds well goes on: a goal at its measured position would make it sag. A limp one is
+    # prepared where it is, and not at all beyond its hard limit.
     if torque.armed and context.robot.written is not None:
-        limp = (
-            (context.hardware.slow.torque == 0) & located & ~stepped
-        )  # it holds no goal: it goes where it is
+        limp = (context.hardware.slow.torque == 0) & located
         here = np.where(well & ~limp, context.robot.written, here)
-        located = located | well
+        located = (located | well) & ~(limp & stepped)
         stepped = stepped & ~well
     whole = whole and not torque.armed
     if some(stepped):
