@@ -7,7 +7,7 @@ from tests.proof.busmon.can.motors import CanLimits
 from tests.proof.busmon.can.read import is_can, read
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.monitor import Monitor
-from tests.proof.busmon.protocol1_monitor import Protocol1Monitor
+from tests.proof.busmon.protocol1.protocol1_monitor import Protocol1Monitor
 
 AnyLimits = Limits | CanLimits
 AnyMonitor = Monitor | Protocol1Monitor | CanMonitor

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from tests.proof.busmon.protocol1_packets import MX, STS, Registers
+from tests.proof.busmon.protocol1.protocol1_packets import MX, STS, Registers
 
 BEYOND = 0.05  # rad past `limits_rad` that the robot's hard limits lie
 MODES = {"position": 3, "extended_position": 4, "current_based_position": 5}

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import pytest
 
 from tests.proof.busmon.limits import Limits, Servo
-from tests.proof.busmon.protocol1_monitor import Protocol1Monitor
-from tests.proof.busmon.protocol1_packets import STS
+from tests.proof.busmon.protocol1.protocol1_monitor import Protocol1Monitor
+from tests.proof.busmon.protocol1.protocol1_packets import STS
 
 PERIOD = 0.01
 HERE = 2048

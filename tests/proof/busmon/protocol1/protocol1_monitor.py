@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.packet import Malformed
-from tests.proof.busmon.protocol1_packets import (
+from tests.proof.busmon.protocol1.protocol1_packets import (
     BROADCAST,
     NAMES,
     PING,

@@ -1,0 +1,1 @@
+"""Monitor of a bus of servos with packets of the first protocol."""
