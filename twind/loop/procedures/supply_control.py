@@ -150,11 +150,15 @@ class SupplyControl:
                 context.reports.event("error", finding.code, finding.message, (finding,))
 
     def _is_stop_over(self, now: float) -> bool:
-        """Return True if a stop by the button has ended, so that the supply may go."""
+        """Return True if a stop by the button has ended with all torque read off, so that the supply may go.
+
+        A stop that could not run, as on a bus that is lost, has not lowered the robot.
+        """
         if self._stopped_at is None or self._button is None:
             return False
         late = self._button.level == "cut" and now - self._stopped_at >= CUT_WITHIN
-        return late or self._context.procedures.rank not in STOPPING
+        down = bool((self._context.hardware.slow.torque == 0).all())
+        return late or (down and self._context.procedures.rank not in STOPPING)
 
     def _measure_supply(self, now: float) -> bool | None:
         """Return whether a device reports a supply; None: not known."""
