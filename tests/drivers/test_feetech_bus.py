@@ -215,14 +215,27 @@ def test_it_holds_its_last_goal_when_the_master_is_gone() -> None:
     assert (rig.registers.watchdog == -1).all()
 
 
-def test_a_new_writer_takes_over_torque_that_another_left() -> None:
+def test_a_held_servo_that_refuses_to_be_prepared_is_left_out_and_the_others_are_prepared() -> None:
     rig = rig_of()
     here = rig.arm()
-    rig.writer = FeetechWriter(rig.reader, lower=rig.lower, upper=rig.upper)
-    rig.ticks(10)
-    rig.beside(rig.writer.prepare(here))
-    rig.ticks(40, here + 50)
-    assert abs(rig.places() - here - 50).max() <= 2
+    rig.faults.damage(2, 0x01)
+    rig.ticks(5, here)
+    with pytest.raises(NoReply, match="supply voltage") as left_out:
+        rig.beside(rig.writer.prepare(here))
+    assert left_out.value.ids == (2,)
+    rig.ticks(30, here + 40)
+    others = rig.places() - here
+    assert abs(np.delete(others, 1) - 40).max() <= 2
+
+
+def test_a_servo_without_torque_that_refuses_ends_the_preparation() -> None:
+    rig = rig_of()
+    here = rig.arm()
+    rig.beside(rig.writer.torque(on=False))
+    rig.faults.damage(2, 0x01)
+    rig.ticks(5)
+    with pytest.raises(DeviceRefused, match="supply voltage"):
+        rig.beside(rig.writer.prepare(here))
 
 
 def test_an_error_is_a_state_and_not_a_latch() -> None:

@@ -12,14 +12,12 @@ from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
-from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
-from twind.virtual.joint_actuators import fence
+from twind.virtual.fault_commands import REAL, FaultArguments
 from twind.virtual.robot_ground_truth import JointGroundTruth
 from twind.virtual.virtual_twin import (
     BenchRequest,
     EncoderFrame,
     JointDevice,
-    PhysicsRequest,
     RobotBusRequest,
     VirtualBusRequest,
     VirtualTwin,
@@ -28,7 +26,8 @@ from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.packet import LAST_ID
 from twind_drivers.dynamixel.servo_type import ServoType
-from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos
 
@@ -40,19 +39,8 @@ PLUGGED = 20_000  # ms before the start, within which they were powered on one b
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
 # Orders of a bus, as the methods of `SerialBusFaults`.
 FAULTS: FaultArguments = {
-    **SHARED_FAULTS,
-    "corrupt": {"count": int, "id?": int, "bits?": int},
-    "forge": {"count": int, "id?": int},
-    "cut": {"count": int, "bytes": int, "id?": int},
-    "noise": {"seconds": REAL, "count?": int, "id?": int},
-    "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
-    "mangle": {"count": int, "bits?": int, "bytes?": int},
-    "babble": {"on?": bool},
-    "split": {"bytes": int},
-    "latency": {"seconds": REAL, "payload?": int},
-    "collide": {"on?": bool},
+    **SERIAL_FAULTS,
     "garble": {"on?": bool},
-    "power": {"on": bool},
     "sag": {"id": int, "volts": REAL},
     "spike": {"id": int, "celsius": REAL, "seconds": REAL},
 }
@@ -152,15 +140,6 @@ def identity(servo: ServoSpec) -> IdentifiedDevice:
     return IdentifiedDevice(servo.id, number, registers.model, servo.firmware, settings)
 
 
-def physics(request: PhysicsRequest) -> ServoPhysics:
-    """Build the servo physics of one bus: part of a body, or joints without load."""
-    if request.body is not None:
-        return request.body.part(list(request.places))
-    muscles = FirstOrderPhysics(np.array(request.start, np.float64), now=request.now)
-    fence(muscles, request.hinges)
-    return muscles
-
-
 def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], list[float]]:
     """Return servos and their positions (ticks), all different, as after placement by hand.
 
@@ -211,7 +190,7 @@ TWIN = VirtualTwin(
     robot_devices=robot_devices,
     bench_device=bench_device,
     identity=identity,
-    physics=physics,
+    physics=serial_physics,
     laid_out=laid_out,
     bus=virtual_bus,
     faults=FAULTS,

@@ -22,13 +22,12 @@ from twind_drivers.dynamixel1.dynamixel1_identification import IDENTITY, identif
 from twind_drivers.dynamixel1.dynamixel1_models import model
 from twind_drivers.dynamixel1.dynamixel1_packet import FAULT_BITS, explain
 from twind_drivers.dynamixel1.dynamixel1_registers import START, table_of
-from twind_drivers.dynamixel1.dynamixel1_slow_registers import BLOCK, Dynamixel1SlowRegisters
+from twind_drivers.dynamixel1.dynamixel1_slow_registers import Dynamixel1SlowRegisters
 from twind_drivers.half_duplex.checksum_packet import find_packets
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import PendingReply
 from twind_drivers.half_duplex.register_table import RegisterTable
-from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ
 from twind_drivers.half_duplex.table_reader import TableReader
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -104,15 +103,6 @@ class Dynamixel1Reader(TableReader):
         alone = sum(not each for each in self.cyclic.grouped.values())
         delay = self.line.return_delay_s - TURNAROUND
         return Dynamixel1Cycle(len(self.ids), alone, self.line.baud, delay).seconds > self._period
-
-    def _schedule(self) -> None:
-        """Make the slices of slow registers of the devices that are not parked."""
-        self._requested = requested = self.cyclic.attendance.asked
-        self.registers.expire_torque(~requested)  # who was silent so long may have lost its supply
-        ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
-        slots = max(1, int(self._upkeep_hz / ROUNDS_HZ + 1e-9))
-        slices = self.slow.schedule(ids, slots, self.slice_count(BLOCK[1]))
-        self._known = {query: self._exchange(query) for query in slices}
 
     def block(self, place: int) -> tuple[int, int]:
         """Return address and size of the cyclic block of one device."""

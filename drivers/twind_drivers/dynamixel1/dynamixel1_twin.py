@@ -11,14 +11,11 @@ import numpy as np
 from twind.config.counts import tick_range
 from twind.config.travel import sweep_range
 from twind.exceptions import InvalidInput
-from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
-from twind.virtual.joint_actuators import fence
 from twind.virtual.virtual_twin import (
     BenchRequest,
     DeviceOptions,
     EncoderFrame,
     JointDevice,
-    PhysicsRequest,
     RobotBusRequest,
     VirtualBusRequest,
     VirtualTwin,
@@ -31,23 +28,9 @@ from twind_drivers.dynamixel1.virtual_dynamixel1_bus import VirtualDynamixel1Bus
 from twind_drivers.dynamixel1.virtual_dynamixel1_servos import baud_of
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import FIRMWARE, Dynamixel1ServoSpec, factory_settings
 from twind_drivers.half_duplex.checksum_packet import LAST_ID
-from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
 
 SPREAD = 200  # counts around the middle where servos of the command line stand
-FAULTS: FaultArguments = {
-    **SHARED_FAULTS,
-    "corrupt": {"count": int, "id?": int, "bits?": int},
-    "forge": {"count": int, "id?": int},
-    "cut": {"count": int, "bytes": int, "id?": int},
-    "noise": {"seconds": REAL, "count?": int, "id?": int},
-    "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
-    "mangle": {"count": int, "bits?": int, "bytes?": int},
-    "babble": {"on?": bool},
-    "split": {"bytes": int},
-    "latency": {"seconds": REAL, "payload?": int},
-    "collide": {"on?": bool},
-    "power": {"on": bool},
-}
 
 
 def _common(options: DeviceOptions, baud: int | None) -> dict[str, int]:
@@ -114,15 +97,6 @@ def identity(servo: Dynamixel1ServoSpec) -> IdentifiedDevice:
     return IdentifiedDevice(servo.id, known.number, known.name, firmware, settings | derived(settings, 0))
 
 
-def physics(request: PhysicsRequest) -> ServoPhysics:
-    """Build the servo physics of one bus: part of a body, or joints without load."""
-    if request.body is not None:
-        return request.body.part(list(request.places))
-    muscles = FirstOrderPhysics(np.array(request.start, np.float64), now=request.now)
-    fence(muscles, request.hinges)
-    return muscles
-
-
 def laid_out(
     specs: Sequence[Dynamixel1ServoSpec], seed: int
 ) -> tuple[Sequence[Dynamixel1ServoSpec], list[float]]:
@@ -154,10 +128,10 @@ TWIN = VirtualTwin(
     robot_devices=robot_devices,
     bench_device=bench_device,
     identity=identity,
-    physics=physics,
+    physics=serial_physics,
     laid_out=laid_out,
     bus=virtual_bus,
-    faults=FAULTS,
+    faults=SERIAL_FAULTS,
     truth_keys=("zero_ticks", "sign", "stops_rad", "friction_nm", "swapped_with", "registers"),
     takes_more=True,
 )

@@ -78,10 +78,7 @@ class Dynamixel1Writer(RegisterWriter):
         # One that has torque and torque limit 0 would start at full stiffness towards an old goal.
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)
-        yield from self._set(self._limits(holding, 1.0))
-        # Torque that another writer switched on is taken over: its goals leave from now on.
-        self._on[[self._index[id] for id in holding]] = True
-        self._version = -1
+        yield from self._take_over(holding)
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read all settings. Raises DeviceRefused for what must not get torque."""

@@ -4,7 +4,6 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 """
 
 from collections.abc import Mapping, Sequence
-from math import inf
 
 from twind_drivers.bus import (
     IdentifiedDevice,
@@ -21,11 +20,10 @@ from twind_drivers.feetech.feetech_identification import identify
 from twind_drivers.feetech.feetech_models import model
 from twind_drivers.feetech.feetech_packet import explain
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
-from twind_drivers.feetech.feetech_slow_registers import BLOCK, FeetechSlowRegisters
+from twind_drivers.feetech.feetech_slow_registers import FeetechSlowRegisters
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
-from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ
 from twind_drivers.half_duplex.table_reader import TableReader
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -98,11 +96,6 @@ class FeetechReader(TableReader):
         self._schedule()
 
     @property
-    def earliest(self) -> float:
-        """Return -inf (unknown): an adapter delivers a whole reply at once, so an estimate saves nothing."""
-        return -inf
-
-    @property
     def lags(self) -> bool:
         """Return True if the cyclic reading takes longer than a cycle with the settings of the devices."""
         return self._seconds(self._size) > self._period
@@ -110,15 +103,6 @@ class FeetechReader(TableReader):
     def _seconds(self, size: int) -> float:
         alone = sum(not self.maps[id].sync_read for id in self.ids)
         return cycle_seconds(len(self.ids), alone, size, baud=self.line.baud, delay=self.line.return_delay_s)
-
-    def _schedule(self) -> None:
-        """Make the slices of slow registers of the devices that are not parked."""
-        self._requested = requested = self.cyclic.attendance.asked
-        self.registers.expire_torque(~requested)  # who was silent so long may have lost its supply
-        ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
-        slots = max(1, int(self._upkeep_hz / ROUNDS_HZ + 1e-9))
-        slices = self.slow.schedule(ids, slots, self.slice_count(BLOCK[1]))
-        self._known = {query: self._exchange(query) for query in slices}
 
     @property
     def tables(self) -> Mapping[int, RegisterMap]:

@@ -103,10 +103,7 @@ class FeetechWriter(RegisterWriter):
             rows.append((id, "goal_velocity", SPEED[own.name]))
             rows.append((id, "goal_position", int(ticks[self._index[id]])))
         yield from self._set(rows)
-        yield from self._set(self._limits(holding, 1.0))
-        # Torque that another writer switched on is taken over: its goals leave from now on.
-        self._on[[self._index[id] for id in holding]] = True
-        self._version = -1
+        yield from self._take_over(holding)
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read registers 0 to 70. Raises DeviceRefused for what must not get torque."""

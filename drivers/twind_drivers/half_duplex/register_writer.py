@@ -4,7 +4,7 @@ Goals, torque with a limit that rises in steps, registers by name. Every write i
 a servo is prepared, how registers that survive power-off are written, and how it restarts.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -161,7 +161,8 @@ class RegisterWriter:
         Refuses what must not get torque. Sets the goals to `ticks` (m,), the speed, the gains and a low
         torque limit; a servo that has torque gets its full limit back.
 
-        Raises DeviceRefused, WireRangeError; NoReply after all other devices are prepared.
+        Raises DeviceRefused, WireRangeError; NoReply after all other devices are prepared. A device that this
+        writer holds and that refuses is left out like a silent one: the others can be lowered.
         """
         self._led = np.ones(len(self._ids), np.bool_) if among is None else among.copy()
         self._version = -1
@@ -177,6 +178,11 @@ class RegisterWriter:
             except NoReply as error:
                 silent = silent or error
                 there = [id for id in there if id not in error.ids]
+            except DeviceRefused as error:
+                if not self._on[self._index[error.id]]:
+                    raise
+                silent = silent or NoReply(self._name, (error.id,), 0.0, f"preparation ({error})")
+                there = [id for id in there if id != error.id]
         if silent is not None:
             raise silent.with_traceback(None)
 
@@ -261,6 +267,12 @@ class RegisterWriter:
 
     def _switched(self, on: bool) -> None:
         self._on.fill(on)
+        self._version = -1
+
+    def _take_over(self, holding: Collection[int]) -> Script[None]:
+        """Give devices that have torque their full limit; their goals leave from now on."""
+        yield from self._set(self._limits(holding, 1.0))
+        self._on[[self._index[id] for id in holding]] = True
         self._version = -1
 
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:

@@ -9,13 +9,16 @@ from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.pending_reply import wire
 from twind_drivers.half_duplex.register_table import RegisterTable
 from twind_drivers.half_duplex.serial_reader import SerialReader
+from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ, SlowRegisterSlices
 
 
 class TableReader(SerialReader):
     """Reader of devices with a register table each. Arrays are (m,), in the order of `ids`."""
 
     overhead = packet.OVERHEAD
+    slow: SlowRegisterSlices
     _known: dict[Query, SerialTransaction]  # of the slices of slow registers
+    _upkeep_hz: float  # calls of `upkeep` in a second
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:
@@ -26,6 +29,15 @@ class TableReader(SerialReader):
         """Return the devices whose read of `size` bytes fits one transaction of a script."""
         each = wire(packet.OVERHEAD + size + 1, self.line.baud) + self.line.return_delay_s
         return max(1, int(self.slice / each))
+
+    def _schedule(self) -> None:
+        """Make the slices of slow registers of the devices that are not parked."""
+        self._requested = requested = self.cyclic.attendance.asked
+        self.registers.expire_torque(~requested)  # who was silent so long may have lost its supply
+        ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
+        slots = max(1, int(self._upkeep_hz / ROUNDS_HZ + 1e-9))
+        slices = self.slow.schedule(ids, slots, self.slice_count(self.slow.block[1]))
+        self._known = {query: self._exchange(query) for query in slices}
 
     def span(self, query: Request) -> float:
         """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
