@@ -75,8 +75,8 @@ class CanTypeKeys(TypeKeys, kw_only=True):
     """>0, ≤ `ranges.torque_nm` | `ranges.torque_nm` | CAN: a path that needs more is reported. Only RobStride
     enforces it"""
     watchdog: Literal["device", "unverified", "none"] = "device"
-    """CAN: `device`, `unverified`; Feetech: `none` | CAN: `device` | CAN: `device` is read back before
-    torque, `unverified` cannot be, see [CAN buses](#can-buses). Feetech: `none` is required to arm, see
+    """CAN: `device`, `unverified`; without one: `none` | CAN: `device` | CAN: `device` is read back before
+    torque, `unverified` cannot be, see [CAN buses](#can-buses). without one: `none` is required to arm, see
     [no watchdog](safety.md#no-watchdog)"""
 
 

@@ -8,9 +8,10 @@ from msgspec import Meta
 from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import BudgetRequest, SlotEntry
-from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
+from twind.config.family_keys import BusKeys, SlotKeys, Speed
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
+from twind.config.unwatched_type import UnwatchedTypeKeys
 from twind_drivers.dynamixel1.dynamixel1_budget import Dynamixel1Cycle
 from twind_drivers.dynamixel1.dynamixel1_models import models
 from twind_drivers.dynamixel1.dynamixel1_registers import table_of
@@ -43,7 +44,7 @@ class Dynamixel1SlotKeys(SlotKeys, kw_only=True):
     """number | its type's |"""
 
 
-class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
+class Dynamixel1TypeKeys(UnwatchedTypeKeys, kw_only=True):
     """Entry of `types` for servos of Protocol 1.0."""
 
     gains: Dynamixel1Gains
@@ -54,11 +55,6 @@ class Dynamixel1TypeKeys(TypeKeys, kw_only=True):
     Dynamixel 1.0: register 34, at most register 14"""
     volts: Annotated[float, Meta(ge=4.0, le=25.0)] = math.nan
     """4–25 | Feetech: 7.4; Dynamixel 1.0: of its page | V of the supply, of which the strength depends"""
-    watchdog: Literal["", "none"] = ""
-    """`none` | required to arm | Dynamixel 1.0: a servo holds its last goal when the daemon dies"""
-    lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
-    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint beyond the sag of its load; see
-    [no watchdog](safety.md#no-watchdog)"""
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500
     """0–508, even | 500 | twice register 9; Dynamixel 1.0: twice register 5, or more"""
     registers: ConfigReader

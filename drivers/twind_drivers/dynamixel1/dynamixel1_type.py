@@ -7,7 +7,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ExpectedDevice, TypeSpec
+from twind.config.actuator_types import ExpectedDevice
+from twind.config.unwatched_type import UnwatchedType
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel1.dynamixel1_identification import objections
 from twind_drivers.dynamixel1.dynamixel1_models import Dynamixel1Model, model, share_per_radian
@@ -40,15 +41,13 @@ class Dynamixel1Gains:
 
 
 @dataclass(frozen=True, slots=True)
-class Dynamixel1Type(TypeSpec):
+class Dynamixel1Type(UnwatchedType):
     """Servos of Protocol 1.0. They have no watchdog: the file must say that it knows (`watchdog: none`)."""
 
     gains: Dynamixel1Gains
     torque_limit: int  # of 1023, written before torque
     volts: float  # of the supply
-    watchdog: str  # `none`; empty: the file does not say it
     return_delay_us: int
-    lead_limit: float  # rad, at the joint
 
     BUS: ClassVar[str] = KIND
 
@@ -100,16 +99,6 @@ class Dynamixel1Type(TypeSpec):
         return True
 
     @property
-    def watched(self) -> bool:
-        """False: it holds its last goal when its master dies."""
-        return False
-
-    @property
-    def lead_limit_rad(self) -> float:
-        """The value of the robot file."""
-        return self.lead_limit
-
-    @property
     def stiffness_nm_per_rad(self) -> float:
         """Stall torque and gain give it; the gain as from the factory where the file gives none."""
         given = self.gains.p if self.model.bulk_read else self.gains.slope
@@ -127,11 +116,7 @@ class Dynamixel1Type(TypeSpec):
 
     def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what rules it out: no word on the watchdog, another model, firmware or settings."""
-        if self.watchdog != "none":
-            yield (
-                "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to "
-                f"type {self.name} of the robot file if that is acceptable"
-            )
+        yield from self.unaccepted()
         if device.model_number != self.model.number:
             found = device.model_name or "a model that is in no table"
             yield f"is {found} (model number {device.model_number}), the robot file says {self.device}"

@@ -8,9 +8,10 @@ from msgspec import Meta
 from twind.config.actuator_types import TypeSpec
 from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import BudgetRequest, SlotEntry
-from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
+from twind.config.family_keys import BusKeys, SlotKeys, Speed
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
+from twind.config.unwatched_type import UnwatchedTypeKeys
 from twind_drivers.feetech.feetech_budget import FeetechCycle, cycle
 from twind_drivers.feetech.feetech_models import models
 from twind_drivers.feetech.feetech_registers import RegisterMap, register_map
@@ -40,7 +41,7 @@ class FeetechSlotKeys(SlotKeys, kw_only=True):
     """number | its type's |"""
 
 
-class FeetechTypeKeys(TypeKeys, kw_only=True):
+class FeetechTypeKeys(UnwatchedTypeKeys, kw_only=True):
     """Entry of `types` for Feetech servos."""
 
     gains: FeetechGains
@@ -52,11 +53,6 @@ class FeetechTypeKeys(TypeKeys, kw_only=True):
     """1–1000 | 1000 | Feetech: 0.1 %, register 48, at most register 16"""
     volts: Annotated[float, Meta(ge=4.0, le=25.0)] = 7.4
     """4–25 | 7.4 | Feetech: V of the supply, of which the strength depends"""
-    watchdog: Literal["", "none"] = ""
-    """`none` | required to arm | Feetech: states that a servo holds its last goal when the daemon dies"""
-    lead_limit_rad: Annotated[float, Meta(ge=0.02, le=0.2)] = 0.15
-    """0.02–0.2 | 0.15 | without a watchdog: how far a goal may lead its joint beyond the sag of its load; see
-    [no watchdog](safety.md#no-watchdog)"""
     registers: ConfigReader
     """number | none | required content; compared, never written"""
 

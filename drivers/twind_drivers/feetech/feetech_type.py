@@ -7,7 +7,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice
+from twind.config.unwatched_type import UnwatchedType
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.feetech.feetech_identification import objections
 from twind_drivers.feetech.feetech_models import AMPERE, FACTORY_P, model, share_per_radian
@@ -33,15 +34,13 @@ class FeetechGains:
 
 
 @dataclass(frozen=True, slots=True)
-class FeetechType(TypeSpec):
+class FeetechType(UnwatchedType):
     """Feetech servos. They have no watchdog: the file must say that it knows (`watchdog: none`)."""
 
     gains: FeetechGains
     torque_constant_nm_per_a: float  # NaN: effort unknown
     torque_limit: int  # 0.1 %, written before torque
     volts: float  # of the supply
-    watchdog: str  # `none`; empty: the file does not say it
-    lead_limit: float  # rad, at the joint
 
     BUS: ClassVar[str] = KIND
 
@@ -90,16 +89,6 @@ class FeetechType(TypeSpec):
         return mode == POSITION
 
     @property
-    def watched(self) -> bool:
-        """False: it holds its last goal when its master dies."""
-        return False
-
-    @property
-    def lead_limit_rad(self) -> float:
-        """The value of the robot file."""
-        return self.lead_limit
-
-    @property
     def stiffness_nm_per_rad(self) -> float:
         """Stall torque and P gain give it; P as from the factory where the file gives none."""
         p = FACTORY_P if self.gains.p is None else self.gains.p
@@ -136,11 +125,7 @@ class FeetechType(TypeSpec):
 
     def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what rules it out: no word on the watchdog, another model, settings, unknown firmware."""
-        if self.watchdog != "none":
-            yield (
-                "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to "
-                f"type {self.name} of the robot file if that is acceptable"
-            )
+        yield from self.unaccepted()
         if device.model_number != model(self.device).number:
             found = device.model_name or "a model that is in no table"
             yield f"is {found} (model number {device.model_number}), the robot file says {self.device}"

@@ -96,16 +96,7 @@ def build(
         hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
         twin=Twin(binding, period),
         executor=TrajectoryExecutor(binding.limits, period),
-        guard=Guard(
-            binding.limits,
-            _bounds(robot.file, period),
-            buses=[bus.name for bus in binding.joint_map.buses],
-            can=_can(robot.file, binding),
-            support=robot.file.support,
-            ratings=binding.ratings,
-            linked=binding.joint_map.linked,
-            at_rest=_torque_at_rest(binding),
-        ),
+        guard=_guard(robot, period),
         lease=Lease(),
         health=health,
         way=CommandLatencyTracer(health),
@@ -119,6 +110,21 @@ def build(
         outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
+
+
+def _guard(robot: BoundRobot, period: float) -> Guard:
+    """Return the rules that judge each tick."""
+    binding = robot.binding
+    return Guard(
+        binding.limits,
+        _bounds(robot.file, period),
+        buses=[bus.name for bus in binding.joint_map.buses],
+        can=_can(robot.file, binding),
+        support=robot.file.support,
+        ratings=binding.ratings,
+        linked=binding.joint_map.linked,
+        at_rest=_torque_at_rest(binding),
+    )
 
 
 def power(robot: RobotFile, rate_hz: float, virtual: Mapping[str, str]) -> PowerChild | None:

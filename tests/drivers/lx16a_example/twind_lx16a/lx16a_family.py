@@ -3,17 +3,18 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
 from twind.config.actuator_types import DeviceWarning, TypeSpec
 from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import BudgetRequest, DriverFamily, FamilyPart, SlotEntry
-from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
+from twind.config.family_keys import BusKeys, SlotKeys, Speed
 from twind.config.port_names import Medium
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, heat, supply
+from twind.config.unwatched_type import UnwatchedType, UnwatchedTypeKeys
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.half_duplex.pending_reply import wire
 
@@ -40,18 +41,15 @@ class LxSlotKeys(SlotKeys, kw_only=True):
     id: Annotated[int, Meta(ge=0, le=253)]
 
 
-class LxTypeKeys(TypeKeys, kw_only=True):
+class LxTypeKeys(UnwatchedTypeKeys, kw_only=True):
     """Entry of `types` for LX-16A."""
 
     velocity_limit_rad_s: Speed = 2.0
-    watchdog: Literal["", "none"] = ""
 
 
 @dataclass(frozen=True, slots=True)
-class LxType(TypeSpec):
+class LxType(UnwatchedType):
     """LX-16A. It has no watchdog, no current and no error: the file must say `watchdog: none`."""
-
-    watchdog: str
 
     BUS: ClassVar[str] = KIND
 
@@ -88,11 +86,6 @@ class LxType(TypeSpec):
         return True
 
     @property
-    def watched(self) -> bool:
-        """False: it holds its last goal when its master dies."""
-        return False
-
-    @property
     def gain_limits(self) -> Mapping[str, float]:
         """It has no gains to set."""
         return {}
@@ -103,8 +96,7 @@ class LxType(TypeSpec):
 
     def unfit(self, joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what rules it out."""
-        if self.watchdog != "none":
-            yield f"has no watchdog: write `watchdog: none` to type {self.name} if that is acceptable"
+        yield from self.unaccepted()
         if device.settings["operating_mode"]:
             yield "is in motor mode, which turns for ever"
 
@@ -137,6 +129,7 @@ def lx_type(name: str, section: ConfigReader) -> LxType:
         supply=supply(section.section("supply"), given.supply, SupplyLimits()),
         heat=heat(section.section("heat"), given.heat, HEAT, HOTTEST),
         watchdog=given.watchdog,
+        lead_limit=given.lead_limit_rad,
     )
 
 
