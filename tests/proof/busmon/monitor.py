@@ -4,7 +4,6 @@ It receives what is not in the bytes (states, an e-stop, the end of the process)
 may come `hearsay` seconds after the bytes that it explains.
 """
 
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from tests.proof.busmon import allowed
 from tests.proof.busmon.answers import Ear
 from tests.proof.busmon.limits import Limits
-from tests.proof.busmon.packet import Malformed, size_of
+from tests.proof.busmon.packet import size_of
 from tests.proof.busmon.requests import (
     ACTION,
     BULK_WRITE,
@@ -25,69 +24,35 @@ from tests.proof.busmon.requests import (
 )
 from tests.proof.busmon.search import STATE as SEARCHING
 from tests.proof.busmon.search import Search
-from tests.proof.busmon.stopping import Stopping
-from tests.proof.busmon.turns import Turning
-from tests.proof.busmon.violation import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
-from tests.proof.busmon.words import Words
+from tests.proof.busmon.serial_monitor import SerialMonitor
+from tests.proof.busmon.violation import BARE, SILENCE, Seen
 
 WATCHDOG = 5  # x 20 ms, the longest that counts as one
 BITS = 10  # a byte on the wire
 
 
-class Monitor:
+class Monitor(SerialMonitor):
     """One bus."""
+
+    SIZE_OF = staticmethod(size_of)
 
     def __init__(self, limits: Limits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
-        self.limits = limits
-        self.servos = Turning(limits)
+        super().__init__(limits, writes=writes, hearsay=hearsay)
         self.parser = Parser(limits)
-        self.violations: list[Violation] = []
-        self.last: deque[Seen] = deque(maxlen=KEPT)
-        self.sent_packets = self.answers = self.goal_packets = 0
         self.ear = Ear()
-        self.words = Words(self._broken, writes=writes, hearsay=hearsay)
-        self.stopping = Stopping(self._broken, limits, self.servos)
         self.search = Search(limits, self.servos)
-        self._rest = b""
-        self._rest_since = -np.inf
-        self._since = -np.inf
         self._alone = True
-        self.packet_at = -np.inf  # s, the last instruction packet
         self._stored: dict[int, tuple[int, bytes]] = {}  # reg writes
         self._easy = False  # nothing is pending but whole goal packets in range and in step
         self._byte = BITS / limits.baud
-
-    def _broken(self, rule: str, time: float, id: int | None, text: str) -> None:
-        if len(self.violations) < MOST:
-            self.violations.append(Violation(rule, time, id, text))
 
     # --------------------------------------------------------------------------- what went by
 
     def sent(self, data: bytes, now: float, since: float | None = None) -> None:
         """Bytes to the servos; they left at `now`, or from `since` on: who stamps may be late."""
-        self._since = now if since is None else since
         self._alone = True
-        self.look(now)
-        if self.words.stopped:  # it runs again: its silence is over, and counts
-            self.words.stopped = False
-            self.look(now)
-        data = self._rest + data if self._rest else data
-        at = 0
-        while at < len(data):
-            try:
-                size = size_of(data, at)
-                if not size:
-                    break
-                self._packet(data[at : at + size], now)
-            except Malformed as wrong:
-                size = max(1, wrong.skip)
-                self.last.append(Seen(now, ">", data[at : at + size]))
-                self._broken("W8", now, None, f"{wrong}: {data[at : at + size][:64].hex(' ')}")
-            at += size
-        if at or not self._rest:  # what is not whole yet began now
-            self._rest_since = now
-        self._rest = data[at:]
+        super().sent(data, now, since)
 
     def answered(self, data: bytes, now: float) -> None:
         """Bytes from the servos."""
@@ -109,11 +74,7 @@ class Monitor:
 
     def look(self, now: float) -> None:
         """Time has passed: rules about silence."""
-        if self._rest and now - self._rest_since > UNFINISHED:
-            self._broken("W8", now, None, f"a packet that does not end: {self._rest[:64].hex(' ')}")
-            self._rest = b""
-        self.words.look(now)
-        self.stopping.look(now)
+        super().look(now)
         servos = self.servos
         if servos.on.any() and not self.words.silent:
             if now - self.packet_at > SILENCE and self.packet_at > -np.inf:

@@ -4,13 +4,11 @@ Its servos have no watchdog: W7 asks only for a hold after silence. A goal may s
 may go to a servo whose torque is off except while torque is switched on.
 """
 
-from collections import deque
 from typing import Any
 
 import numpy as np
 
 from tests.proof.busmon.limits import Limits
-from tests.proof.busmon.packet import Malformed
 from tests.proof.busmon.protocol1.protocol1_packets import (
     BROADCAST,
     NAMES,
@@ -22,63 +20,25 @@ from tests.proof.busmon.protocol1.protocol1_packets import (
     position,
     size_of,
 )
-from tests.proof.busmon.stopping import Stopping
-from tests.proof.busmon.turns import Turning
-from tests.proof.busmon.violation import KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
-from tests.proof.busmon.words import Words
+from tests.proof.busmon.serial_monitor import SerialMonitor
+from tests.proof.busmon.violation import SILENCE, Seen
 
 
-class Protocol1Monitor:
+class Protocol1Monitor(SerialMonitor):
     """One bus."""
+
+    SIZE_OF = staticmethod(size_of)
 
     def __init__(self, limits: Limits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
+        super().__init__(limits, writes=writes, hearsay=hearsay)
         assert limits.registers is not None
-        self.limits = limits
         self.registers = limits.registers
-        self.servos = Turning(limits)
-        self.violations: list[Violation] = []
-        self.last: deque[Seen] = deque(maxlen=KEPT)
-        self.sent_packets = self.answers = self.goal_packets = 0
-        self.words = Words(self._broken, writes=writes, hearsay=hearsay)
-        self.stopping = Stopping(self._broken, limits, self.servos)
-        self.packet_at = -np.inf  # s, the last instruction packet
-        self._since = -np.inf
-        self._rest = b""
-        self._rest_since = -np.inf
         self._heard = b""
         self._asked: list[tuple[int, int, int]] = []  # id, address, size: answers that are due, in order
         self._open = np.zeros(len(self.servos.ids), np.bool_)  # the lock: what is written is stored
 
-    def _broken(self, rule: str, time: float, id: int | None, text: str) -> None:
-        if len(self.violations) < MOST:
-            self.violations.append(Violation(rule, time, id, text))
-
     # --------------------------------------------------------------------------- what went by
-
-    def sent(self, data: bytes, now: float, since: float | None = None) -> None:
-        """Bytes to the servos; they left at `now`, or from `since` on: who stamps may be late."""
-        self._since = now if since is None else since
-        self.look(now)
-        if self.words.stopped:  # it runs again: its silence is over, and counts
-            self.words.stopped = False
-            self.look(now)
-        data = self._rest + data if self._rest else data
-        at = 0
-        while at < len(data):
-            try:
-                size = size_of(data, at)
-                if not size:
-                    break
-                self._packet(data[at : at + size], now)
-            except Malformed as wrong:
-                size = max(1, wrong.skip)
-                self.last.append(Seen(now, ">", data[at : at + size]))
-                self._broken("W8", now, None, f"{wrong}: {data[at : at + size][:64].hex(' ')}")
-            at += size
-        if at or not self._rest:  # what is not whole yet began now
-            self._rest_since = now
-        self._rest = data[at:]
 
     def answered(self, data: bytes, now: float) -> None:
         """Bytes from the servos; what is no answer to the last request is passed over."""
@@ -120,11 +80,7 @@ class Protocol1Monitor:
 
     def look(self, now: float) -> None:
         """Time has passed: rules about silence."""
-        if self._rest and now - self._rest_since > UNFINISHED:
-            self._broken("W8", now, None, f"a packet that does not end: {self._rest[:64].hex(' ')}")
-            self._rest = b""
-        self.words.look(now)
-        self.stopping.look(now)
+        super().look(now)
         silent = now - self.packet_at > SILENCE and self.packet_at > -np.inf
         if silent and self.servos.on.any() and not self.words.silent:
             self.stopping.owe_hold(now, now - self.packet_at)
