@@ -12,7 +12,6 @@ from twind_drivers.bus import (
     Query,
     ReadRequest,
     Script,
-    SlowRegisterValues,
 )
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.device_registers import RegisterAddress
@@ -23,16 +22,11 @@ from twind_drivers.dynamixel1.dynamixel1_models import model
 from twind_drivers.dynamixel1.dynamixel1_packet import FAULT_BITS, explain
 from twind_drivers.dynamixel1.dynamixel1_registers import START, table_of
 from twind_drivers.dynamixel1.dynamixel1_slow_registers import Dynamixel1SlowRegisters
-from twind_drivers.half_duplex.checksum_packet import find_packets
-from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.half_duplex.host_watchdog import HostWatchdog
+from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.pending_reply import PendingReply
 from twind_drivers.half_duplex.register_table import RegisterTable
 from twind_drivers.half_duplex.table_reader import TableReader
-from twind_drivers.slow_read_rate import upkeep_stride
 
-SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
-SLICE = 0.002  # s of bus time per transaction of a script, at most half a period
 LONGEST = 0.000508  # s of return delay, 254 steps of register 5
 ERRORS = "hardware_error_status"  # no register: the error byte of a reply, by the name of other families
 
@@ -60,37 +54,23 @@ class Dynamixel1Reader(TableReader):
         `return_delay_us`: the longest of the devices. `rate_hz`: rate of the loop.
         Raises ValueError for no ids or ids given twice, InvalidInput for an unknown model.
         """
-        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
-            raise ValueError(
-                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
-            )
-        self.name = name
-        self.ids = tuple(ids)
-        self.transport = transport
-        kinds = {id: model(each) for id, each in zip(ids, models, strict=True)}
-        self._tables = {id: table_of(each) for id, each in kinds.items()}
-        self.devices: dict[int, IdentifiedDevice] = {}
         self._described = TURNAROUND + return_delay_us * 1e-6
-        self.line = HalfDuplexTransactor(
+        super().__init__(
             name,
             transport,
+            ids,
+            models,
             baud=baud,
             return_delay_s=self._described,
-            slack=min(SLACK, 0.5 / rate_hz),
-            find_packets=find_packets,
+            rate_hz=rate_hz,
             one_write=one_write,
         )
-        self._period = 1.0 / rate_hz
-        self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
-        self.slice = min(SLICE, 0.5 / rate_hz)
+        kinds = {id: model(each) for id, each in zip(ids, models, strict=True)}
+        self._tables = {id: table_of(each) for id, each in kinds.items()}
         groups = {id: each.bulk_read for id, each in kinds.items()}
         self.cyclic: Dynamixel1CyclicRead = Dynamixel1CyclicRead(self.ids, groups, period=self._period)
         self.slow: Dynamixel1SlowRegisters = Dynamixel1SlowRegisters(self.ids)
-        self.registers: SlowRegisterValues = self.slow.registers
-        self.watchdog: HostWatchdog = HostWatchdog(self.registers, self._period)
-        self._query = None
-        self._known: dict[Query, SerialTransaction] = {}
-        self._schedule()
+        self._begin(self.slow)
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:

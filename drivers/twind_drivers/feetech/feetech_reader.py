@@ -11,7 +11,6 @@ from twind_drivers.bus import (
     Query,
     ReadRequest,
     Script,
-    SlowRegisterValues,
 )
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.feetech.feetech_budget import DELAY, SHORT, WHOLE, cycle_seconds, cyclic_size
@@ -21,14 +20,9 @@ from twind_drivers.feetech.feetech_models import model
 from twind_drivers.feetech.feetech_packet import explain
 from twind_drivers.feetech.feetech_registers import IDENTITY, RegisterMap, register_map
 from twind_drivers.feetech.feetech_slow_registers import FeetechSlowRegisters
-from twind_drivers.half_duplex import checksum_packet as packet
-from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.half_duplex.host_watchdog import HostWatchdog
+from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.table_reader import TableReader
-from twind_drivers.slow_read_rate import upkeep_stride
 
-SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
-SLICE = 0.002  # s of bus time per transaction of a script, at most half a period
 LONGEST = 0.000508  # s from a request to its reply, where 254 steps of register 7 have a function
 
 
@@ -58,42 +52,28 @@ class FeetechReader(TableReader):
 
         Raises ValueError for no ids or ids given twice, InvalidInput for an unknown model.
         """
-        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
-            raise ValueError(
-                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
-            )
-        self.name = name
-        self.ids = tuple(ids)
-        self.transport = transport
+        super().__init__(
+            name,
+            transport,
+            ids,
+            models,
+            baud=baud,
+            return_delay_s=return_delay_us * 1e-6 or DELAY,
+            rate_hz=rate_hz,
+            one_write=one_write,
+            slack=slack,
+        )
         self.maps: dict[int, RegisterMap] = {
             id: register_map(model(each).map) for id, each in zip(ids, models, strict=True)
         }
         self.confirmed: dict[int, bool] = dict.fromkeys(ids, False)  # the map is the firmware's
-        self.devices: dict[int, IdentifiedDevice] = {}
-        self.line = HalfDuplexTransactor(
-            name,
-            transport,
-            baud=baud,
-            return_delay_s=return_delay_us * 1e-6 or DELAY,
-            slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
-            find_packets=packet.find_packets,
-            one_write=one_write,
-        )
-        self._period = 1.0 / rate_hz
-        self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
-        self.slice = min(SLICE, 0.5 / rate_hz)
         maps = [self.maps[id] for id in self.ids]
         has_current = ["present_current" in each for each in maps]
         self._size = cyclic_size(has_current, self._seconds, self._period)
         self.cyclic: FeetechCyclicRead = FeetechCyclicRead(
             self.ids, maps, currents=any(has_current), whole=self._size == WHOLE, period=self._period
         )
-        self.slow: FeetechSlowRegisters = FeetechSlowRegisters(self.ids)
-        self.registers: SlowRegisterValues = self.slow.registers
-        self.watchdog: HostWatchdog = HostWatchdog(self.registers, self._period)
-        self._query = None
-        self._known: dict[Query, SerialTransaction] = {}
-        self._schedule()
+        self._begin(FeetechSlowRegisters(self.ids))
 
     @property
     def lags(self) -> bool:

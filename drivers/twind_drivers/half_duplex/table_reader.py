@@ -2,14 +2,30 @@
 
 from collections.abc import Mapping, Sequence
 
-from twind_drivers.bus import GroupWriteBatch, PingRequest, Query, ReadRequest, Request, Script, WriteRequest
+from twind_drivers.bus import (
+    GroupWriteBatch,
+    IdentifiedDevice,
+    PingRequest,
+    Query,
+    ReadRequest,
+    Request,
+    Script,
+    SlowRegisterValues,
+    WriteRequest,
+)
+from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.half_duplex import checksum_packet as packet
-from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
+from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.pending_reply import wire
 from twind_drivers.half_duplex.register_table import RegisterTable
 from twind_drivers.half_duplex.serial_reader import SerialReader
 from twind_drivers.half_duplex.slow_register_slices import ROUNDS_HZ, SlowRegisterSlices
+from twind_drivers.slow_read_rate import upkeep_stride
+
+SLACK = 0.002  # s that a reply may take beyond its wire time; at most half a period of the loop
+SLICE = 0.002  # s of bus time per transaction of a script, at most half a period
 
 
 class TableReader(SerialReader):
@@ -17,8 +33,55 @@ class TableReader(SerialReader):
 
     overhead = packet.OVERHEAD
     slow: SlowRegisterSlices
-    _known: dict[Query, SerialTransaction]  # of the slices of slow registers
-    _upkeep_hz: float  # calls of `upkeep` in a second
+
+    def __init__(
+        self,
+        name: str,
+        transport: ByteTransport,
+        ids: Sequence[int],
+        models: Sequence[str],
+        *,
+        baud: int,
+        return_delay_s: float,
+        rate_hz: float,
+        one_write: bool,
+        slack: float | None = None,
+    ) -> None:
+        """Open the line; a family then makes `cyclic` and calls `_begin`.
+
+        `models`: name of each id. `rate_hz`: rate of the loop. `slack` (s): time that a reply may take beyond
+        its wire time; None: 2 ms, or half a period where that is less. Raises ValueError for no ids, ids
+        given twice, or another number of models.
+        """
+        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
+            raise ValueError(
+                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
+            )
+        self.name = name
+        self.ids = tuple(ids)
+        self.transport = transport
+        self.devices: dict[int, IdentifiedDevice] = {}
+        self.line = HalfDuplexTransactor(
+            name,
+            transport,
+            baud=baud,
+            return_delay_s=return_delay_s,
+            slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
+            find_packets=packet.find_packets,
+            one_write=one_write,
+        )
+        self.slice = min(SLICE, 0.5 / rate_hz)
+        self._period = 1.0 / rate_hz
+        self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
+        self._query = None
+        self._known: dict[Query, SerialTransaction] = {}  # of the slices of slow registers
+
+    def _begin(self, slow: SlowRegisterSlices) -> None:
+        """Take the slow registers, and schedule their reading."""
+        self.slow = slow
+        self.registers: SlowRegisterValues = slow.registers
+        self.watchdog: HostWatchdog = HostWatchdog(self.registers, self._period)
+        self._schedule()
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:
