@@ -1,5 +1,6 @@
 """`make` without a target installs and ends; `make help` lists targets that exist."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -12,7 +13,9 @@ def make(folder: Path, *words: str) -> str:
     """Output of `make` in a folder that has the Makefile alone."""
     shutil.copy(ROOT / "Makefile", folder)
     (folder / "pyproject.toml").touch()
-    done = subprocess.run(["make", *words], cwd=folder, capture_output=True, text=True, check=True)
+    # Below another make, as in `make test`, it would name the folders that it enters.
+    own = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
+    done = subprocess.run(["make", *words], cwd=folder, env=own, capture_output=True, text=True, check=True)
     return done.stdout
 
 
