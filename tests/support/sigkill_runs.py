@@ -78,10 +78,14 @@ class Kills:
 
     # ----------------------------------------------------------------------- the ways to a phase
 
-    def arm(self, client: Client) -> None:
-        """Armed, whatever the last daemon left behind."""
+    def arm(self, client: Client) -> list[float]:
+        """Armed, whatever the last daemon left behind; the places (counts) from which it was armed.
+
+        An arming that is refused lowers the robot before the next try.
+        """
         for attempt in range(TRIES):
             client.call("AcquireLease", take=True)
+            before = self.places()
             try:
                 client.call("Arm")
                 break
@@ -92,6 +96,7 @@ class Kills:
                 client.call("Disarm")
                 time.sleep(0.3)
         assert all(servo["torque"] for servo in self.virtual.servos())
+        return before
 
     def path(self, place: float, seconds: float) -> dict[str, Any]:
         return {"joint_names": [JOINT], "points": [{"positions": [place], "time_from_start": seconds}]}
@@ -197,9 +202,9 @@ class Kills:
         kill.moved = max(abs(now - then) for now, then in zip(self.places(), rest, strict=True))
         assert kill.moved <= COUNTS, kill
         with self.running.client() as client:
-            self.arm(client)
+            before = self.arm(client)
             assert not any(servo["tripped"] for servo in self.virtual.servos()), kill
-            shift = max(abs(now - then) for now, then in zip(self.places(), rest, strict=True))
+            shift = max(abs(now - then) for now, then in zip(self.places(), before, strict=True))
             assert shift <= ARMED, (kill, shift)
             self.run(client)
             client.call("Disarm")
