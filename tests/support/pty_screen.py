@@ -98,6 +98,7 @@ class Run:
         if self.pid == 0:
             fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
             os.execve(command[0], list(command), {**os.environ, "TERM": "xterm-256color", **environment})
+        os.set_inheritable(self.fd, False)  # forkpty(3) leaves it open for the next child
         self.attributes = termios.tcgetattr(self.fd)
         self.ended: int | None = None
 

@@ -31,6 +31,7 @@ class Terminal:
             os.chdir(folder)
             shell = {**environment, "PS1": PROMPT, "TERM": "xterm-256color", "HISTFILE": ""}
             os.execvpe("bash", ["bash", "--norc", "--noprofile", "--noediting"], shell)
+        os.set_inheritable(self._fd, False)  # forkpty(3) leaves it open for the next child
         fcntl.ioctl(self._fd, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
         self.until(PROMPT)
 
