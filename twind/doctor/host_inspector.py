@@ -17,7 +17,7 @@ from twind_drivers.ports.port_holder import command
 
 PATIENCE = 5.0  # s for a program
 BOOTED = Path("/run/systemd/system")  # sd_booted(3): exists only where systemd is the init system
-LAST_LINES = 5
+LAST_LINES = 8  # systemd itself writes up to five after the last line of a service that failed
 RUNNING = ("active", "activating", "reloading")
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tests.proof.busmon.started import Relayed, relayed
-from tests.support.processes import BUSY, Daemon, Virtual, arm, favour, robot, until
+from tests.support.processes import BUSY, Daemon, Virtual, arm, favour, patiently, robot, until
 from twind.client import CallError, Client
 from twind.config.robot_file import load_robot
 
@@ -46,11 +46,15 @@ def nod(client: Client, seconds: float, most: float = 1.1) -> None:
         {"positions": [0.4, -0.8], "time_from_start": seconds / 2},
         {"positions": [0.0, 0.0], "time_from_start": seconds},
     ]
-    for said in client.stream("SubmitTrajectory", trajectory={"joint_names": names, "points": points}):
-        if said["phase"] == "aborted":  # a busy machine drops answers of the virtual servos: the motion holds
-            assert {each["code"] for each in said["findings"]} <= BUSY
-        if said["progress"] > most:
-            break
+
+    def run() -> None:
+        for said in client.stream("SubmitTrajectory", trajectory={"joint_names": names, "points": points}):
+            if said["phase"] == "aborted":  # a busy machine drops answers: the motion holds
+                assert {each["code"] for each in said["findings"]} <= BUSY
+            if said["progress"] > most:
+                break
+
+    patiently(run)
 
 
 def stop_and_reset(running: Daemon, level: str, relay: Relayed) -> None:

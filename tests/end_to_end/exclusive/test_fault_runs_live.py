@@ -148,19 +148,22 @@ def arm_and_move(client: Client, running: Daemon) -> None:
     status = running.status()
     if not status["armed"] or status["faults"] or status["state"] != "armed":
         client.call("EStop", level="cut")
-        deadline = time.monotonic() + 10.0
-        last = time.monotonic() + 60.0
+        deadline = time.monotonic() + 30.0
+        last = time.monotonic() + 90.0
         while True:
-            with suppress(CallError):
+            try:
                 client.call("Reset")
                 for joint in client.call("GetStatus", joints=True)["joints"]:
                     if joint["faults"]:  # perhaps all of them, one after the other
                         client.call("Reboot", bus=joint["bus"], id=joint["id"])
-                        deadline = min(time.monotonic() + 10.0, last)
+                        deadline = min(time.monotonic() + 30.0, last)
                 client.call("AcquireLease")
                 client.call("Arm")
                 break
-            assert time.monotonic() < deadline, running.status()
+            except CallError as refusal:
+                print(f"asked again: {refusal}")
+                if time.monotonic() > deadline:
+                    raise
             time.sleep(0.05)
 
     def move() -> None:
