@@ -32,6 +32,7 @@ JOINT = "head_pitch"
 PLACE = 1
 TICKS_PER_RAD = 4096 / 6.283185307179586
 TRIES = 5
+PATIENCE = 60.0  # s that a machine may be too busy to arm
 PHASES = ("holding", "moving", "streaming", "arming", "settling", "stopping", "disarmed")
 
 
@@ -83,7 +84,8 @@ class Kills:
 
         An arming that is refused lowers the robot before the next try.
         """
-        for attempt in range(TRIES):
+        deadline = time.monotonic() + PATIENCE
+        while True:
             client.call("AcquireLease", take=True)
             before = self.places()
             try:
@@ -91,7 +93,7 @@ class Kills:
                 break
             except Refused:
                 # Torque in some joints only: killed while arming or letting go. Or a machine too busy.
-                if attempt == TRIES - 1:
+                if time.monotonic() > deadline:
                     raise
                 client.call("Disarm")
                 time.sleep(0.3)
