@@ -114,7 +114,10 @@ class Kills:
         """Move; a machine that is too busy for the bus may hold the motion, and says so with a code."""
         for _ in range(TRIES):
             client.call("AcquireLease", take=True)
-            *_, last = client.stream("SubmitTrajectory", trajectory=self.path(place, seconds))
+            try:
+                *_, last = client.stream("SubmitTrajectory", trajectory=self.path(place, seconds))
+            except Refused as refusal:
+                last = {"phase": "refused", "findings": refusal.findings}
             if last["phase"] == "succeeded":
                 return
             codes = {finding["code"] for finding in last["findings"]}
