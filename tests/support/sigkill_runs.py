@@ -31,8 +31,7 @@ NEAR = 40  # counts between the goal of a motion that succeeded and the joint, w
 JOINT = "head_pitch"
 PLACE = 1
 TICKS_PER_RAD = 4096 / 6.283185307179586
-TRIES = 5
-PATIENCE = 60.0  # s that a machine may be too busy to arm
+PATIENCE = 60.0  # s that a machine may be too busy to arm or to move
 PHASES = ("holding", "moving", "streaming", "arming", "settling", "stopping", "disarmed")
 
 
@@ -112,7 +111,8 @@ class Kills:
 
     def go(self, client: Client, place: float, seconds: float) -> None:
         """Move; a machine that is too busy for the bus may hold the motion, and says so with a code."""
-        for _ in range(TRIES):
+        deadline = time.monotonic() + PATIENCE
+        while True:
             client.call("AcquireLease", take=True)
             try:
                 *_, last = client.stream("SubmitTrajectory", trajectory=self.path(place, seconds))
@@ -123,9 +123,9 @@ class Kills:
             codes = {finding["code"] for finding in last["findings"]}
             assert codes, f"ended without a reason: {last}"
             assert codes <= BUSY, last
+            assert time.monotonic() < deadline, f"held again and again: {last}"
             self.held += 1
             time.sleep(1.0)
-        raise AssertionError(f"held again and again: {last}")
 
     @contextmanager
     def phase(self, kill: Kill, client: Client) -> Iterator[None]:
