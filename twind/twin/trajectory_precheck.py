@@ -47,7 +47,7 @@ class TrajectoryPrecheck:
         self._limits = binding.limits
         self._period = period
         self._strength = strength
-        if not self.bodies.pairs:
+        if not (self.bodies.pairs or binding.robot.gate.collision.bodiless):
             file = binding.robot.path
             raise InvalidInput(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
 
