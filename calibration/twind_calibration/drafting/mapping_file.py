@@ -67,7 +67,7 @@ class FactRule(Struct, forbid_unknown_fields=True):
         return kind(number)
 
 
-class Mapping1(Struct, forbid_unknown_fields=True):
+class MappingContent(Struct, forbid_unknown_fields=True):
     """Content of a mapping file."""
 
     format: str
@@ -87,7 +87,7 @@ class FileMapping:
     """A checked mapping with the name of its file."""
 
     file: str
-    content: Mapping1
+    content: MappingContent
 
     def matches(self, tree: Any) -> bool:
         """Return whether a file's content is what this mapping describes."""
@@ -101,7 +101,11 @@ class FileMapping:
         count = 0
         for key, entry in _walk(tree, self.content.motors):
             name = _text(entry, self.content.name) or key
-            self._state(draft.joint(name.strip()), self.content.facts, entry, source)
+            try:
+                joint = draft.joint(name.strip())
+            except Rejected as error:
+                raise Rejected(f"{source}: {error}") from None
+            self._state(joint, self.content.facts, entry, source)
             count += 1
         if not count:
             raise Rejected(f"{source}: no motor at {self.content.motors} ({self.file})")
@@ -159,8 +163,8 @@ def fill_from_file(draft: RobotDraft, path: Path, mapping: FileMapping | None = 
 
 def _mapping(text: str, file: str) -> FileMapping:
     try:
-        content = convert(yaml.safe_load(text), Mapping1, strict=False)
-    except (ValidationError, yaml.YAMLError) as error:
+        content = convert(_yaml(text), MappingContent, strict=False)
+    except (ValidationError, ValueError, yaml.YAMLError) as error:
         raise Rejected(f"{file}: {' '.join(str(error).split())}") from None
     if content.format != FORMAT:
         raise Rejected(f"{file}: format is {content.format!r}; this version reads {FORMAT}")
@@ -191,7 +195,14 @@ def _parse(data: bytes, form: str) -> Any:
             return [loads(line) for line in lines]  # a JSON text a line, as `twindctl --json` prints
         return loads(data)
     text = data.decode("utf-8")
-    return yaml.safe_load(text) if form == "yaml" else _table(text)
+    return _yaml(text) if form == "yaml" else _table(text)
+
+
+def _yaml(text: str) -> Any:
+    """Return YAML as plain values. Aliases are refused: nested ones unfold to any size."""
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+        raise ValueError("has an alias (`*name`): write its value instead")
+    return yaml.safe_load(text)
 
 
 def _table(text: str) -> dict[str, list[list[str]]]:
