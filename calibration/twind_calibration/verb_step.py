@@ -13,7 +13,7 @@ from twind.command_line.common_options import add_common_options
 
 @dataclass(frozen=True, slots=True)
 class VerbStep:
-    """One step of a verb. `text`: its help, with the summary first. `place`: `MODULE:FUNCTION` that runs it."""
+    """One step of a verb. `text`: its help, summary first. `place`: `MODULE:FUNCTION` that runs it."""
 
     text: str
     add_arguments: Callable[[argparse.ArgumentParser], None]

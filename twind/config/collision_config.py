@@ -51,7 +51,7 @@ class CollisionKeys(ConfigStruct):
     pairs: Pairs | None = None
     """pairs of names | all | judge only these"""
     bodies: Literal["", "none"] = ""
-    """`none` | | the model has joints alone: neither collision nor torque is judged"""
+    """`none` | those of the model | the model has joints alone: neither collision nor torque is judged"""
 
 
 def clearance(section: ConfigReader, support: str) -> Clearance:

@@ -97,7 +97,7 @@ class RobotKeys(ConfigStruct, kw_only=True):
     power: PowerKeys
     stop_button: StopButtonKeys | None = None
     todo: tuple[str, ...] = ()
-    """keys, such as `joints.elbow.sign` | none | unsettled: no mode live; see `twindctl robot`"""
+    """keys, such as `joints.elbow.sign` | none | unsettled: no mode live; `twindctl robot finish`"""
 
 
 def built_in_robots() -> tuple[str, ...]:

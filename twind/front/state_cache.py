@@ -210,12 +210,11 @@ class StateCache:
         of_overview = {key: getattr(overview, key) for key in STATUS_OF_OVERVIEW}
         head = {"version": self.briefing.version, "robot": self.briefing.robot}
         unwatched = [joint.name for joint in self.briefing.joints if not joint.watchdog]
-        bodiless = self.briefing.description["gate"]["collision"]["bodiless"]
         tail = {
             "flight": self.flight,
             "streams": self.streams,
             "unwatched": unwatched,
-            "bodiless": bodiless,
+            "bodiless": self.briefing.bodiless,
         }
         return encode(head | of_tick | of_overview | tail | self._slow)
 

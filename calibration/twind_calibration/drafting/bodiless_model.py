@@ -14,7 +14,7 @@ _LINK = """\
     </body>
 """
 _MODEL = """\
-<!-- Joints without bodies: replace this file by a model of the robot to have collisions and torques checked. -->
+<!-- Joints without bodies: a model of the robot in place of this file has collisions and torques checked. -->
 <mujoco model={name}>
   <compiler angle="radian" autolimits="true"/>
   <option timestep="0.005" integrator="implicitfast" gravity="0 0 0"/>

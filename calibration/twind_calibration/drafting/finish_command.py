@@ -1,7 +1,8 @@
 """`twindctl robot finish`: open items of a robot file, settled in the order in which they can be."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer
@@ -13,11 +14,15 @@ from twind.config.yaml_tree import ConfigError
 from twind_calibration.drafting.robot_file_edit import RobotFileEdit
 from twind_calibration.drafting.robot_steps import SUPPORTS
 from twind_calibration.robot_description import RobotDescription, read
+from twind_drivers.clock import MonotonicClock
 
 MOVED = 0.15  # rad by which a hand must move a joint to tell a direction
 FRESH = 500.0  # ms; an older reading tells nothing of a hand
+WAIT = 2.0  # s for fresh readings of all joints
 MARGIN = 0.03  # rad between a measured end of the travel and the limit
 SLACK = 0.05  # rad by which a rest pose may lie beyond the limits, and is moved to them
+
+CALIBRATE = "`twindctl calibrate sweep`, `twindctl calibrate zero`, and this command again"
 
 Ask = Callable[[str], str]
 
@@ -31,7 +36,7 @@ def finish(options: argparse.Namespace) -> int:
     if signs:
         with observer(options) as client:
             task.settle_signs(client, signs)
-        print(f"signs are settled: restart the daemon, then {_calibrate(task)}")
+        print(f"signs are settled: restart the daemon, then {CALIBRATE}")
     elif task.open_joints("limits_rad"):
         task.settle_limits()
     if "poses.rest" in task.todo and not signs and not task.open_joints("limits_rad"):
@@ -49,10 +54,6 @@ def _ask(question: str) -> str:
         raise Rejected(
             "no more answers on the standard input: what was settled is written; run it again"
         ) from None
-
-
-def _calibrate(task: "FinishTask") -> str:
-    return "`twindctl calibrate sweep`, `twindctl calibrate zero`, and this command again"
 
 
 class FinishTask:
@@ -76,9 +77,10 @@ class FinishTask:
     def settle_answers(self, support: str | None, *, no_watchdog: bool) -> None:
         """Settle what the owner only has to say: what carries the robot, and servos without a watchdog."""
         if "support" in self.todo:
-            while support not in SUPPORTS:
-                support = self.ask(f"What carries the robot: {', '.join(SUPPORTS)}? ").strip()
-            self._write({"support": support})
+            answer = support or ""
+            while answer not in SUPPORTS:
+                answer = self.ask(f"What carries the robot: {', '.join(SUPPORTS)}? ").strip()
+            self._write({"support": answer})
         for item in [each for each in self.todo if each.endswith(".watchdog")]:
             device = next(
                 joint.type.device for joint in self.robot.joints if joint.type.name == item.split(".")[1]
@@ -91,7 +93,7 @@ class FinishTask:
             self._write({item: "none"})
 
     def settle_signs(self, client: Client, joints: Sequence[JointSpec]) -> None:
-        """Have each joint moved by hand; write its sign. Raises Rejected: the daemon has another robot file."""
+        """Have each joint moved by hand; write its sign. Raises Rejected: the daemon has another file."""
         self._require_same(client)
         for joint in joints:
             sign = self._sign(client, joint)
@@ -104,7 +106,7 @@ class FinishTask:
         for joint in self.open_joints("limits_rad"):
             entry = known.get(joint.actuator)
             if entry is None:
-                raise Rejected(f"{joint.name} is not calibrated: {_calibrate(self)}")
+                raise Rejected(f"{joint.name} is not calibrated: {CALIBRATE}")
             unit = rad_per_tick(joint)
             low, high = sorted((tick - entry.zero_ticks) * unit for tick in entry.sweep_ticks)
             values[f"joints.{joint.name}.limits_rad"] = f"[{low + MARGIN:.3f}, {high - MARGIN:.3f}]"
@@ -115,7 +117,7 @@ class FinishTask:
         known = self._calibration().by_name
         missing = [joint.name for joint in self.robot.joints if joint.actuator not in known]
         if missing:
-            raise Rejected(f"{', '.join(missing[:5])}: not calibrated: {_calibrate(self)}")
+            raise Rejected(f"{', '.join(missing[:5])}: not calibrated: {CALIBRATE}")
         self.ask("Lay the robot where nothing falls without torque, then press Enter ")
         positions = _positions(client)
         pose: dict[str, float] = {}
@@ -124,8 +126,8 @@ class FinishTask:
             inside = min(max(place, joint.lower), joint.upper)
             if abs(place - inside) > SLACK:
                 raise Rejected(
-                    f"{joint.name} lies at {place:.3f} rad, outside its limits {joint.lower:g}..{joint.upper:g}: "
-                    "lay it inside, or widen limits_rad"
+                    f"{joint.name} lies at {place:.3f} rad, outside its limits {joint.lower:g}.."
+                    f"{joint.upper:g}: lay it inside, or widen limits_rad"
                 )
             pose[joint.name] = inside
         text = ", ".join(f"{name}: {place:.3f}" for name, place in pose.items())
@@ -150,7 +152,7 @@ class FinishTask:
                 )
 
     def _require_same(self, client: Client) -> None:
-        robot = client.call("GetRobot")["robot"]["robot"]
+        robot = client.call("GetRobot")["robot"]
         if robot["text_sha256"] != self.robot.text_sha256:
             raise Rejected(
                 f"the daemon has read another robot file than {self.robot.path}: start it with "
@@ -163,12 +165,11 @@ class FinishTask:
             return load_calibration(path, self.robot)
         except ConfigError as error:
             if error.absent:
-                raise Rejected(f"there is no calibration yet at {path}: {_calibrate(self)}") from None
+                raise Rejected(f"there is no calibration yet at {path}: {CALIBRATE}") from None
             raise Rejected(str(error)) from None
 
-    def _write(self, values: dict[str, str | None]) -> None:
+    def _write(self, values: Mapping[str, str]) -> None:
         for key, value in values.items():
-            assert value is not None
             self.edit.put(key, value)
             self.edit.settle(key)
         self.edit.save()
@@ -178,13 +179,18 @@ class FinishTask:
 
 
 def _positions(client: Client) -> dict[str, float]:
-    """Return the fresh positions (rad) by joint. Raises Rejected: one is not read."""
-    joints = client.call("GetStatus", joints=True)["joints"]
-    stale = [
-        each["name"]
-        for each in joints
-        if each["position"] is None or not each["heard"] or each["age_ms"] > FRESH
-    ]
-    if stale:
-        raise Rejected(f"{', '.join(stale[:5])}: no fresh reading; check power, cable and port")
-    return {each["name"]: each["position"] for each in joints}
+    """Return the positions (rad) by joint, once all are fresh. Raises Rejected: one is not read for 2 s."""
+    clock = MonotonicClock()
+    deadline = clock.now() + WAIT
+    while True:
+        joints = client.call("GetStatus", joints=True)["joints"]
+        stale = [each["name"] for each in joints if not _is_fresh(each)]
+        if not stale:
+            return {each["name"]: each["position"] for each in joints}
+        if clock.now() > deadline:
+            raise Rejected(f"{', '.join(stale[:5])}: no fresh reading; check power, cable and port")
+        clock.sleep_until(clock.now() + 0.05)
+
+
+def _is_fresh(joint: Mapping[str, Any]) -> bool:
+    return joint["position"] is not None and joint["heard"] and joint["age_ms"] <= FRESH

@@ -42,7 +42,7 @@ TYPES: Mapping[str, type] = {
 
 
 class FactRule(Struct, forbid_unknown_fields=True):
-    """How one fact is read from the entry of a motor or a bus."""
+    """Rule by which one fact is read from the entry of a motor or a bus."""
 
     path: str
     unit: str = ""

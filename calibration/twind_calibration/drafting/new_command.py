@@ -1,4 +1,4 @@
-"""`twindctl robot new`: a folder with robot file, model and motions from scans and files of other software."""
+"""`twindctl robot new`: a folder with a robot file from scans and files of other software."""
 
 import argparse
 import shlex
@@ -37,8 +37,8 @@ def write_new(options: argparse.Namespace) -> int:
     joints = drafted_joints(draft, _pairs(options.devices, ""))
     support = options.support or _ask_support(options)
     robot = _write(folder, draft, joints, support, no_watchdog=options.no_watchdog)
-    said = _report(folder, robot, joints, sources, draft.remarks)
-    show(options, said, _text(said))
+    result = _report(folder, robot, joints, sources, draft.remarks)
+    show(options, result, _text(result))
     return DONE
 
 
@@ -46,12 +46,13 @@ def _gather(options: argparse.Namespace) -> tuple[RobotDraft, list[str]]:
     draft = RobotDraft(options.name)
     mapping = None if options.mapping is None else read_mapping(Path(options.mapping))
     sources = [f"{file}: {fill_from_file(draft, Path(file), mapping)}" for file in options.files]
+    names = _pairs(options.names, None)
     for joint, bus in _pairs(options.buses, None).items():
         if joint not in draft.joints:
             raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
         draft.joints[joint].state("bus", bus, "--bus")
     for bus, port in _pairs(options.ports, "main").items():
-        fill_from_scan(draft, bus, port, scan_port(port))
+        fill_from_scan(draft, bus, port, scan_port(port), names)
         sources.append(f"scan of {bus} at {port}")
     return draft, sources
 
@@ -74,9 +75,9 @@ def _ask_support(options: argparse.Namespace) -> str | None:
     if options.json or not sys.stdin.isatty():
         return None
     while True:
-        said = input(f"What carries the robot: {', '.join(SUPPORTS)} (empty: decide later)? ").strip()
-        if not said or said in SUPPORTS:
-            return said or None
+        result = input(f"What carries the robot: {', '.join(SUPPORTS)} (empty: decide later)? ").strip()
+        if not result or result in SUPPORTS:
+            return result or None
 
 
 def _write(
@@ -133,13 +134,13 @@ def _report(
     }
 
 
-def _text(said: Mapping[str, Any]) -> str:
-    file = shlex.quote(said["robot"])
-    lines = [f"from {each}" for each in said["sources"]]
-    lines.append(f"{said['robot']}: {len(said['joints'])} joints, {said['rate_hz']:g} Hz")
-    lines += [f"note: {each}" for each in said["remarks"]]
-    lines += [f"open: {each}" for each in said["todo"]]
+def _text(result: Mapping[str, Any]) -> str:
+    file = shlex.quote(result["robot"])
+    lines = [f"from {each}" for each in result["sources"]]
+    lines.append(f"{result['robot']}: {len(result['joints'])} joints, {result['rate_hz']:g} Hz")
+    lines += [f"note: {each}" for each in result["remarks"]]
+    lines += [f"open: {each}" for each in result["todo"]]
     lines.append(
-        f"next: twindctl check robot {file}; twind --virtual --robot {file}; twindctl robot finish {file}"
+        f"next: twindctl check robot {file}; twind --virtual --robot {file}; twindctl robot finish --robot {file}"
     )
     return "\n".join(lines)

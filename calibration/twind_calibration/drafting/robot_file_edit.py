@@ -40,7 +40,7 @@ class RobotFileEdit:
 
     def settle(self, item: str) -> None:
         """Remove an item of `todo`, and the key with its last item."""
-        root = yaml.compose(self.text, yaml.SafeLoader)
+        root: Any = yaml.compose(self.text, yaml.SafeLoader)
         pair = next((pair for pair in root.value if pair[0].value == "todo"), None)
         if pair is None:
             return
@@ -53,7 +53,7 @@ class RobotFileEdit:
         self.text = self.text[:begin] + body + gap + tail
 
     def save(self) -> None:
-        """Replace the file: the old text or the new one, never mixed. Raises Rejected: the new one is refused."""
+        """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is refused."""
         fresh = self.path.with_name(f".{self.path.stem}.new.yaml")
         try:
             fresh.write_text(self.text)

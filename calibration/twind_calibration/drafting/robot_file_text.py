@@ -39,19 +39,20 @@ class DraftedJoint:
 
 @dataclass(frozen=True)
 class FileAnswers:
-    """What the owner says of the robot as a whole, and its model."""
+    """Answers of the owner about the whole robot, and its model."""
 
     model: str  # name of the MJCF file
     base: str  # body
-    support: str | None  # None: not said; written as fixed, and open
+    support: str | None  # None: unknown; written as fixed, and open
     bodiless: bool  # the model has joints alone
     no_watchdog: bool  # accepted: servos that hold their last goal when the daemon dies
 
 
 def drafted_joints(draft: RobotDraft, devices: dict[str, str]) -> list[DraftedJoint]:
-    """Return every joint, complete. `devices`: model by joint or by another software's name; "" for all others.
+    """Return every joint, complete.
 
-    Raises Rejected that names each joint, what is missing and the option that gives it.
+    `devices`: model by joint or by another software's name of it; "" for all others. Raises Rejected that
+    names each joint, what is missing and the option that gives it.
     """
     if not draft.joints:
         raise Rejected("no joint: give --from FILE, --port BUS=PORT or --model FILE")
@@ -125,7 +126,8 @@ def _device(facts: FactSet, devices: dict[str, str]) -> str:
     chosen = devices.get(facts.name) or devices.get(told or "")
     if chosen is None and told is None:
         raise Rejected(
-            f"joint {facts.name}: no source states its model; say --device MODEL, or --device {facts.name}=MODEL"
+            f"joint {facts.name}: no source states its model; say --device MODEL, or "
+            f"--device {facts.name}=MODEL"
         )
     try:
         return find_device(chosen or str(told), facts.get("protocol"))
@@ -184,7 +186,7 @@ def _lines(
     yield f"loop: {{rate_hz: {rate}}}"
     yield ""
     open_items = list(_todo(joints, types, answers))
-    yield "# What no source states. `twindctl robot finish` settles it item by item; mode live is refused until then."
+    yield "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
     yield "todo:"
     yield from (f"  - {item}" for item in open_items)
     yield ""
@@ -216,7 +218,7 @@ def _lines(
         yield f"  {joint.name}: {{{', '.join(parts)}}}   # {joint.sources}"
     yield ""
     if answers.bodiless:
-        yield "collision: {bodies: none}   # the model has joints alone: neither collision nor torque is judged"
+        yield "collision: {bodies: none}   # joints alone: neither collision nor torque is judged"
     yield "gate: {on_velocity: retime}   # a motion that is too fast is slowed down"
     yield ""
     yield "poses:"

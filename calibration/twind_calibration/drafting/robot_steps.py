@@ -61,6 +61,14 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         help="model of a joint, of another software's name of a model, or of all joints without one",
     )
     parser.add_argument(
+        "--joint",
+        dest="names",
+        action="append",
+        default=[],
+        metavar="BUS_ID=NAME",
+        help="name of the joint of a scanned device, such as main_3=elbow",
+    )
+    parser.add_argument(
         "--bus", dest="buses", action="append", default=[], metavar="JOINT=BUS", help="bus of a joint"
     )
     _answer_arguments(parser)

@@ -236,10 +236,9 @@ def _require_current(kind: ServoType, described: ConfigReader, counts: int) -> N
 
 
 def _gains(section: ConfigReader, device: str, known: ControlTable) -> GainSettings:
-    """Return the gains of a new servo (e-manual, "Initial Value"). Raises ConfigError: no page states them."""
+    """Return the gains of a new servo (e-manual, "Initial Value"). Raises ConfigError: no page has them."""
     values = [known[f"position_{gain}_gain"].rule.default for gain in ("p", "i", "d")]
-    if None in values:
-        raise section.refuse(
-            "gains", f"is required: no page states the gains that a {device} is delivered with"
-        )
-    return GainSettings(*values)
+    stated = [value for value in values if value is not None]
+    if len(stated) < len(values):
+        raise section.refuse("gains", f"is required: no page states the factory gains of a {device}")
+    return GainSettings(*stated)
