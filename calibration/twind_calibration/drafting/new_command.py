@@ -140,7 +140,7 @@ def _text(result: Mapping[str, Any]) -> str:
     lines.append(f"{result['robot']}: {len(result['joints'])} joints, {result['rate_hz']:g} Hz")
     lines += [f"note: {each}" for each in result["remarks"]]
     lines += [f"open: {each}" for each in result["todo"]]
-    lines.append(
-        f"next: twindctl check robot {file}; twind --virtual --robot {file}; twindctl robot finish --robot {file}"
-    )
+    lines.append(f"next: twindctl check robot {file}")
+    lines.append(f"      twind --virtual --mode live --robot {file}")
+    lines.append(f"      twindctl robot finish --robot {file}")
     return "\n".join(lines)
