@@ -30,6 +30,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     calibration: dict[str, object] | None
     mjcf: str
     binding: bytes = b""  # the bound robot for the look-ahead (`twin/binding_transfer.py`); empty: none
+    bodiless: bool = False  # the model has joints alone: neither collision nor torque is judged
     rate_hz: float
     parameters: dict[str, Any]
     log_level: str = "info"

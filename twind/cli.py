@@ -379,7 +379,8 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> tuple[ConfigSourc
         f"{name}={virtual_port(family(robot.bus(name).kind).medium, path)}"
         for name, path in child.ports.items()
     ]
-    return replace(sources, calibration=str(child.calibration), ports=tuple(ports)), child.power
+    found = replace(sources, calibration=str(child.calibration), ports=tuple(ports), made_from_file=True)
+    return found, child.power
 
 
 if __name__ == "__main__":

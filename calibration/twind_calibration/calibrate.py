@@ -6,19 +6,15 @@ travel is known may lie on the wrong turn.
 
 import argparse
 
-from twind.command_line.common_options import add_common_options
 from twind_calibration.calibrating.calibration_steps import STEPS
+from twind_calibration.verb_step import add_steps
 
 group = "set up"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """One subcommand a step."""
-    steps = parser.add_subparsers(dest="step", metavar="STEP", required=True)
-    for name, step in STEPS.items():
-        under = steps.add_parser(name, help=step.summary, description=step.text)
-        add_common_options(under, argparse.SUPPRESS)  # also after the step
-        step.add_arguments(under)
+    add_steps(parser, STEPS)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -91,7 +91,7 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("rate_hz: 50", "rate: 50", ":5:8: loop.rate: unknown key; nearest: rate_hz"),
         ("kind: dynamixel2", "kind: can", "buses.main.baud: unknown key; known: kind, port, bitrate"),
         ("baud: 1000000", "baud: 1000001", "1000001 is none of 9600, 57600"),
-        ("gains: {p: 800, i: 0, d: 0}, ", "", "gains.p: is required and missing"),
+        ("gains: {p: 800, i: 0, d: 0}, ", "gains: {i: 0, d: 0}, ", "gains.p: is required and missing"),
         (
             "device: XM430-W350",
             "device: XM430-W350, mode: velocity",

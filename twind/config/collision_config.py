@@ -5,7 +5,7 @@ Knows the file alone: whether the model has these names is found out where it is
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -26,6 +26,7 @@ class Clearance:
     judge_world: bool = False  # the base stands where the model says, so the world around it is real
     allow: Pairs = ()  # pairs that may touch
     pairs: Pairs | None = None  # only these are judged; None: all but `allow`
+    bodiless: bool = False  # the model has joints alone: nothing is judged, and `status` says so
 
     @property
     def band(self) -> float:
@@ -49,6 +50,8 @@ class CollisionKeys(ConfigStruct):
     """pairs of names | | bodies or geoms that may touch: `[[l_hand, l_thigh]]`"""
     pairs: Pairs | None = None
     """pairs of names | all | judge only these"""
+    bodies: Literal["", "none"] = ""
+    """`none` | those of the model | the model has joints alone: neither collision nor torque is judged"""
 
 
 def clearance(section: ConfigReader, support: str) -> Clearance:
@@ -65,6 +68,7 @@ def clearance(section: ConfigReader, support: str) -> Clearance:
         judge_world=support == "fixed" if given.world is None else given.world,
         allow=given.allow,
         pairs=given.pairs,
+        bodiless=given.bodies == "none",
     )
     if not found.block < found.warn:
         raise section.refuse("warn_m", f"{found.warn:g} is not above block_m, {found.block:g}")

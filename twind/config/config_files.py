@@ -20,6 +20,8 @@ from twind.config.robot_file import RobotFile, load_robot
 from twind.exceptions import InvalidInput
 from twind.robot.finding import Finding, ReasonCode
 
+SHOWN_ITEMS = 6  # open items of a robot file that a refusal names
+
 
 @dataclass(frozen=True, slots=True)
 class ConfigSources:
@@ -32,6 +34,7 @@ class ConfigSources:
     socket: str | None = None
     rate_hz: float | None = None
     ports: tuple[str, ...] = ()
+    made_from_file: bool = False  # virtual devices, of which the robot file's open items are true
 
     def settings(self) -> DaemonSettings:
         """The settings file with the command line over it. Raises ConfigError."""
@@ -92,7 +95,13 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     files[str(robot.mjcf_path)] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
     files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}
     usual = settings.usual_calibration(robot.name)
-    denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)
+    denied = live_denied(
+        robot.name,
+        ports,
+        usual,
+        calibrated=calibration is not None,
+        open_items=() if sources.made_from_file else robot.todo,
+    )
     if settings.mode == "live" and denied is not None:
         raise InvalidInput(denied.message)
     rate_hz = settings.rate_hz or robot.rate_hz
@@ -128,9 +137,25 @@ def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
 
 
 def live_denied(
-    robot: str, ports: Mapping[str, str | None], usual: Path, *, calibrated: bool
+    robot: str,
+    ports: Mapping[str, str | None],
+    usual: Path,
+    *,
+    calibrated: bool,
+    open_items: Sequence[str] = (),
 ) -> Finding | None:
-    """Why this daemon may not write to this robot; None: it may. `usual`: where a calibration is sought."""
+    """Why this daemon may not write to this robot; None: it may. `usual`: where a calibration is sought.
+
+    `open_items`: keys of the robot file that are not settled.
+    """
+    if open_items:
+        named = ", ".join(open_items[:SHOWN_ITEMS])
+        more = f" and {len(open_items) - SHOWN_ITEMS} more" if len(open_items) > SHOWN_ITEMS else ""
+        message = (
+            f"mode live needs a settled robot file; `todo` of {robot} has {named}{more}; settle them with "
+            "`twindctl robot finish`"
+        )
+        return Finding(ReasonCode.ROBOT_UNFINISHED, message=message)
     missing = [bus for bus, port in ports.items() if port is None]
     if missing:
         message = f"mode live needs a port for bus {missing[0]!r}: --port {missing[0]}=PORT"

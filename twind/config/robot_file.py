@@ -96,6 +96,8 @@ class RobotKeys(ConfigStruct, kw_only=True):
     sensors: ConfigReader
     power: PowerKeys
     stop_button: StopButtonKeys | None = None
+    todo: tuple[str, ...] = ()
+    """keys, such as `joints.elbow.sign` | none | unsettled: no mode live; `twindctl robot finish`"""
 
 
 def built_in_robots() -> tuple[str, ...]:
@@ -165,6 +167,7 @@ def read_robot(path: Path) -> RobotFile:
         imu=imu_of(top, wires, joints),
         relay=relay_of(top, given.power.relay, given.loop.rate_hz),
         stop_button=button_of(top, given.stop_button),
+        todo=given.todo,
     )
 
 

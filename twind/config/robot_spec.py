@@ -191,6 +191,7 @@ class RobotFile:
     imu: ImuSpec | None = None
     relay: RelaySpec | None = None  # of the motors' supply
     stop_button: ButtonSpec | None = None
+    todo: tuple[str, ...] = ()  # keys of the file that are not settled yet
 
     @property
     def names(self) -> tuple[str, ...]:

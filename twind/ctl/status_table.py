@@ -52,6 +52,8 @@ def status_lines(status: StatusMessage) -> list[str]:
     if unwatched := status.get("unwatched"):
         names = f"{', '.join(unwatched[:SHOWN])}{', ...' if len(unwatched) > SHOWN else ''}"
         lines.append(f"watchdog none in {len(unwatched)} joints ({names}): {UNWATCHED}")
+    if status.get("bodiless"):
+        lines.append("model    joints without bodies: neither collision nor torque is judged")
     if status.get("supply_relay") is not None:
         lines.append(f"relay    {status['supply_relay']}")
     if status.get("stop_button") is not None:

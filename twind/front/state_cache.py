@@ -210,7 +210,12 @@ class StateCache:
         of_overview = {key: getattr(overview, key) for key in STATUS_OF_OVERVIEW}
         head = {"version": self.briefing.version, "robot": self.briefing.robot}
         unwatched = [joint.name for joint in self.briefing.joints if not joint.watchdog]
-        tail = {"flight": self.flight, "streams": self.streams, "unwatched": unwatched}
+        tail = {
+            "flight": self.flight,
+            "streams": self.streams,
+            "unwatched": unwatched,
+            "bodiless": self.briefing.bodiless,
+        }
         return encode(head | of_tick | of_overview | tail | self._slow)
 
     def _joints(self) -> bytes:

@@ -135,5 +135,6 @@ class StatusMessage(TypedDict):
     streams: list[StreamingMessage] | None
     latched: list[str] | None
     unwatched: list[str] | None
+    bodiless: bool | None
     supply_relay: str | None
     stop_button: str | None

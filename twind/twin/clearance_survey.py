@@ -54,11 +54,12 @@ class ClearanceSurvey:
     judged: int  # pairs of geoms
     possible: int  # pairs that the model lets collide
     near: tuple[NearBodies, ...]
+    bodiless: bool = False  # the robot file says that there are none
 
     @property
     def error(self) -> str | None:
         """Reason why there is no look-ahead for this robot; None: there is one."""
-        if self.judged:
+        if self.judged or self.bodiless:
             return None
         why = (
             "contype and conaffinity" if not self.possible else "support, collision.allow and collision.pairs"
@@ -74,6 +75,8 @@ class ClearanceSurvey:
 
     def lines(self) -> list[str]:
         """Return the result as lines for people."""
+        if self.bodiless:
+            return ["clearance: collision: {bodies: none}: neither collision nor torque is judged"]
         texts = [f"clearance: {self.judged} pairs of geoms are judged, of {self.possible} that can collide"]
         for near in self.near:
             word = "too close" if near.refused else "near"
@@ -101,7 +104,9 @@ def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurv
                 _keep(found, bodies, stop.value, f"motion {name}", moving=True)
                 break
     near = sorted(found.values(), key=lambda each: each.clearance)
-    return ClearanceSurvey(len(bodies.pairs), len(candidates(binding.model)), tuple(near))
+    return ClearanceSurvey(
+        len(bodies.pairs), len(candidates(binding.model)), tuple(near), binding.robot.gate.collision.bodiless
+    )
 
 
 def _keep(

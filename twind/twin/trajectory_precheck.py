@@ -47,7 +47,7 @@ class TrajectoryPrecheck:
         self._limits = binding.limits
         self._period = period
         self._strength = strength
-        if not self.bodies.pairs:
+        if not (self.bodies.pairs or binding.robot.gate.collision.bodiless):
             file = binding.robot.path
             raise InvalidInput(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
 
@@ -62,9 +62,13 @@ class TrajectoryPrecheck:
         whole = with_stop(path, self._limits, GateThresholds())[0] if append_stop else path
         curve = along_the_way(whole, reference, self._limits, self._period)
         late = curve.duration - float(whole.time[-1])
-        found: SweepResult = yield from CurveSweep(self.bodies).running(curve)
-        verdict = self._clearance(found, whole, late)
-        if self._strength is None or found.unfinished:
+        verdict = Verdict()
+        if self.bodies.pairs:
+            found: SweepResult = yield from CurveSweep(self.bodies).running(curve)
+            verdict = self._clearance(found, whole, late)
+            if found.unfinished:
+                return verdict
+        if self._strength is None:
             return verdict
         yield
         more = yield from self._strength.judging(*samples(curve))

@@ -14,6 +14,7 @@ class CalibrationActuator:
     joint: JointSpec
     lower: float  # rad, as described
     upper: float
+    is_open: bool = False  # nobody knows its limits yet: its travel is measured, not compared
 
     @property
     def range(self) -> float:
@@ -37,4 +38,9 @@ class CalibrationActuator:
 
 def slots(robot: RobotFile) -> tuple[CalibrationActuator, ...]:
     """Every actuator, in joint order."""
-    return tuple(CalibrationActuator(joint.actuator, joint, *joint.span) for joint in robot.joints)
+    return tuple(
+        CalibrationActuator(
+            joint.actuator, joint, *joint.span, is_open=f"joints.{joint.name}.limits_rad" in robot.todo
+        )
+        for joint in robot.joints
+    )

@@ -6,11 +6,9 @@ The functions are imported when a step runs: their imports take up to a second, 
 import argparse
 import math
 import shlex
-from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import import_module
 
 from twind_calibration.robot_description import add_arguments as add_files
+from twind_calibration.verb_step import VerbStep
 
 # degrees of `prove`
 LEAST = 3.0
@@ -20,26 +18,6 @@ KINDS = ("servo", "lerobot")
 MAKES = ("dynamixel", "feetech")
 MIDDLE = "middle"
 WHICH = "a number, `current`, or a path"
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrationStep:
-    """One step. `text`: its help; the first line is the summary. `place`: `MODULE:FUNCTION` that runs it."""
-
-    text: str
-    add_arguments: Callable[[argparse.ArgumentParser], None]
-    place: str
-
-    @property
-    def summary(self) -> str:
-        """First line of the help."""
-        return self.text.partition("\n")[0]
-
-    def run(self, options: argparse.Namespace) -> int:
-        """Run the step; return its exit code, 0: everything that was asked for is done."""
-        module, _, function = self.place.partition(":")
-        code: int = getattr(import_module(f"twind_calibration.{module}"), function)(options)
-        return code
 
 
 def format_option(options: argparse.Namespace) -> str:
@@ -266,24 +244,24 @@ daemon in mode live, disarmed."""
 
 
 STEPS = {
-    "scan": CalibrationStep(_SCAN, add_files, "calibrating.calibrate_scan_command:scan"),
-    "sweep": CalibrationStep(_SWEEP, _sweep_arguments, "calibrating.sweep_command:sweep"),
-    "zero": CalibrationStep(_ZERO, _zero_arguments, "calibrating.zero_command:zero"),
-    "endstop": CalibrationStep(_ENDSTOP, _endstop_arguments, "calibrating.endstop_command:endstop"),
-    "prove": CalibrationStep(_PROVE, _prove_arguments, "proving.prove_command:prove"),
-    "import": CalibrationStep(_IMPORT, _import_arguments, "calibrating.import_command:take"),
-    "show": CalibrationStep(
+    "scan": VerbStep(_SCAN, add_files, "calibrating.calibrate_scan_command:scan"),
+    "sweep": VerbStep(_SWEEP, _sweep_arguments, "calibrating.sweep_command:sweep"),
+    "zero": VerbStep(_ZERO, _zero_arguments, "calibrating.zero_command:zero"),
+    "endstop": VerbStep(_ENDSTOP, _endstop_arguments, "calibrating.endstop_command:endstop"),
+    "prove": VerbStep(_PROVE, _prove_arguments, "proving.prove_command:prove"),
+    "import": VerbStep(_IMPORT, _import_arguments, "calibrating.import_command:take"),
+    "show": VerbStep(
         "show the calibration file, or an earlier one" + _HISTORY,
         _show_arguments,
         "calibrating.history_command:show_file",
     ),
-    "diff": CalibrationStep(
+    "diff": VerbStep(
         "compare two calibration files" + _HISTORY, _diff_arguments, "calibrating.history_command:diff"
     ),
-    "rollback": CalibrationStep(
+    "rollback": VerbStep(
         "restore an earlier calibration file" + _HISTORY,
         _rollback_arguments,
         "calibrating.history_command:rollback",
     ),
-    "limits": CalibrationStep(_LIMITS, _limits_arguments, "calibrating.limits_command:limits"),
+    "limits": VerbStep(_LIMITS, _limits_arguments, "calibrating.limits_command:limits"),
 }

@@ -83,12 +83,15 @@ class SweepTracker:
     def travel(self, name: str, *, at_once: bool = False) -> tuple[int, int] | None:
         """Return lowest and highest count of a completed actuator.
 
-        `at_once`: of any whose travel fits, whether or not it has rested at the ends.
+        `at_once`: of any whose travel fits, whether or not it has rested at the ends; one whose limits are
+        not known must have rested.
         """
         if name in self._kept:
             return self._kept[name]
         track = self._tracks[name]
-        if at_once and self._judge(self._slots[name], track.span).is_acceptable:
+        slot = self._slots[name]
+        has_ends = not slot.is_open or self._rested(name) == (True, True)
+        if at_once and has_ends and self._judge(slot, track.span).is_acceptable:
             return track.low, track.high
         return None
 

@@ -9,6 +9,7 @@ from twind_calibration.calibrating.calibration_actuators import CalibrationActua
 
 LIKE = 0.10  # share by which a travel may differ from another joint's and still be taken for it
 GUESSES = (0.25, 1 / 3, 0.5, 2.0, 3.0, 4.0)  # what a ratio is often wrong by
+LEAST = 0.2  # rad: travel of a joint whose limits nobody knows
 NAMED = 3  # joints that are named as the one it may be
 
 
@@ -35,7 +36,7 @@ def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActu
     """
     radians = span * abs(slot.rad_per_tick)
     share = radians / slot.range
-    low, high = PLAUSIBLE_SWEEP
+    low, high = (LEAST / slot.range, PLAUSIBLE_SWEEP[1]) if slot.is_open else PLAUSIBLE_SWEEP
     most = longest_travel(slot.joint)
     if span > most:
         turn = slot.joint.type.ticks_per_turn

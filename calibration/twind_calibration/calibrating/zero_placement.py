@@ -64,7 +64,7 @@ def misfits(
 ) -> list[str]:
     """Return the objections to a zero, with likely causes; [] for none. `stands`: present position, ticks."""
     spare = slot.ticks(TOLERANCE)
-    first, last = tick_range(slot.joint, zero, slot.lower, slot.upper)
+    first, last = sweep if slot.is_open else tick_range(slot.joint, zero, slot.lower, slot.upper)
     found = []
     beyond = max(sweep[0] - first, last - sweep[1])
     if beyond > spare:

@@ -36,6 +36,8 @@ ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
 
 _REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
+AS_DELIVERED = GainSettings(-1, -1, -1)  # not given
+
 UnitOfCount = Annotated[float, Meta(gt=0.0, le=1.0)]
 
 
@@ -64,7 +66,7 @@ class ServoTypeKeys(TypeKeys, kw_only=True):
 
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500  # factory setting: 250 units of 2 µs
     """0–508, even | | twice register 9"""
-    gains: GainSettings
+    gains: GainSettings = AS_DELIVERED
     velocity_limit_rad_s: Speed = 2.0
     """of the motor shaft"""
     torque_constant_nm_per_a: Annotated[float, Meta(gt=0.0, le=1e3)] = math.nan
@@ -133,7 +135,7 @@ def servo_type(name: str, section: ConfigReader) -> ServoType:
         mode=read_mode(section, "position"),
         return_delay_us=delay,
         ticks_per_turn=_turn(section, given, known.facts.counts_per_turn),
-        gains=given.gains,
+        gains=_gains(section, device, known) if given.gains is AS_DELIVERED else given.gains,
         torque_constant_nm_per_a=given.torque_constant_nm_per_a,
         current_lsb_a=given.current_lsb_a or ampere,
         velocity_lsb_rad_s=velocity,
@@ -231,3 +233,12 @@ def _require_current(kind: ServoType, described: ConfigReader, counts: int) -> N
             f"{kind.current_limit_a:g} A is outside {kind.current_lsb_a:.4g}..{most:.4g} A, what a "
             f"{kind.device} takes as goal current (102) in mode {CURRENT_BASED}",
         )
+
+
+def _gains(section: ConfigReader, device: str, known: ControlTable) -> GainSettings:
+    """Return the gains of a new servo (e-manual, "Initial Value"). Raises ConfigError: no page has them."""
+    values = [known[f"position_{gain}_gain"].rule.default for gain in ("p", "i", "d")]
+    stated = [value for value in values if value is not None]
+    if len(stated) < len(values):
+        raise section.refuse("gains", f"is required: no page states the factory gains of a {device}")
+    return GainSettings(*stated)

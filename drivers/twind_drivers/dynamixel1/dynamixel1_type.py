@@ -28,13 +28,13 @@ class Dynamixel1Gains:
     """Position gains as register counts; None: as the servo has it."""
 
     p: Gain | None = None
-    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | factory gains; those: as the servo has it | register counts,
     written before torque"""
     i: Gain | None = None
-    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | factory gains; those: as the servo has it | register counts,
     written before torque"""
     d: Gain | None = None
-    """0–16383; Feetech, Dynamixel 1.0: 0–254 | required; those: as the servo has it | register counts,
+    """0–16383; Feetech, Dynamixel 1.0: 0–254 | factory gains; those: as the servo has it | register counts,
     written before torque"""
     slope: Annotated[int, Meta(ge=1, le=254)] | None = None
     """1–254 | as the servo has it | AX, RX, EX: compliance slope, registers 28 and 29; larger is softer"""

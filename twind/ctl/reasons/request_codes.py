@@ -54,6 +54,9 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.NOT_ARMED: ReasonText(
         REFUSED, "Motion in `live`, but the robot is not armed or holds no position.", "`twindctl arm`"
     ),
+    ReasonCode.ROBOT_UNFINISHED: ReasonText(
+        REFUSED, "`todo` of the robot file has open items.", "`twindctl robot finish`"
+    ),
     ReasonCode.CALIB_MISSING: ReasonText(
         REFUSED,
         "A joint has no measured zero, or `live` has no calibration file.",

@@ -234,6 +234,7 @@ def briefing(
         else msgspec.to_builtins(robot.calibration, enc_hook=str),
         mjcf=binding.mjcf,
         binding=packed(binding),
+        bodiless=robot.file.gate.collision.bodiless,
         rate_hz=rate_hz,
         parameters=parameters,
         log_level=log_level,

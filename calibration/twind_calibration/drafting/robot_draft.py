@@ -1,0 +1,121 @@
+"""Draft of a robot: facts with their sources, gathered from files and scans before a robot file is written.
+
+A fact of the first source stays; another value of a later source is a conflict, which is reported and left to
+the owner. Whatever no source states is an open item of the robot file's key `todo`.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from twind.command_line.verb import Rejected
+from twind.config.bus_config import NAME
+from twind.config.driver_family import families
+
+# What a source may state of one joint. Limits in rad, or in counts of its servo, 0 where the servo counts 0.
+JOINT_FACTS = (
+    *("id", "bus", "device", "protocol", "sign", "ratio", "lower", "upper", "lower_count", "upper_count"),
+    *("model_joint", "velocity"),
+)
+BUS_FACTS = ("port", "baud")
+TURN = 2.0 * math.pi
+
+
+class Fact(NamedTuple):
+    """A value and the source that states it."""
+
+    value: Any
+    source: str
+
+
+@dataclass
+class FactSet:
+    """Facts of one thing by key, and what later sources state differently."""
+
+    name: str
+    facts: dict[str, Fact] = field(default_factory=dict)
+    conflicts: dict[str, list[Fact]] = field(default_factory=dict)
+
+    def state(self, key: str, value: Any, source: str) -> None:
+        """Take a fact; of a fact that is known already only a different value is kept, as a conflict."""
+        known = self.facts.setdefault(key, Fact(value, source))
+        if not _is_same(known.value, value):
+            self.conflicts.setdefault(key, []).append(Fact(value, source))
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Return the value of a fact."""
+        return self.facts[key].value if key in self.facts else default
+
+    def source(self, key: str) -> str:
+        """Return the source of a fact; empty where nobody states it."""
+        return self.facts[key].source if key in self.facts else ""
+
+
+@dataclass
+class RobotDraft:
+    """Everything known so far of one robot."""
+
+    name: str
+    joints: dict[str, FactSet] = field(default_factory=dict)
+    buses: dict[str, FactSet] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def joint(self, name: str) -> FactSet:
+        """Return the facts of a joint, which is new where no source named it. Raises Rejected."""
+        if not NAME.fullmatch(name):
+            raise Rejected(f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
+        return self.joints.setdefault(name, FactSet(name))
+
+    def bus(self, name: str) -> FactSet:
+        """Return the facts of a bus."""
+        return self.buses.setdefault(name, FactSet(name))
+
+    def joint_of(self, bus: str, number: int) -> FactSet | None:
+        """Return the joint with a device id: of that bus, or of none if no other joint has the id."""
+        holders = [each for each in self.joints.values() if each.get("id") == number]
+        exact = [each for each in holders if each.get("bus") == bus]
+        loose = [each for each in holders if each.get("bus") is None]
+        if exact or len(loose) != 1:
+            return exact[0] if len(exact) == 1 else None
+        return loose[0]
+
+    def conflicts(self) -> Iterator[str]:
+        """Yield each disagreement of two sources as text."""
+        for each in (*self.joints.values(), *self.buses.values()):
+            for key, others in each.conflicts.items():
+                for other in others:
+                    yield (
+                        f"{each.name}: {key} is {each.get(key)!r} by {each.source(key)}, {other.value!r} by "
+                        f"{other.source}: correct one, or leave one out"
+                    )
+
+
+def find_device(text: str, protocol: float | None = None) -> str:
+    """Return the name of a model as a robot file spells it. Raises Rejected: none, or several.
+
+    `protocol`: of Dynamixel servos that exist with both, 1.0 or 2.0.
+    """
+    wanted = _plain(text)
+    known = {model: each.kind for each in families() for model in each.models()}
+    found = [model for model in known if _plain(model) == wanted]
+    if protocol == 2.0:
+        found = [model for model in known if _plain(model) == f"{wanted}20"] or found
+    if not found:
+        near = sorted(model for model in known if wanted and _plain(model).startswith(wanted))
+        if len(near) != 1:
+            options = f": {', '.join(near[:8])}" if near else ""
+            raise Rejected(f"device {text!r}: no model of that name{options}")
+        found = near
+    return found[0]
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", text.casefold())
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) or isinstance(other, float):
+        return math.isclose(float(one), float(other), rel_tol=1e-6, abs_tol=1e-6)
+    return bool(one == other)

@@ -1,0 +1,78 @@
+"""Edits of a robot file that leave all else as it is: comments, order and spacing."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from twind.command_line.verb import Rejected
+from twind.config.robot_file import read_robot
+from twind.config.yaml_tree import ConfigError, read_text
+
+
+class RobotFileEdit:
+    """The text of a robot file, edited key by key and written as a whole."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file. Raises ConfigError."""
+        self.path = path
+        self.text = read_text(path)
+
+    def put(self, key: str, value: str) -> None:
+        """Set `a.b.c` to a value written as YAML; a missing key is added to its section."""
+        parts = key.split(".")
+        node = self._find(parts)
+        if node is not None:
+            self._replace(node.start_mark.index, node.end_mark.index, value)
+            return
+        above = self._find(parts[:-1])
+        if not isinstance(above, yaml.MappingNode) or not above.value:
+            raise Rejected(f"{self.path}: {key}: there is no section {'.'.join(parts[:-1])}")
+        last_key, last = above.value[-1]
+        at = last.end_mark.index
+        if above.flow_style:
+            self._replace(at, at, f", {parts[-1]}: {value}")
+        else:
+            end = self.text.find("\n", at)
+            end = len(self.text) if end < 0 else end
+            self._replace(end, end, f"\n{' ' * last_key.start_mark.column}{parts[-1]}: {value}")
+
+    def settle(self, item: str) -> None:
+        """Remove an item of `todo`, and the key with its last item."""
+        root: Any = yaml.compose(self.text, yaml.SafeLoader)
+        pair = next((pair for pair in root.value if pair[0].value == "todo"), None)
+        if pair is None:
+            return
+        left = [each.value for each in pair[1].value if each.value != item]
+        begin = pair[0].start_mark.index
+        end = pair[1].end_mark.index
+        body = "todo:\n" + "".join(f"  - {each}\n" for each in left) if left else ""
+        tail = self.text[end:].lstrip("\n") if not left else self.text[end:]
+        gap = "\n" if left and not tail.startswith("\n") else ""
+        self.text = self.text[:begin] + body + gap + tail
+
+    def save(self) -> None:
+        """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is refused."""
+        fresh = self.path.with_name(f".{self.path.stem}.new.yaml")
+        try:
+            fresh.write_text(self.text)
+            try:
+                read_robot(fresh)
+            except ConfigError as error:
+                raise Rejected(str(error).replace(fresh.name, self.path.name)) from None
+            os.replace(fresh, self.path)
+        finally:
+            fresh.unlink(missing_ok=True)
+
+    def _find(self, parts: list[str]) -> Any:
+        node = yaml.compose(self.text, yaml.SafeLoader)
+        for part in parts:
+            pairs = node.value if isinstance(node, yaml.MappingNode) else []
+            node = next((value for key, value in pairs if key.value == part), None)
+            if node is None:
+                return None
+        return node
+
+    def _replace(self, begin: int, end: int, text: str) -> None:
+        self.text = self.text[:begin] + text + self.text[end:]

@@ -1,0 +1,72 @@
+"""Facts from the scan of a port: ids, models and the baud rate of a bus."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from twind.command_line.verb import Rejected
+from twind_calibration.drafting.robot_draft import RobotDraft
+
+SECONDS = 300.0  # of a scan of all ids at all rates
+
+
+def scan_port(port: str) -> list[dict[str, Any]]:
+    """Return the devices that `twindctl scan --port` finds. Raises Rejected: none, or a fault of the line."""
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--json", "scan", "--port", port]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        raise Rejected(f"{port}: the scan did not end within {SECONDS:.0f} s") from None
+    rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    devices = [row for row in rows if row.get("id") is not None]
+    troubles = [
+        f"{row.get('baud')} baud, id {row.get('id', '-')}: {row['trouble']}"
+        for row in rows
+        if row.get("trouble")
+    ]
+    if troubles:
+        raise Rejected(
+            f"{port}: {'; '.join(troubles)}; mend it and scan again (`twindctl scan --port {port}`)"
+        )
+    if not devices:
+        raise Rejected(done.stderr.strip() or f"{port}: no device answers")
+    return devices
+
+
+def fill_from_scan(
+    draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]], names: Mapping[str, str]
+) -> None:
+    """State what the devices of a bus tell. A device without a joint becomes joint `BUS_ID`.
+
+    `names`: of joints, by `BUS_ID`.
+
+    Raises Rejected: two baud rates on one bus, or a device of an unknown model.
+    """
+    source = f"scan of {bus}"
+    named = bool(draft.joints)
+    rates = sorted({int(each["baud"]) for each in devices})
+    if len(rates) > 1:
+        slow = ", ".join(
+            f"id {each['id']} at {each['baud']}" for each in devices if each["baud"] != rates[-1]
+        )
+        raise Rejected(
+            f"{port}: two baud rates on one bus: {slow}, others at {rates[-1]}; set one rate, such as with "
+            "`twindctl register` or the maker's tool, and scan again"
+        )
+    draft.bus(bus).state("port", port, source)
+    draft.bus(bus).state("baud", rates[0], source)
+    for each in devices:
+        number = int(each["id"])
+        model = each.get("model_name")
+        if not model:
+            raise Rejected(f"{port}: id {number} is model {each.get('model')}, which no driver knows")
+        joint = draft.joint_of(bus, number)
+        if joint is None:
+            if named:
+                draft.remarks.append(f"id {number} on {bus} ({model}) is no joint of the given files")
+            joint = draft.joint(names.get(f"{bus}_{number}", f"{bus}_{number}"))
+        joint.state("bus", bus, source)
+        joint.state("id", number, source)
+        joint.state("device", model, source)

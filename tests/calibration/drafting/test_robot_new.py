@@ -1,0 +1,113 @@
+"""`twindctl robot new`: from files of other software to a robot file that `check robot` accepts."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.robot_description_files import INTERBOTIX, LEROBOT, POPPY, REACHY, ROBOTIS, TODDLER
+from twind.config.config_files import ConfigSources, describe
+from twind.config.robot_file import read_robot
+from twind.ctl.ctl_main import main
+from twind.exceptions import InvalidInput
+from twind_calibration.drafting import new_command
+
+COMMANDS = {
+    "poppy": (json.dumps(POPPY), ["--device", "AX-12=AX-12A"]),
+    "arm": (json.dumps(LEROBOT), ["--device", "STS3215"]),
+    "toddler": (json.dumps(TODDLER), ["--device", "XC330=XC330-T288"]),
+    "thor": (ROBOTIS, []),
+    "inter": (INTERBOTIX, ["--device", "waist=XM430-W350"]),
+    "reachy": (REACHY, ["--device", "XL330-M288"]),
+}
+
+
+def new(folder: Path, name: str, text: str, *options: str) -> int:
+    file = folder / f"{name}.txt"
+    file.write_text(text)
+    return main(["robot", "new", name, "--folder", str(folder / name), "--from", str(file), *options])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_robot_of_each_software_passes_check_robot(name: str, tmp_path: Path) -> None:
+    text, options = COMMANDS[name]
+    assert new(tmp_path, name, text, *options) == 0
+    file = tmp_path / name / f"{name}.yaml"
+    assert main(["check", "robot", str(file)]) == 0
+    robot = read_robot(file)
+    assert "poses.rest" in robot.todo
+    assert "support" in robot.todo
+
+
+def test_what_no_source_states_is_open_and_refuses_live(tmp_path: Path) -> None:
+    new(tmp_path, "thor", ROBOTIS)
+    file = str(tmp_path / "thor" / "thor.yaml")
+    assert read_robot(Path(file)).todo == (
+        "support",
+        "joints.r_sho.sign",
+        "joints.r_sho.limits_rad",
+        "poses.rest",
+    )
+    with pytest.raises(InvalidInput, match=r"joints\.r_sho\.sign"):
+        describe(ConfigSources(mode="live", robot=file, ports=("/dev/null",)))
+    describe(ConfigSources(mode="mirror", robot=file, ports=("/dev/null",)))
+
+
+def test_answers_leave_fewer_items_open(tmp_path: Path) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215", "--support", "fixed", "--no-watchdog")
+    assert read_robot(tmp_path / "arm" / "arm.yaml").todo == ("poses.rest",)
+
+
+def test_counts_become_limits_about_the_middle_of_the_servo(tmp_path: Path) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    (joint,) = read_robot(tmp_path / "arm" / "arm.yaml").joints
+    assert joint.sign == -1
+    assert joint.lower == pytest.approx(-(3200 - 2048) * 6.283185 / 4096, abs=1e-3)
+    assert joint.upper == pytest.approx((2048 - 800) * 6.283185 / 4096, abs=1e-3)
+
+
+def test_a_scan_completes_a_file_and_must_not_contradict_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = [
+        {"id": 1, "baud": 1_000_000, "model": 777, "model_name": "STS3215"},
+        {"id": 9, "baud": 1_000_000, "model": 777, "model_name": "STS3215"},
+    ]
+    monkeypatch.setattr(new_command, "scan_port", lambda port: found)
+    assert new(tmp_path, "arm", json.dumps(LEROBOT), "--port", "desk=/dev/ttyX") == 0
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    assert {joint.name: (joint.bus, joint.id) for joint in robot.joints} == {
+        "pan": ("desk", 1),
+        "desk_9": ("desk", 9),
+    }
+    assert "id 9 on desk (STS3215) is no joint" in capsys.readouterr().out
+    found[0]["model_name"] = "XL330-M288"
+    poppy = json.loads(json.dumps(POPPY))
+    poppy["motors"]["head_y"]["id"] = 1
+    assert new(tmp_path, "poppy", json.dumps(poppy), "--port", "main=/dev/ttyX") == 1
+    assert "head_y: device is 'AX-12' by poppy.txt, 'XL330-M288' by scan" in capsys.readouterr().err
+    assert not (tmp_path / "poppy").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (json.dumps(LEROBOT), [], "say --device MODEL"),
+        (json.dumps(LEROBOT), ["--device", "STS9999"], "no model of that name"),
+        (json.dumps(TODDLER), [], "XC330-M181"),
+        (json.dumps(LEROBOT), ["--device", "STS3215", "--bus", "elbow=main"], "no source has a joint elbow"),
+        ("{}", [], "no known format"),
+    ],
+)
+def test_what_cannot_be_completed_is_refused_and_nothing_written(
+    text: str, options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new(tmp_path, "arm", text, *options) in (1, 2)
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "arm").exists()
+
+
+def test_a_folder_that_exists_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "arm").mkdir()
+    assert new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215") == 1
+    assert "exists" in capsys.readouterr().err
