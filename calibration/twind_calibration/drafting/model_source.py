@@ -8,6 +8,8 @@ from twind_calibration.drafting.mapping_file import bus_name
 from twind_calibration.drafting.robot_draft import RobotDraft
 from twind_calibration.model_import.imported_model import HardwareSystem, ImportedModel
 
+# rad between the stops of a model and the limits: a limp joint rests on its stop, and must be armed there.
+MARGIN = 0.03
 MOST_SPEED = 100.0  # rad/s that a robot file takes
 
 
@@ -38,13 +40,13 @@ def fill_from_model(draft: RobotDraft, model: ImportedModel) -> tuple[str, ...]:
             )
         joint = hinges[name]
         if joint.range is not None:
-            facts.state("lower", joint.range[0], joint.place)
-            facts.state("upper", joint.range[1], joint.place)
+            facts.state("lower", joint.range[0] + MARGIN, joint.place)
+            facts.state("upper", joint.range[1] - MARGIN, joint.place)
         if joint.velocity is not None and 0.0 < joint.velocity < MOST_SPEED:
             facts.state("velocity", joint.velocity, joint.place)
     if not draft.joints:
         raise Rejected(
-            f"{model.file.name} has joints, and no source has ids: add a scan (--port BUS=PORT) or --from FILE"
+            f"{model.file.name} has joints, but no source has ids: add --port BUS=PORT or --from FILE"
         )
     driven = {facts.get("model_joint", facts.name) for facts in draft.joints.values()}
     passive = tuple(joint.name for joint in model.joints if joint.name not in driven)

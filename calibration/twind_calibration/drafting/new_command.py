@@ -51,7 +51,9 @@ def write_new(options: argparse.Namespace) -> int:
     result = {
         "robot": str(folder / robot.path.name),
         "sources": sources,
-        "joints": {joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.device} for joint in joints},
+        "joints": {
+            joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.device} for joint in joints
+        },
         "rate_hz": robot.rate_hz,
         "todo": list(robot.todo),
         "remarks": draft.remarks,
@@ -153,7 +155,9 @@ def _write(
         file.write_text(robot_text(draft, joints, answers, rate))
         return read_robot(file)
     except ConfigError as error:
-        raise Rejected(f"what the sources state is refused: {str(error).replace(str(folder), folder.name)}") from None
+        raise Rejected(
+            f"what the sources state is refused: {str(error).replace(str(folder), folder.name)}"
+        ) from None
 
 
 def _text(result: Mapping[str, Any]) -> str:

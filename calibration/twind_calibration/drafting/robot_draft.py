@@ -39,7 +39,7 @@ class FactSet:
     conflicts: dict[str, list[Fact]] = field(default_factory=dict)
 
     def state(self, key: str, value: Any, source: str) -> None:
-        """Take a fact; a different value of a known one is a conflict, and of limits the tighter one stays."""
+        """Take a fact. A different value of a known one is a conflict; of limits the tighter one stays."""
         known = self.facts.setdefault(key, Fact(value, source))
         if key in TIGHTER:
             if TIGHTER[key](known.value, value) != known.value:
@@ -88,7 +88,9 @@ class RobotDraft:
         """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""
         for old in names:
             if old not in self.joints:
-                raise Rejected(f"--joint {old}={names[old]}: no source has a joint {old}: {', '.join(self.joints)}")
+                raise Rejected(
+                    f"--joint {old}={names[old]}: no source has a joint {old}: {', '.join(self.joints)}"
+                )
         named = [(names.get(each.name, each.name), each) for each in self.joints.values()]
         self.joints = {}
         for name, facts in named:

@@ -10,8 +10,8 @@ SUPPORTS = ("fixed", "gantry", "free")
 _NEW = """\
 write a robot file from scans, files of other software and a model
 
-Sources are asked in the order --from, --port, --model; a fact of the first one stays, and sources that contradict each
-other are refused. Known formats: LeRobot, Poppy and pypot, ROBOTIS framework, Interbotix, Reachy Mini,
+Sources are --from, --port and --model. Of limits the tighter one stays; sources that contradict each other
+otherwise are refused. Known formats: LeRobot, Poppy and pypot, ROBOTIS framework, Interbotix, Reachy Mini,
 ToddlerBot; --mapping describes any other. What no source states is written to the key `todo` of the file.
 """
 _FINISH = """\
@@ -53,7 +53,12 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of a ROS package that the model names",
     )
     parser.add_argument(
-        "--argument", dest="arguments", action="append", default=[], metavar="NAME=VALUE", help="of a xacro file"
+        "--argument",
+        dest="arguments",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="of a xacro file",
     )
     parser.add_argument("--mapping", metavar="FILE", help="how to read --from files of an unknown format")
     parser.add_argument(

@@ -34,9 +34,7 @@ def scan_port(port: str) -> list[dict[str, Any]]:
     return devices
 
 
-def fill_from_scan(
-    draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]]
-) -> None:
+def fill_from_scan(draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]]) -> None:
     """State what the devices of a bus tell. A device without a joint becomes joint `BUS_ID`.
 
     Raises Rejected: two baud rates on one bus, or a device of an unknown model.
