@@ -1,6 +1,7 @@
 """Situations that lead to each code of what is asked of the loop, of ports, devices and arming."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from tests.support.daemon_rig import CLIENT, Rig
@@ -8,6 +9,7 @@ from tests.support.described_robot import redescribe
 from tests.support.power_stand_in import PowerStandIn
 from tests.support.scene_rig import ask, faults, leads_to, move
 from twind import link
+from twind.config.config_files import live_denied
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind_drivers.bus import PortError
@@ -56,6 +58,15 @@ def a_mirror_shall_be_armed(made: Rig) -> None:
     made.connect()
     made.lease()
     made.call(link.Arm)
+
+
+@leads_to(ReasonCode.ROBOT_UNFINISHED, arm=False, mode=Mode.MIRROR)
+def a_robot_with_open_items_shall_go_live(made: Rig) -> None:
+    made.connect()
+    denied = live_denied("h24", {"main": "/dev/x"}, Path("none"), calibrated=True, open_items=["support"])
+    made.loop.commands._parts = replace(made.loop.commands._parts, live_denied=denied)
+    made.lease()
+    made.call(link.SetMode, mode="live")
 
 
 @leads_to(ReasonCode.NOT_ARMED, arm=False)

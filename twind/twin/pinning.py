@@ -22,8 +22,7 @@ def pin(spec: mujoco.MjSpec, base: Any) -> None:
     for element in [*free, *spec.keys]:
         spec.delete(element)
     spec.compiler.fusestatic = False  # the compiler would merge a base without joints into the world
-    if not spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
-        _exclude_children(spec, base)
+    exclude_children(spec, base)
 
 
 def free_joints(body: Any) -> list[Any]:
@@ -31,8 +30,13 @@ def free_joints(body: Any) -> list[Any]:
     return [joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
 
 
-def _exclude_children(spec: mujoco.MjSpec, base: Any) -> None:
-    """Exclude what the parent filter removes: bodies welded to `base` with bodies welded to its children."""
+def exclude_children(spec: mujoco.MjSpec, base: Any) -> None:
+    """Exclude what the parent filter removes: bodies welded to `base` with bodies welded to its children.
+
+    A model without that filter stays as it is.
+    """
+    if spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+        return
     welded = list(_weld_group(base))
     for parent in welded:
         for child in parent.bodies:

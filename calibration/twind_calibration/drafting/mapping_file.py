@@ -97,7 +97,7 @@ class FileMapping:
         """State every fact of every motor; return how many motors there are. Raises Rejected."""
         for key, entry in _walk(tree, self.content.buses) if self.content.buses else ():
             name = _text(entry, self.content.bus_name) or key
-            self._state(draft.bus(_bus_name(name)), self.content.bus_facts, entry, source)
+            self._state(draft.bus(bus_name(name)), self.content.bus_facts, entry, source)
         count = 0
         for key, entry in _walk(tree, self.content.motors):
             name = _text(entry, self.content.name) or key
@@ -119,7 +119,7 @@ class FileMapping:
                 continue
             except (ValueError, TypeError) as error:
                 raise Rejected(f"{source}: {facts.name}: {rule.path}: {error}") from None
-            facts.state(key, _bus_name(value) if key == "bus" else value, source)
+            facts.state(key, bus_name(value) if key == "bus" else value, source)
 
 
 def built_in_mappings() -> tuple[FileMapping, ...]:
@@ -245,6 +245,6 @@ def _text(entry: Any, path: str) -> str:
     return "" if value is None else str(value)
 
 
-def _bus_name(port: str) -> str:
+def bus_name(port: str) -> str:
     """Return the name of a bus: of a port its last part, such as ttyUSB0."""
     return str(port).strip().rstrip("/").rpartition("/")[2] or "main"

@@ -1,8 +1,10 @@
 """`twindctl robot new`: a folder with a robot file from scans and files of other software."""
 
 import argparse
+import os
 import shlex
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,13 @@ from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput
 from twind_calibration.drafting.bodiless_model import bodiless_model
 from twind_calibration.drafting.mapping_file import fill_from_file, read_mapping
+from twind_calibration.drafting.model_source import fill_from_hardware, fill_from_model
 from twind_calibration.drafting.robot_draft import RobotDraft
 from twind_calibration.drafting.robot_file_text import (
+    RATES,
     DraftedJoint,
     FileAnswers,
     drafted_joints,
@@ -23,38 +28,89 @@ from twind_calibration.drafting.robot_file_text import (
 )
 from twind_calibration.drafting.robot_steps import SUPPORTS
 from twind_calibration.drafting.scan_source import fill_from_scan, scan_port
+from twind_calibration.model_import.imported_model import ImportedModel
 
 
 def write_new(options: argparse.Namespace) -> int:
     """Write the folder and print what is open. Raises Rejected, UsageError: nothing is written."""
-    folder = Path(options.folder or options.name)
+    folder = Path(options.folder or options.name).absolute()
     if folder.exists():
         raise Rejected(f"{folder} exists: choose another --folder")
-    draft, sources = _gather(options)
-    conflicts = list(draft.conflicts())
-    if conflicts:
-        raise Rejected("\n".join(["sources contradict each other:", *conflicts]))
-    joints = drafted_joints(draft, _pairs(options.devices, ""))
-    support = options.support or _ask_support(options)
-    robot = _write(folder, draft, joints, support, no_watchdog=options.no_watchdog)
-    result = _report(folder, robot, joints, sources, draft.remarks)
+    draft = RobotDraft(options.name)
+    sources = _read_sources(options, draft)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as beside:
+        made = Path(beside) / folder.name
+        made.mkdir()
+        model = None if options.model is None else _import(options, made)
+        joints, answers = _complete(options, draft, model)
+        robot = _write(made, draft, joints, answers)
+        os.rename(made, folder)
+    if options.model:
+        sources.append(f"{options.model}: model")
+    result = {
+        "robot": str(folder / robot.path.name),
+        "sources": sources,
+        "joints": {
+            joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.device} for joint in joints
+        },
+        "rate_hz": robot.rate_hz,
+        "todo": list(robot.todo),
+        "remarks": draft.remarks,
+    }
     show(options, result, _text(result))
     return DONE
 
 
-def _gather(options: argparse.Namespace) -> tuple[RobotDraft, list[str]]:
-    draft = RobotDraft(options.name)
+def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
     mapping = None if options.mapping is None else read_mapping(Path(options.mapping))
     sources = [f"{file}: {fill_from_file(draft, Path(file), mapping)}" for file in options.files]
-    names = _pairs(options.names, None)
     for joint, bus in _pairs(options.buses, None).items():
         if joint not in draft.joints:
             raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
         draft.joints[joint].state("bus", bus, "--bus")
     for bus, port in _pairs(options.ports, "main").items():
-        fill_from_scan(draft, bus, port, scan_port(port), names)
+        fill_from_scan(draft, bus, port, scan_port(port))
         sources.append(f"scan of {bus} at {port}")
-    return draft, sources
+    return sources
+
+
+def _import(options: argparse.Namespace, folder: Path) -> ImportedModel:
+    from twind_calibration.model_import.import_model import import_model  # its libraries are an extra
+
+    packages = {name: Path(place) for name, place in _pairs(options.packages, None).items()}
+    try:
+        return import_model(
+            Path(options.model),
+            folder,
+            floating=True,
+            packages=packages,
+            arguments=_pairs(options.arguments, None),
+        )
+    except InvalidInput as error:
+        raise Rejected(str(error)) from None
+
+
+def _complete(
+    options: argparse.Namespace, draft: RobotDraft, model: ImportedModel | None
+) -> tuple[list[DraftedJoint], FileAnswers]:
+    """Return every joint with all that a robot file says of it. Raises Rejected."""
+    if model is not None:
+        fill_from_hardware(draft, model)
+    draft.rename(_pairs(options.names, None))
+    passive = () if model is None else fill_from_model(draft, model)
+    conflicts = list(draft.conflicts())
+    if conflicts:
+        raise Rejected("\n".join(["sources contradict each other:", *conflicts]))
+    answers = FileAnswers(
+        model=f"{draft.name}.xml" if model is None else model.file.name,
+        base="base" if model is None else model.base,
+        passive=passive,
+        support=options.support or _ask_support(options),
+        bodiless=model is None,
+        no_watchdog=options.no_watchdog,
+    )
+    return drafted_joints(draft, _pairs(options.devices, "")), answers
 
 
 def _pairs(given: Sequence[str], bare: str | None) -> dict[str, str]:
@@ -81,57 +137,27 @@ def _ask_support(options: argparse.Namespace) -> str | None:
 
 
 def _write(
-    folder: Path, draft: RobotDraft, joints: Sequence[DraftedJoint], support: str | None, *, no_watchdog: bool
+    folder: Path, draft: RobotDraft, joints: Sequence[DraftedJoint], answers: FileAnswers
 ) -> RobotFile:
-    """Write robot file, model and the folder of motions; return the robot as read back.
+    """Write robot file, folder of motions and, where none was imported, the model; return the robot.
 
-    Nothing is left behind where the files are refused. Raises Rejected.
+    Raises Rejected: what the sources state makes no robot file.
     """
-    file = folder / f"{draft.name}.yaml"
-    folder.mkdir(parents=True)
-    try:
-        (folder / "motions").mkdir()
-        model = folder / f"{draft.name}.xml"
+    (folder / "motions").mkdir()
+    if answers.bodiless:
         ranges = {joint.model_joint: (joint.lower - 0.1, joint.upper + 0.1) for joint in joints}
-        model.write_text(bodiless_model(draft.name, ranges))
-        families = {joint.family.kind: joint.family for joint in joints}
-
-        def text(rate: int) -> str:
-            return robot_text(
-                draft,
-                joints,
-                FileAnswers(model.name, "base", support, bodiless=True, no_watchdog=no_watchdog),
-                rate,
-            )
-
-        file.write_text(text(10))
+        (folder / answers.model).write_text(bodiless_model(draft.name, ranges))
+    file = folder / f"{draft.name}.yaml"
+    families = {joint.family.kind: joint.family for joint in joints}
+    try:
+        file.write_text(robot_text(draft, joints, answers, RATES[-1]))
         rate = fastest_rate(read_robot(file), families)
-        file.write_text(text(rate))
+        file.write_text(robot_text(draft, joints, answers, rate))
         return read_robot(file)
-    except (ConfigError, Rejected, OSError) as error:
-        for each in (*folder.glob("*.*"), folder / "motions"):
-            each.rmdir() if each.is_dir() else each.unlink()
-        folder.rmdir()
-        raise Rejected(f"what the sources state is refused: {error}") from None
-
-
-def _report(
-    folder: Path,
-    robot: RobotFile,
-    joints: Sequence[DraftedJoint],
-    sources: Sequence[str],
-    remarks: Sequence[str],
-) -> dict[str, Any]:
-    return {
-        "robot": str(robot.path),
-        "sources": list(sources),
-        "joints": {
-            joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.device} for joint in joints
-        },
-        "rate_hz": robot.rate_hz,
-        "todo": list(robot.todo),
-        "remarks": list(remarks),
-    }
+    except ConfigError as error:
+        raise Rejected(
+            f"what the sources state is refused: {str(error).replace(str(folder), folder.name)}"
+        ) from None
 
 
 def _text(result: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ the owner. Whatever no source states is an open item of the robot file's key `to
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ JOINT_FACTS = (
     *("model_joint", "velocity"),
 )
 BUS_FACTS = ("port", "baud")
-TURN = 2.0 * math.pi
+TIGHTER: Mapping[str, Callable[[float, float], float]] = {"lower": max, "upper": min, "velocity": min}
 
 
 class Fact(NamedTuple):
@@ -39,9 +39,12 @@ class FactSet:
     conflicts: dict[str, list[Fact]] = field(default_factory=dict)
 
     def state(self, key: str, value: Any, source: str) -> None:
-        """Take a fact; of a fact that is known already only a different value is kept, as a conflict."""
+        """Take a fact. A different value of a known one is a conflict; of limits the tighter one stays."""
         known = self.facts.setdefault(key, Fact(value, source))
-        if not _is_same(known.value, value):
+        if key in TIGHTER:
+            if TIGHTER[key](known.value, value) != known.value:
+                self.facts[key] = Fact(value, source)
+        elif not _is_same(known.value, value):
             self.conflicts.setdefault(key, []).append(Fact(value, source))
 
     def get(self, key: str, default: Any = None) -> Any:
@@ -80,6 +83,21 @@ class RobotDraft:
         if exact or len(loose) != 1:
             return exact[0] if len(exact) == 1 else None
         return loose[0]
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""
+        for old in names:
+            if old not in self.joints:
+                raise Rejected(
+                    f"--joint {old}={names[old]}: no source has a joint {old}: {', '.join(self.joints)}"
+                )
+        named = [(names.get(each.name, each.name), each) for each in self.joints.values()]
+        self.joints = {}
+        for name, facts in named:
+            if name in self.joints:
+                raise Rejected(f"two joints would be called {name}")
+            facts.name = self.joint(name).name
+            self.joints[name] = facts
 
     def conflicts(self) -> Iterator[str]:
         """Yield each disagreement of two sources as text."""

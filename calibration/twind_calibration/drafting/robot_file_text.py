@@ -33,6 +33,7 @@ class DraftedJoint:
     ratio: float
     lower: float
     upper: float
+    velocity: float | None  # rad/s
     sources: str
     todo: tuple[str, ...]
 
@@ -43,6 +44,7 @@ class FileAnswers:
 
     model: str  # name of the MJCF file
     base: str  # body
+    passive: tuple[str, ...]  # joints of the model without a motor
     support: str | None  # None: unknown; written as fixed, and open
     bodiless: bool  # the model has joints alone
     no_watchdog: bool  # accepted: servos that hold their last goal when the daemon dies
@@ -116,6 +118,7 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
         ratio=facts.get("ratio", 1.0),
         lower=lower,
         upper=upper,
+        velocity=facts.get("velocity"),
         sources="; ".join(f"{', '.join(what)} by {source}" for source, what in sources.items()),
         todo=todo,
     )
@@ -182,6 +185,8 @@ def _lines(
     yield f"format: {FORMAT}"
     yield f"name: {draft.name}"
     yield f"model: {{mjcf: {answers.model}, base: {answers.base}}}"
+    if answers.passive:
+        yield f"passive: [{', '.join(answers.passive)}]"
     yield f"support: {answers.support or 'fixed'}"
     yield f"loop: {{rate_hz: {rate}}}"
     yield ""
@@ -214,6 +219,8 @@ def _lines(
             parts.append(f"ratio: {joint.ratio:g}")
         if joint.model_joint != joint.name:
             parts.append(f"model_joint: {joint.model_joint}")
+        if joint.velocity:
+            parts.append(f"velocity_limit_rad_s: {joint.velocity:g}")
         parts.append(f"limits_rad: [{joint.lower:g}, {joint.upper:g}]")
         yield f"  {joint.name}: {{{', '.join(parts)}}}   # {joint.sources}"
     yield ""

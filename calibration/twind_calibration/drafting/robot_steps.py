@@ -10,8 +10,8 @@ SUPPORTS = ("fixed", "gantry", "free")
 _NEW = """\
 write a robot file from scans, files of other software and a model
 
-Sources are asked in the order --from, --port; a fact of the first one stays, and sources that contradict each
-other are refused. Known formats: LeRobot, Poppy and pypot, ROBOTIS framework, Interbotix, Reachy Mini,
+Sources are --from, --port and --model. Of limits the tighter one stays; sources that contradict each other
+otherwise are refused. Known formats: LeRobot, Poppy and pypot, ROBOTIS framework, Interbotix, Reachy Mini,
 ToddlerBot; --mapping describes any other. What no source states is written to the key `todo` of the file.
 """
 _FINISH = """\
@@ -43,6 +43,23 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file of other software with ids, models, limits or signs; may be repeated",
     )
+    parser.add_argument("--model", metavar="FILE", help="MJCF, URDF or xacro; without one: joints alone")
+    parser.add_argument(
+        "--package",
+        dest="packages",
+        action="append",
+        default=[],
+        metavar="NAME=DIR",
+        help="folder of a ROS package that the model names",
+    )
+    parser.add_argument(
+        "--argument",
+        dest="arguments",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="of a xacro file",
+    )
     parser.add_argument("--mapping", metavar="FILE", help="how to read --from files of an unknown format")
     parser.add_argument(
         "--port",
@@ -65,8 +82,8 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         dest="names",
         action="append",
         default=[],
-        metavar="BUS_ID=NAME",
-        help="name of the joint of a scanned device, such as main_3=elbow",
+        metavar="OLD=NAME",
+        help="name of a joint in place of that of a source; scanned devices are BUS_ID, such as main_3",
     )
     parser.add_argument(
         "--bus", dest="buses", action="append", default=[], metavar="JOINT=BUS", help="bus of a joint"

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from twind.command_line.verb import Rejected
@@ -35,12 +34,8 @@ def scan_port(port: str) -> list[dict[str, Any]]:
     return devices
 
 
-def fill_from_scan(
-    draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]], names: Mapping[str, str]
-) -> None:
+def fill_from_scan(draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]]) -> None:
     """State what the devices of a bus tell. A device without a joint becomes joint `BUS_ID`.
-
-    `names`: of joints, by `BUS_ID`.
 
     Raises Rejected: two baud rates on one bus, or a device of an unknown model.
     """
@@ -66,7 +61,7 @@ def fill_from_scan(
         if joint is None:
             if named:
                 draft.remarks.append(f"id {number} on {bus} ({model}) is no joint of the given files")
-            joint = draft.joint(names.get(f"{bus}_{number}", f"{bus}_{number}"))
+            joint = draft.joint(f"{bus}_{number}")
         joint.state("bus", bus, source)
         joint.state("id", number, source)
         joint.state("device", model, source)

@@ -1,6 +1,7 @@
 """`twindctl robot new`: from files of other software to a robot file that `check robot` accepts."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
 from twind_calibration.drafting import new_command
 
+MODELS = Path(__file__).parents[2] / "data" / "models"
 COMMANDS = {
     "poppy": (json.dumps(POPPY), ["--device", "AX-12=AX-12A"]),
     "arm": (json.dumps(LEROBOT), ["--device", "STS3215"]),
@@ -111,3 +113,53 @@ def test_a_folder_that_exists_is_left_alone(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "arm").mkdir()
     assert new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215") == 1
     assert "exists" in capsys.readouterr().err
+
+
+def test_a_urdf_with_ros2_control_becomes_a_robot_with_bodies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "robot",
+        "new",
+        "pantilt",
+        "--folder",
+        str(tmp_path / "p"),
+        "--model",
+        str(MODELS / "pantilt.urdf"),
+    ]
+    assert main(words) == 1
+    assert "joint pan: no source states its model" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert main([*words, "--device", "XL330-M288", "--support", "fixed"]) == 0
+    robot = read_robot(tmp_path / "p" / "pantilt.yaml")
+    assert {joint.name: (joint.id, joint.bus, joint.lower, joint.upper) for joint in robot.joints} == {
+        "pan": (1, "ttyUSB0", -1.47, 1.47),
+        "tilt": (2, "ttyUSB0", -0.77, 0.77),
+    }
+    assert not robot.gate.collision.bodiless
+    assert robot.todo == ("joints.pan.sign", "joints.tilt.sign", "poses.rest")
+    assert main(["check", "robot", str(robot.path)]) == 0
+
+
+def test_of_limits_of_two_sources_the_tighter_one_stays(tmp_path: Path) -> None:
+    motors = {"m1": {**POPPY["motors"]["head_y"], "angle_limit": [-100, 20], "type": "XL330-M288"}}
+    file = tmp_path / "motors.json"
+    file.write_text(json.dumps({**POPPY, "motors": motors}))
+    model = str(MODELS / "pantilt.xml")
+    words = ["--from", str(file), "--model", model, "--joint", "m1=pan", "--folder", str(tmp_path / "p")]
+    assert main(["robot", "new", "pantilt", *words]) == 0
+    robot = read_robot(tmp_path / "p" / "pantilt.yaml")
+    (pan,) = robot.joints
+    assert (pan.lower, pan.upper) == pytest.approx((-1.47, math.radians(20)), abs=1e-5)
+    assert robot.passive == ("tilt",)
+
+
+def test_a_motor_that_is_no_joint_of_the_model_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--model", str(MODELS / "pantilt.xml"), "--device", "STS3215"]
+    assert new(tmp_path, "arm", json.dumps({"pam": LEROBOT["pan"]}), *words) == 1
+    assert "joint pam" in (told := capsys.readouterr().err)
+    assert "nearest: pan" in told
+    assert main(["robot", "new", "bare", "--folder", str(tmp_path / "bare"), *words]) == 1
+    assert "no source has ids" in capsys.readouterr().err
