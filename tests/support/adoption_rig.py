@@ -15,6 +15,7 @@ from twind_drivers.dynamixel.adoption.calibration_entry_status import Calibratio
 from twind_drivers.dynamixel.adoption.candidate_locations import choose, look
 from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.run_script import perform
 from twind_drivers.virtual.serial_loopback import Loopback
@@ -85,7 +86,7 @@ class Port(Loopback):
     def at(self, baud: int) -> WritableProber:
         """The line at a rate."""
         self.wire.line(baud)
-        return WritableProber(self, self.clock, baud)
+        return WritableProber(self, self.clock, baud, PROTOCOL)
 
 
 def settled(id: int, **settings: int) -> ServoSpec:

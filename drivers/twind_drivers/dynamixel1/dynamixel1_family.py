@@ -20,5 +20,6 @@ DYNAMIXEL1 = DriverFamily(
     budget=dynamixel1_keys.dynamixel1_budget,
     driver=FamilyPart("twind_drivers.dynamixel1.dynamixel1_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.dynamixel1.dynamixel1_twin:TWIN"),
+    scan=FamilyPart("twind_drivers.dynamixel1.dynamixel1_tools:scan"),
     alert_register="hardware_error_status",
 )

@@ -20,5 +20,6 @@ FEETECH = DriverFamily(
     budget=feetech_keys.feetech_budget,
     driver=FamilyPart("twind_drivers.feetech.feetech_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.feetech.feetech_twin:TWIN"),
+    scan=FamilyPart("twind_drivers.feetech.feetech_tools:scan"),
     alert_register="hardware_error_status",
 )

@@ -23,6 +23,21 @@ class MappedRegister:
     order: Literal["little", "big"] = "little"
 
     @property
+    def key(self) -> str:
+        """Its name, which is in snake case."""
+        return self.name
+
+    @property
+    def end(self) -> int:
+        """First address behind it."""
+        return self.address + self.size
+
+    @property
+    def eeprom(self) -> bool:
+        """True if it survives power-off."""
+        return self.kept
+
+    @property
     def writable(self) -> bool:
         """True if a write has an effect."""
         return self.least < self.most

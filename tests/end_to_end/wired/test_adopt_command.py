@@ -24,8 +24,9 @@ from twind.ctl.instance_paths import sockets_of, stop
 from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.adoption.adopt_command import status_at
-from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.servo_tools.prober import PortProber
 
 
 @contextmanager
@@ -68,7 +69,7 @@ def test_a_servo_as_delivered_answers_at_its_place_afterwards(
         assert main([*words, "wrist", "--port", port, "--yes"]) == 0
         said = capsys.readouterr()
         transport = SerialTransport(port, 1_000_000)
-        asked = PortProber(transport, MonotonicClock(), 1_000_000)
+        asked = PortProber(transport, MonotonicClock(), 1_000_000, PROTOCOL)
         assert [each.id for each in asked.ping(7).statuses] == [7]
         assert asked.ping(1).statuses == []
         transport.close()

@@ -27,6 +27,7 @@ from twind_drivers.dynamixel.adoption.candidate_locations import (
     serial_buses,
 )
 from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.ports.serial_port import SerialTransport
 
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
@@ -134,7 +135,7 @@ def _open_port(port: str, stack: ExitStack) -> At:
 
 def _at(transport: SerialTransport, clock: Clock, baud: int) -> WritableProber:
     transport.set_baud(baud)
-    return WritableProber(transport, clock, baud, timer=(transport.latency_ms or 0) * 1e-3)
+    return WritableProber(transport, clock, baud, PROTOCOL, timer=(transport.latency_ms or 0) * 1e-3)
 
 
 def _require_no_daemon(options: argparse.Namespace, described: RobotDescription, port: str) -> None:

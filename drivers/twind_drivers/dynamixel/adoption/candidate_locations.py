@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from twind.command_line.verb import Rejected
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind_calibration.rejection_hints import unknown_joint
-from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, ScanFaultKind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
-from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.dynamixel.servo_type import KIND, ServoType
+from twind_drivers.servo_tools.bus_scan import BaudRateScan, ScanFaultKind, ScannedDevice, ids_of, scan
+from twind_drivers.servo_tools.prober import PortProber
 
 # Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
 RATES = (
@@ -83,7 +84,7 @@ def search_plan(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
     fresh = [delivered(joint) for joint in robot.joints if joint.bus == bus.name]
     ids = [joint.id for joint in robot.joints if joint.bus == bus.name]
     known = range(max([*ids, *(each.id for each in fresh)], default=0) + 1)
-    return {bus.baud: known} | {each.baud: IDS for each in fresh}
+    return {bus.baud: known} | {each.baud: ids_of(PROTOCOL) for each in fresh}
 
 
 def look(at: Callable[[int], PortProber], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:

@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 from twind.command_line.verb import Rejected
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation
-from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
 from twind_drivers.dynamixel.packet import StatusErrorCode
-from twind_drivers.dynamixel.prober import PortProber, ProbeWindow
+from twind_drivers.servo_tools.bus_scan import PROBES, REMEDY
+from twind_drivers.servo_tools.prober import PortProber, ProbeWindow
 
 TRIES = 3  # writes of one register
 PINGED = 3  # bytes of an answer to a ping: model number 2, firmware 1

@@ -17,8 +17,8 @@ from twind_drivers.bus import BusError, PortError
 from twind_drivers.dynamixel.doctor.serial_bus_inspector import REPLY_SLACK, SerialBusInspector
 from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_tools import LONGEST_DELAY
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
-from twind_drivers.dynamixel.prober import LONGEST_DELAY
 from twind_drivers.run_script import perform
 
 

@@ -19,7 +19,6 @@ from twind.doctor.check import (
 )
 from twind.doctor.check_context import CheckContext, Inspection, device_of
 from twind.robot.attitude import G
-from twind_drivers.dynamixel.bus_scan import ScanFaultKind
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.device_layout import layout_of
 from twind_drivers.dynamixel.doctor import register_fix
@@ -32,6 +31,7 @@ from twind_drivers.dynamixel.doctor.serial_bus_survey import (
 from twind_drivers.dynamixel.dynamixel_identification import supports_fast
 from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.dynamixel.servo_type import ServoType
+from twind_drivers.servo_tools.bus_scan import ScanFaultKind
 from twind_drivers.slow_read_rate import upkeep_stride
 
 BUSES = "serial buses"  # subject in the report

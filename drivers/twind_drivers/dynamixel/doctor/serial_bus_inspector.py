@@ -12,11 +12,12 @@ from twind_drivers.bus import PortError
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, PortProber
+from twind_drivers.dynamixel.dynamixel_tools import LONGEST_DELAY, PROTOCOL
 from twind_drivers.dynamixel.replies import StatusReply
 from twind_drivers.dynamixel.servo_type import ServoType
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.servo_tools.prober import PortProber
 
 REPLY_SLACK = 0.02  # s that a reply may take beside its wire time: a busy machine is no fault of a servo
 PINGS = 12
@@ -98,7 +99,7 @@ class SerialBusInspector:
     @cached_property
     def prober(self) -> PortProber:
         """One question at a time; it cannot write."""
-        return PortProber(self.transport, self.clock, self.baud, timer=self.timer_s)
+        return PortProber(self.transport, self.clock, self.baud, PROTOCOL, timer=self.timer_s)
 
     def ping_delays(self, ids: Sequence[int]) -> list[float]:
         """Return the delays (s, without wire time) of pings to the first device that answers.

@@ -19,13 +19,14 @@ from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
 from twind_drivers.dynamixel.doctor.serial_bus_inspector import BusProbe, SerialBusInspector
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
-from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.dynamixel.servo_type import KIND
 from twind_drivers.register_sensor import decoded
+from twind_drivers.servo_tools.bus_scan import ScanFault, ScannedDevice, scan, scan_rate
+from twind_drivers.servo_tools.prober import PortProber
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
 RAM = (
@@ -136,7 +137,7 @@ def expected_servos(context: CheckContext) -> Iterator[tuple[SerialBusSurvey, Su
 
 
 def survey_port(
-    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
+    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] | None = None
 ) -> SerialBusSurvey:
     """Survey one bus completely; other rates only where a device is missing. Raises OperationFailed.
 
@@ -148,7 +149,9 @@ def survey_port(
         raise OperationFailed(str(error)) from error
 
 
-def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialBusSurvey:
+def _survey(
+    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] | None
+) -> SerialBusSurvey:
     rate = scan_rate(line.prober, ids)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
     probe = line.open_probe()
@@ -281,10 +284,10 @@ def _scan_other_rates(
 
     def open_prober(baud: int) -> PortProber:
         line.transport.set_baud(baud)
-        return PortProber(line.transport, line.clock, baud, timer=line.timer_s)
+        return PortProber(line.transport, line.clock, baud, PROTOCOL, timer=line.timer_s)
 
     try:
-        rates = list(scan(open_prober, [baud for baud in BAUDS if baud != spec.baud], ids))
+        rates = list(scan(open_prober, [baud for baud in PROTOCOL.bauds if baud != spec.baud], ids))
     finally:
         line.transport.set_baud(spec.baud)
     return tuple(each for rate in rates for each in rate.found)
