@@ -114,7 +114,7 @@ def register_map(name: str) -> RegisterMap:
     hls = {
         key: each
         for key, each in (sts | parse_registers(_HLS, EPROM_END)).items()
-        if key not in ("goal_time", "overload_torque")
+        if key not in ("goal_time", "overload_torque", "return_delay_time")
     }
     known = {key: sts[key] for key in ("firmware_major", "firmware_minor", "end", "model_number", "id")}
     maps = (

@@ -1,6 +1,6 @@
 """Register table of a serial servo with one-byte addresses. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal
@@ -67,6 +67,9 @@ class RegisterTable:
 
     def __contains__(self, name: str) -> bool:
         return name in self.registers
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.registers)
 
     def __getitem__(self, name: str) -> MappedRegister:
         """Raise InvalidInput that lists similar names, for an unknown one."""

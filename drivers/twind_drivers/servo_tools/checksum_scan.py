@@ -4,9 +4,12 @@ Their packets are equal and their registers are not. Only the place of the id te
 register 5 of a Feetech and register 3 of a Dynamixel, each in the block of `IDENTITY`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from twind_drivers.half_duplex import checksum_packet as packet
+from twind_drivers.half_duplex.checksum_reply import ChecksumReply
+from twind_drivers.servo_tools.family_tools import FamilyTools
 from twind_drivers.servo_tools.scan_protocol import ScanProtocol, ServoIdentity
 
 IDENTITY = (0, 6)  # address and size: firmware and model of either family, and its id
@@ -14,6 +17,11 @@ FEETECH_ID = 5
 DYNAMIXEL_ID = 3
 LAST_END = 1  # largest value of register 2 of a Feetech: byte order
 LONGEST_DELAY = 508e-6  # s: 254 x 2 us
+REMEDIES = {
+    "supply voltage": "compare the supply with the voltage limits of the servo",
+    "encoder": "if it comes back after power-off, exchange the servo",
+}
+HOT = "let it cool, find the load, remove the obstacle"
 
 
 def id_register(id: int, block: bytes) -> int | None:
@@ -56,4 +64,16 @@ def checksum_protocol(
         identify=identify,
         fault_bits=fault_bits,
         explain=explain,
+    )
+
+
+def checksum_tools(protocol: ScanProtocol, *, faults: Mapping[int, str], **facts: Any) -> FamilyTools:
+    """Return the tools of a family. `faults`: its error bits by mask; `facts`: those it does not share."""
+    return FamilyTools(
+        protocol=protocol,
+        reply=lambda id, size, request: ChecksumReply((id,), size, (request,)),
+        settings=lambda table: list(table),
+        errors={mask.bit_length() - 1: (name, REMEDIES.get(name, HOT)) for mask, name in faults.items()},
+        reboots=False,
+        **facts,
     )

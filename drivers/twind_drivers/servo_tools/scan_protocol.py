@@ -3,7 +3,7 @@
 A family has one `ScanProtocol`. Everything here only reads, but for `write`, which a scan never uses.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -65,6 +65,8 @@ class ServoTable(Protocol):
 
     def __contains__(self, name: str) -> bool: ...
 
+    def __iter__(self) -> Iterator[str]: ...
+
     def __getitem__(self, name: str) -> ServoRegister: ...
 
 
@@ -92,9 +94,9 @@ class ScanProtocol:
     ping_size: int  # data bytes of its reply
     read: Callable[[int, int, int], bytes]  # id, address, size
     write: Callable[[int, int, bytes], bytes]  # id, address, data
-    # s per id of a broadcast ping beside its wire time; 0: replies to one would collide, ids are asked singly.
+    # s per id of a broadcast ping beside its wire time; 0: its replies would collide, ids are asked singly.
     slot: float
-    line_probe: bytes  # request that no servo of the family answers: what comes back is echo, or another kind
+    line_probe: bytes  # request that no servo of the family answers: what comes is echo, or another kind
     identity: tuple[int, int]  # address and size of what `identify` reads; size 0: the reply to a ping
     # Identification by id and those bytes; None: a servo of another family.
     identify: Callable[[int, bytes], ServoIdentity | None]
