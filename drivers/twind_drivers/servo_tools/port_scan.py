@@ -39,6 +39,8 @@ def _scan(protocol: ScanProtocol, options: argparse.Namespace, port: SerialTrans
     bauds = tuple(options.baud or protocol.bauds)
     every = ids_of(protocol)
     ids = [id for id in options.ids or every if id in every]
+    if not ids:
+        raise Rejected(f"{protocol.kind} devices have ids up to {protocol.last_id}")
     timer = (port.latency_ms or 0) * 1e-3
 
     def open_prober(baud: int) -> PortProber:
@@ -57,8 +59,9 @@ def _scan(protocol: ScanProtocol, options: argparse.Namespace, port: SerialTrans
     found = [each for rate in rates for each in rate.found]
     if not found:
         more = " Without --baud all rates are searched." if options.baud else ""
+        what = f"{protocol.kind} device" if options.kind else "device"
         question = "is the power on, and the data line connected?"
-        raise Rejected(f"{port.name}: no {protocol.kind} device answers: {question}{more}")
+        raise Rejected(f"{port.name}: no {what} answers: {question}{more}")
     return REFUSED if any(each.trouble for each in found) else DONE
 
 
@@ -100,8 +103,8 @@ def _trouble(each: ScannedDevice) -> dict[str, str]:
 
 
 def _text(protocol: ScanProtocol, each: ScannedDevice) -> str:
-    model = each.model_name or ("unknown" if each.model is None else f"model {each.model}")
-    words = [f"{each.baud:>7} baud", f"id {each.id:>3}", protocol.kind, model]
+    unknown = "unknown" if each.model is None else f"{protocol.kind} model {each.model}"
+    words = [f"{each.baud:>7} baud", f"id {each.id:>3}", each.model_name or unknown]
     if each.firmware is not None:
         words.append(f"firmware {each.firmware}")
     if each.torque is not None:

@@ -91,8 +91,7 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
     if tools_of(joint.type.BUS) is None:
         answers = "" if joint.feedback_id is None else f", and {joint.feedback_id} to answer with"
         raise Rejected(
-            f"{name} is a {joint.type.device} on {_describe(robot.bus(joint.bus))}: adopt sets up serial "
-            f"servos only. Give "
+            f"{name} is a {joint.type.device} on {_describe(robot.bus(joint.bus))}. Give "
             f"it id {joint.id}{answers} at {robot.bus(joint.bus).baud} bit/s with its maker's tool; then "
             f"`twindctl scan {joint.bus}` with the daemon in mode mirror shows whether it answers"
         )
@@ -112,7 +111,9 @@ def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
 
 
 def _describe(bus: BusSpec) -> str:
-    return f"CAN bus {bus.name}" if bus.kind == "can" else f"bus {bus.name} of kind {bus.kind}"
+    if bus.kind == "can":
+        return f"CAN bus {bus.name}: adopt sets up serial servos only"
+    return f"bus {bus.name}: adopt does not know servos of kind {bus.kind}"
 
 
 def choose(robot: RobotFile, responding: Heard, name: str | None) -> AdoptionCandidate | None:
