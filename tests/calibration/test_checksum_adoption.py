@@ -148,3 +148,26 @@ def test_an_interrupted_adoption_is_completed_by_the_same_command(tmp_path: Path
     adopted(bench, robot)
     names = ("id", "return_delay_time", "lock")
     assert [bench.value(1, name) for name in names] == [7, 0, 1]
+
+
+def test_the_limits_and_offset_of_a_servo_at_its_place_stay(tmp_path: Path) -> None:
+    """They may be the calibration of another program, such as LeRobot."""
+    robot = robot_of(tmp_path, "feetech", "STS3215", ARM)
+    own = {"homing_offset": -300, "min_position_limit": 900, "max_position_limit": 3000}
+    bench = ChecksumBench(feetech(2), feetech(7, return_delay_time=250, **own))
+    plan = planned(bench, robot, "wrist")
+    assert plan is not None
+    assert [step.register for step in plan.steps] == ["return_delay_time"]
+    plan.carry_out()
+    assert {name: bench.value(1, name) for name in own} == own
+    assert (bench.value(1, "return_delay_time"), bench.value(1, "lock")) == (0, 1)
+
+
+def test_a_lock_left_open_by_a_program_that_ended_is_closed(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, "feetech", "STS3215", ARM)
+    bench = ChecksumBench(feetech(2), feetech(7))
+    bench.bus.servos.put(1, "lock", 0)
+    plan = planned(bench, robot, "wrist")
+    assert plan is not None and [step.register for step in plan.steps] == ["lock"]
+    plan.carry_out()
+    assert bench.value(1, "lock") == 1

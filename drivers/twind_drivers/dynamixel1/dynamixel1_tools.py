@@ -13,10 +13,11 @@ from twind_drivers.dynamixel1.dynamixel1_type import FULL, KIND, MICROSECONDS, D
 from twind_drivers.servo_tools.checksum_scan import (
     DYNAMIXEL_ID,
     checksum_protocol,
-    checksum_tools,
+    errors_of,
     id_register,
+    reply_of,
 )
-from twind_drivers.servo_tools.family_tools import ServoLocation
+from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation
 from twind_drivers.servo_tools.port_scan import scan_port
 from twind_drivers.servo_tools.scan_protocol import ServoIdentity, ServoTable
 
@@ -86,9 +87,12 @@ def _reading_time(bus: BusSpec, joints: Sequence[JointSpec]) -> float:
     return Dynamixel1Cycle(len(kinds), alone, bus.baud, delay).seconds
 
 
-TOOLS = checksum_tools(
-    PROTOCOL,
-    faults=STATES,
+TOOLS = FamilyTools(
+    protocol=PROTOCOL,
+    reply=reply_of,
+    settings=list,
+    errors=errors_of(STATES),
+    reboots=False,
     number_of=lambda device: model(device).number,
     table_of=lambda device: table_of(model(device)),
     derive=lambda values, error: {**values, **derived(values, error)},

@@ -13,10 +13,11 @@ from twind_drivers.feetech.feetech_type import KIND, MANY, FeetechType
 from twind_drivers.servo_tools.checksum_scan import (
     FEETECH_ID,
     checksum_protocol,
-    checksum_tools,
+    errors_of,
     id_register,
+    reply_of,
 )
-from twind_drivers.servo_tools.family_tools import ServoLocation
+from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation
 from twind_drivers.servo_tools.port_scan import scan_port
 from twind_drivers.servo_tools.scan_protocol import ServoIdentity, ServoTable
 
@@ -70,9 +71,12 @@ def _reading_time(bus: BusSpec, joints: Sequence[JointSpec]) -> float:
     return cycle_seconds(len(maps), sum(not each.sync_read for each in maps), WHOLE, baud=bus.baud)
 
 
-TOOLS = checksum_tools(
-    PROTOCOL,
-    faults=FAULTS,
+TOOLS = FamilyTools(
+    protocol=PROTOCOL,
+    reply=reply_of,
+    settings=list,
+    errors=errors_of(FAULTS),
+    reboots=False,
     number_of=lambda device: model(device).number,
     table_of=lambda device: register_map(model(device).map),
     derive=lambda values, error: complete(values),

@@ -5,11 +5,9 @@ register 5 of a Feetech and register 3 of a Dynamixel, each in the block of `IDE
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.checksum_reply import ChecksumReply
-from twind_drivers.servo_tools.family_tools import FamilyTools
 from twind_drivers.servo_tools.scan_protocol import ScanProtocol, ServoIdentity
 
 IDENTITY = (0, 6)  # address and size: firmware and model of either family, and its id
@@ -67,13 +65,11 @@ def checksum_protocol(
     )
 
 
-def checksum_tools(protocol: ScanProtocol, *, faults: Mapping[int, str], **facts: Any) -> FamilyTools:
-    """Return the tools of a family. `faults`: its error bits by mask; `facts`: those it does not share."""
-    return FamilyTools(
-        protocol=protocol,
-        reply=lambda id, size, request: ChecksumReply((id,), size, (request,)),
-        settings=lambda table: list(table),
-        errors={mask.bit_length() - 1: (name, REMEDIES.get(name, HOT)) for mask, name in faults.items()},
-        reboots=False,
-        **facts,
-    )
+def reply_of(id: int, size: int, request: bytes) -> ChecksumReply:
+    """Return the reply to a request."""
+    return ChecksumReply((id,), size, (request,))
+
+
+def errors_of(faults: Mapping[int, str]) -> dict[int, tuple[str, str]]:
+    """Return name and remedy by bit; `faults`: names by mask."""
+    return {mask.bit_length() - 1: (name, REMEDIES.get(name, HOT)) for mask, name in faults.items()}

@@ -46,7 +46,7 @@ class FamilyTools:
     # Adoption
     delivered: Callable[[str], Sequence[ServoLocation]]  # where a device may answer as delivered
     baud_code: Callable[[int], int | None]  # content of `baud_rate`; None: not certain
-    # What a new servo of a joint must hold; `values`: what it holds.
+    # What a new servo of a joint must hold; `values`: what it holds. One that has its place needs `demanded`.
     required: Callable[[JointSpec, ServoTable, Values], dict[str, int]]
     refusal: Callable[[int], str]  # why a status with this error byte refuses a write; empty: it does not
     objection: Callable[[Values], str] = nothing  # why nothing can be written now; empty: it can

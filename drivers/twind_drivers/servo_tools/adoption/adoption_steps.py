@@ -74,7 +74,9 @@ class AdoptionPlan:
                     self.hand.write(step.register, step.then)
             self.hand.move(self.chosen.home)
         held = self.hand.read(tools.settings(known))
-        if held[TORQUE] or (wrong := list(different(joint, tools, known, self.firmware, held))):
+        if held[TORQUE] or (
+            wrong := list(different(joint, tools, known, self.firmware, held, new=self.chosen.new))
+        ):
             why = "its torque is on" if held[TORQUE] else "; ".join(wrong)
             raise Rejected(f"{joint.name}, {self.hand.place}: after all was written, {why}")
 
@@ -102,7 +104,7 @@ def prepare(
     held = hand.read(tools.settings(table))
     if held[TORQUE]:
         raise Rejected(f"{chosen.place}: its torque is on: take its power away and give it back")
-    steps = plan(chosen.joint, tools, table, firmware, held)
+    steps = plan(chosen.joint, tools, table, firmware, held, new=chosen.new)
     if chosen.place == chosen.home and entry.there and steps:
         name = chosen.joint.name
         raise Rejected(

@@ -37,6 +37,11 @@ class AdoptionCandidate:
         """Id and rate of the servo after adoption."""
         return ServoLocation(self.joint.id, self.bus.baud)
 
+    @property
+    def new(self) -> bool:
+        """True if it is not at its place yet."""
+        return self.place != self.home
+
 
 def delivered(joint: JointSpec) -> Sequence[ServoLocation]:
     """Return where the servo model of this joint may answer as delivered. Raises Rejected: not known."""

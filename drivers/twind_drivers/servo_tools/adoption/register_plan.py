@@ -10,6 +10,7 @@ from twind.command_line.verb import Rejected
 from twind.config.robot_spec import JointSpec
 from twind_drivers.servo_tools.family_tools import FamilyTools
 from twind_drivers.servo_tools.scan_protocol import ServoTable
+from twind_drivers.servo_tools.servo_configurator import LOCK
 
 FIRST = ("status_return_level", "operating_mode", "drive_mode")  # a change of mode resets other registers
 
@@ -27,17 +28,36 @@ class RegisterStep:
         return f"{self.register} ({self.address}): {self.now} -> {self.then}"
 
 
+def wanted(
+    joint: JointSpec, tools: FamilyTools, table: ServoTable, now: Mapping[str, int], *, new: bool
+) -> dict[str, int]:
+    """Return the required values by register.
+
+    `new`: False for a servo at its place, whose limits and offset may be a calibration: they stay, unless its
+    family tells no demanded registers apart.
+    """
+    if new or tools.demanded is None:
+        return tools.required(joint, table, now)
+    return tools.demanded(joint, table, now) | ({LOCK: 1} if tools.locks else {})
+
+
 def plan(
-    joint: JointSpec, tools: FamilyTools, table: ServoTable, firmware: int, now: Mapping[str, int]
+    joint: JointSpec,
+    tools: FamilyTools,
+    table: ServoTable,
+    firmware: int,
+    now: Mapping[str, int],
+    *,
+    new: bool,
 ) -> tuple[RegisterStep, ...]:
-    """The registers that differ, in the order to write them; `now`: what they hold.
+    """The registers that differ, in the order to write them; `now`: what they hold; `new` as in `wanted`.
 
     Raises Rejected before anything is written: a value that the servo does not take, and a servo that the
     daemon would still not accept afterwards, with the reasons.
     """
     if why := tools.objection(now):
         raise Rejected(f"{joint.name}: {why}")
-    target = tools.required(joint, table, now)
+    target = wanted(joint, tools, table, now, new=new)
     after = tools.identified(joint.id, joint.type.device, firmware, {**now, **target})
     if wrong := list(joint.type.unfit(joint, after)):
         raise Rejected(f"{joint.name}: adopted, the daemon would refuse it all the same: {'; '.join(wrong)}")
@@ -52,10 +72,16 @@ def plan(
 
 
 def different(
-    joint: JointSpec, tools: FamilyTools, table: ServoTable, firmware: int, now: Mapping[str, int]
+    joint: JointSpec,
+    tools: FamilyTools,
+    table: ServoTable,
+    firmware: int,
+    now: Mapping[str, int],
+    *,
+    new: bool,
 ) -> Iterator[str]:
     """Yield the differences of a servo's registers from the required values, as text; none: it is adopted."""
     yield from joint.type.unfit(joint, tools.identified(joint.id, joint.type.device, firmware, now))
-    for key, value in tools.required(joint, table, now).items():
+    for key, value in wanted(joint, tools, table, now, new=new).items():
         if now.get(key) != value:
             yield f"{key} ({table[key].address}) is {now.get(key)}, not {value}"
