@@ -1,10 +1,19 @@
 """`twindctl adopt` of Feetech servos and Dynamixels of Protocol 1.0. In process."""
 
+from math import inf
 from pathlib import Path
 
 import pytest
 
-from tests.support.checksum_bench import MILLION, ChecksumBench, Spec, dynamixel1, feetech, robot_of
+from tests.support.checksum_bench import (
+    MILLION,
+    ChecksumBench,
+    Killed,
+    Spec,
+    dynamixel1,
+    feetech,
+    robot_of,
+)
 from twind.command_line.verb import Rejected
 from twind.config.robot_spec import RobotFile
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft
@@ -140,14 +149,33 @@ def test_a_new_servo_with_the_id_of_another_joint_is_adopted_when_it_is_alone_an
     assert (bench.value(0, "id"), bench.value(0, "lock")) == (7, 1)
 
 
-def test_an_interrupted_adoption_is_completed_by_the_same_command(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, "feetech", "STS3215", ARM)
-    bench = ChecksumBench(feetech(2), feetech(1, baud_rate=4, return_delay_time=250))
-    bench.bus.servos.put(1, "lock", 0)
-    bench.bus.servos.write(1, 5, bytes((7,)))  # its id is written, then the program ended
-    adopted(bench, robot)
-    names = ("id", "return_delay_time", "lock")
-    assert [bench.value(1, name) for name in names] == [7, 0, 1]
+@pytest.mark.parametrize("kind", ["feetech", "dynamixel1"])
+def test_an_adoption_that_died_at_any_write_is_completed_by_the_same_command(
+    tmp_path: Path, kind: str
+) -> None:
+    """Without the lock, which a dead program cannot close."""
+    feet = kind == "feetech"
+    robot = robot_of(tmp_path, kind, "STS3215" if feet else "AX-12A", ARM)
+    for count in range(20):
+        changed = {"baud_rate": 4} if feet else {"baud_rate": 34, "shutdown": 0}
+        fresh = feetech(1, return_delay_time=250, **changed) if feet else dynamixel1(1, **changed)
+        bench = ChecksumBench(feetech(2) if feet else dynamixel1(2), fresh)
+        plan = planned(bench, robot)
+        assert plan is not None
+        bench.port.left = count
+        try:
+            plan.carry_out()
+        except Killed:
+            bench.port.left = inf
+            rest = planned(bench, robot, "wrist")
+            assert rest is not None
+            rest.carry_out()
+        names = ("id", "shutdown", "torque_enable", "lock")
+        assert [bench.value(1, name) for name in names] == [7, 44 if feet else 36, 0, int(feet)]
+        assert bench.bus.servos.baud(1) == MILLION
+        if bench.port.left != inf:
+            return
+    pytest.fail("more writes than the test allows")
 
 
 def test_the_limits_and_offset_of_a_servo_at_its_place_stay(tmp_path: Path) -> None:

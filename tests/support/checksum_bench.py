@@ -1,6 +1,7 @@
 """Virtual servos with the framing `FF FF` on one port, under a fake clock, and a robot file for them."""
 
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,10 @@ def robot_of(
     return read_robot(path)
 
 
+class Killed(BaseException):
+    """This program was ended here."""
+
+
 class BenchPort(Loopback):
     """A port with a rate, and the ids and addresses of all writes to single servos."""
 
@@ -66,10 +71,14 @@ class BenchPort(Loopback):
         super().__init__(bus, clock)
         self.wire = bus
         self.writes: list[tuple[int, int]] = []
+        self.left = inf  # writes until the program dies
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """As the loopback, counting."""
         if data[4] == 3:
+            if self.left <= 0:
+                raise Killed
+            self.left -= 1
             self.writes.append((data[2], data[5]))
         super().write(data)
 
