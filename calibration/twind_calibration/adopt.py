@@ -1,6 +1,6 @@
 """Configure a new serial servo as the missing one of the robot file.
 
-For servos with factory settings (usually id 1 at 57,600 baud) on the robot's bus. This process opens the
+For servos with factory settings (usually id 1) on the robot's bus. This process opens the
 port, so the daemon must be stopped. The servo gets its id, the bus's rate and the registers that robot file
 and daemon require, each read back; torque stays off. After an interruption the same command completes the
 work.

@@ -13,7 +13,7 @@ from twind.command_line.verb import DONE, UsageError, operator
 
 group = "set up"
 
-LAST_ID = 252  # of protocol 2.0
+LAST_ID = 253  # of any family
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
     alone = parser.add_argument_group("on a port that no daemon holds")
     alone.add_argument("--port", help="serial port to scan, instead of the daemon's buses")
-    alone.add_argument("--kind", help="only devices of this kind of bus, such as dynamixel2")
+    alone.add_argument(
+        "--kind", help="only devices of this kind of bus, such as dynamixel2, dynamixel1 or feetech"
+    )
     alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
     alone.add_argument("--ids", type=ids_of, metavar="A-B", help=f"only these ids (default 0-{LAST_ID})")
     alone.add_argument(
-        "--thorough", action="store_true", help="query each id separately too: finds lost packets, slow"
+        "--thorough", action="store_true", help="query each id once more: finds lost packets, slow"
     )
 
 

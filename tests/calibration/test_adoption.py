@@ -11,15 +11,11 @@ from twind.config.device_check import check_devices
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.finding import Verdict
-from twind_drivers.dynamixel.adoption.candidate_locations import (
-    RATES,
-    ServoLocation,
-    delivered,
-    joint_of,
-    ways,
-)
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_tools import RATES
 from twind_drivers.run_script import perform
+from twind_drivers.servo_tools.adoption.candidate_locations import delivered, joint_of, ways
+from twind_drivers.servo_tools.family_tools import ServoLocation
 from twind_drivers.virtual.virtual_servos import BAUDS
 
 
@@ -222,7 +218,7 @@ def set_to(name: str, value: int) -> Callable[[Bench], None]:
     [
         (set_to("torque_enable", 1), "its torque is on: take its power away"),
         (set_to("status_return_level", 0), "its torque is unknown"),
-        (set_to("hardware_error_status", 1), r"its hardware error \(register 70\) is 0x01"),
+        (set_to("hardware_error_status", 1), r"its hardware error is 0x01 \(input voltage\)"),
     ],
 )
 def test_a_servo_with_torque_or_an_error_is_refused(
@@ -299,5 +295,5 @@ def test_the_rates_are_those_of_the_register() -> None:
 def test_every_joint_of_the_built_in_robots_has_a_way_home(name: str) -> None:
     robot = load_robot(name)
     for joint in robot.joints:
-        assert delivered(joint) == ServoLocation(1, 57_600)
+        assert delivered(joint) == (ServoLocation(1, 57_600),)
         assert ways(robot, joint)[-1] == ServoLocation(joint.id, robot.bus(joint.bus).baud)

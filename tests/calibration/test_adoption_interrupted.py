@@ -19,8 +19,10 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_draft import DraftTravel
 from twind_calibration.robot_description import read
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.dynamixel.adoption.calibration_entry_status import entry_of
-from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation, joint_of, ways
+from twind_drivers.dynamixel.dynamixel_tools import RATES
+from twind_drivers.servo_tools.adoption.calibration_entry_status import entry_of
+from twind_drivers.servo_tools.adoption.candidate_locations import joint_of, ways
+from twind_drivers.servo_tools.family_tools import ServoLocation
 
 
 @pytest.fixture

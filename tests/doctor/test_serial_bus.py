@@ -30,7 +30,7 @@ from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
-from twind_drivers.dynamixel.doctor.serial_bus_survey import SerialBusSurvey
+from twind_drivers.servo_tools.doctor.serial_bus_survey import SerialBusSurvey
 
 
 def test_healthy_servos_cause_no_finding() -> None:

@@ -17,7 +17,7 @@ from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
-from twind_drivers.dynamixel.doctor import register_fix
+from twind_drivers.servo_tools.doctor import register_fix
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from tests.support.dynamixel_responder import Servos, Wire
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.bus_scan import (
-    BAUDS,
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
+from twind_drivers.servo_tools.bus_scan import (
     ECHO,
     FOREIGN,
     NOISE,
@@ -28,7 +28,8 @@ from twind_drivers.dynamixel.bus_scan import (
     scan,
     scan_rate,
 )
-from twind_drivers.dynamixel.prober import OLD_PING, PortProber
+from twind_drivers.servo_tools.prober import PortProber
+from twind_drivers.servo_tools.scan_protocol import OLD_PING
 from twind_drivers.virtual.register_columns import RegisterColumns
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
@@ -36,6 +37,7 @@ from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
 MILLION = 1_000_000
+BAUDS = PROTOCOL.bauds
 CODES = {
     9_600: 0,
     57_600: 1,
@@ -58,7 +60,7 @@ class Bench:
 
     def at(self, baud: int) -> PortProber:
         self.bus.line(baud)
-        return PortProber(Loopback(self.bus, self.clock), self.clock, baud)
+        return PortProber(Loopback(self.bus, self.clock), self.clock, baud, PROTOCOL)
 
     def scan(self, bauds: Sequence[int] = BAUDS, *, thorough: bool = False) -> dict[int, BaudRateScan]:
         return {rate.baud: rate for rate in scan(self.at, bauds, thorough=thorough)}
@@ -75,7 +77,7 @@ def wired(change: Callable[[bytes], bytes], *ids: int) -> PortProber:
     """A prober on scripted servos whose answers are bent."""
     wire = Wire(Servos(ids))
     wire.change = change
-    return PortProber(wire, FakeClock(), MILLION)
+    return PortProber(wire, FakeClock(), MILLION, PROTOCOL)
 
 
 # ------------------------------------------------------------------------------------- who is there
@@ -112,7 +114,7 @@ def test_torque_and_hardware_errors_are_reported_by_the_scan() -> None:
 
 def test_an_unknown_model_is_found_without_its_registers() -> None:
     servos = Servos((5,), model=4711)
-    (found,) = scan_rate(PortProber(Wire(servos), FakeClock(), MILLION)).found
+    (found,) = scan_rate(PortProber(Wire(servos), FakeClock(), MILLION, PROTOCOL)).found
     assert (found.id, found.model, found.model_name, found.torque, found.trouble) == (
         5,
         4711,
@@ -131,7 +133,7 @@ def test_a_device_that_answers_only_pings_is_found() -> None:
 
 def test_nothing_is_ever_written() -> None:
     servos = Servos((1, 2, 3))
-    scan_rate(PortProber(Wire(servos), FakeClock(), MILLION), thorough=True)
+    scan_rate(PortProber(Wire(servos), FakeClock(), MILLION, PROTOCOL), thorough=True)
     assert {each.instruction for each in servos.seen} <= {packet.Instruction.PING, packet.Instruction.READ}
     assert len(servos.seen) > 253
 
@@ -156,9 +158,9 @@ def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_reported() -> N
     bench = Bench(servo(4))
     told = []
     started = bench.clock.now()
-    list(scan(bench.at, tell=lambda baud, what: told.append((baud, what))))
+    list(scan(bench.at, BAUDS, tell=lambda baud, what: told.append((baud, what))))
     assert bench.clock.now() - started < 13.0
-    assert [baud for baud, what in told if what == "broadcast ping"] == list(BAUDS)
+    assert [baud for baud, what in told if what == "searching"] == list(BAUDS)
     assert (MILLION, "reading id 4") in told
 
 
@@ -167,7 +169,7 @@ def test_the_scan_estimate_is_within_a_tenth_of_the_duration() -> None:
     for thorough in (False, True):
         started = bench.clock.now()
         bench.rate(thorough=thorough)
-        said = estimate(MILLION, thorough=thorough)
+        said = estimate(PROTOCOL, MILLION, thorough=thorough)
         assert bench.clock.now() - started == pytest.approx(said, rel=0.1)
 
 
@@ -241,7 +243,7 @@ def test_two_devices_of_an_unknown_model_are_distinguished_by_their_two_replies(
     servos = Servos((5,), model=4711)
     wire = Wire(servos)
     wire.change = twice
-    (found,) = scan_rate(PortProber(wire, FakeClock(), MILLION)).found
+    (found,) = scan_rate(PortProber(wire, FakeClock(), MILLION, PROTOCOL)).found
     assert (found.id, found.model_name) == (5, None)
     assert clashes(found) and "two devices" in str(found.trouble)
 
@@ -259,7 +261,7 @@ def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear()
     servos = Servos((2, 9))
     wire = Wire(servos)
     wire.change = garble
-    rate = scan_rate(PortProber(wire, FakeClock(), MILLION), range(12), thorough=True)
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION, PROTOCOL), range(12), thorough=True)
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert len(garbled) == 3
 
@@ -285,7 +287,7 @@ def test_a_slow_latency_timer_hides_no_servo(timer: float) -> None:
     bench = Bench(servo(2), servo(9))
     bench.at(MILLION)
     bench.bus.faults.latency(timer)
-    prober = PortProber(Loopback(bench.bus, bench.clock), bench.clock, MILLION, timer=timer)
+    prober = PortProber(Loopback(bench.bus, bench.clock), bench.clock, MILLION, PROTOCOL, timer=timer)
     rate = scan_rate(prober, range(20), thorough=True)
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
 
@@ -299,7 +301,7 @@ def test_an_echoing_adapter_is_named_and_every_servo_is_found() -> None:
         answer(data)
 
     wire.write = write  # type: ignore[method-assign]
-    rate = scan_rate(PortProber(wire, FakeClock(), MILLION))
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION, PROTOCOL))
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert rate.troubles == (ECHO,)
 
@@ -314,7 +316,7 @@ def test_devices_of_protocol_1_are_named() -> None:
             wire.inbox += bytes.fromhex("ffff 11 02 00 ec")  # e-manual, protocol 1.0: sum inverted
 
     wire.write = write  # type: ignore[method-assign]
-    (trouble,) = scan_rate(PortProber(wire, FakeClock(), MILLION)).troubles
+    (trouble,) = scan_rate(PortProber(wire, FakeClock(), MILLION, PROTOCOL)).troubles
     assert (trouble.kind, trouble.ids) == (ScanFaultKind.OLD, (17,))
     assert "protocol 1.0 (ids 17)" in str(trouble)
 
@@ -330,7 +332,7 @@ def test_unsolicited_traffic_is_named_and_causes_no_duplicates() -> None:
         return count
 
     wire.drain = babbling  # type: ignore[method-assign]
-    rate = scan_rate(PortProber(wire, FakeClock(), MILLION))
+    rate = scan_rate(PortProber(wire, FakeClock(), MILLION, PROTOCOL))
     assert TALK in rate.troubles
     assert len(rate.found) <= 1
 
@@ -343,14 +345,14 @@ def test_a_rate_refused_by_the_adapter_is_reported_and_the_others_are_scanned() 
             raise PortError("bench", f"baud rate {baud} is not supported")
         return bench.at(baud)
 
-    rates = {rate.baud: rate for rate in scan(at)}
+    rates = {rate.baud: rate for rate in scan(at, BAUDS)}
     assert rates[4_500_000].troubles == (ScanFault(ScanFaultKind.RATE, "baud rate 4500000 is not supported"),)
     assert [each.id for each in rates[MILLION].found] == [4]
 
 
 def test_a_port_that_goes_away_ends_the_scan() -> None:
     bench = Bench(servo(4))
-    rates = scan(bench.at)
+    rates = scan(bench.at, BAUDS)
     next(rates)
     bench.bus.faults.unplug()
     with pytest.raises(PortError, match="unplugged"):
@@ -362,4 +364,4 @@ def test_a_port_that_is_gone_when_its_rate_is_set_ends_the_scan_too() -> None:
         raise PortError("bench", "adapter unplugged?", kind=PortErrorCause.LOST)
 
     with pytest.raises(PortError, match="unplugged"):
-        next(scan(at))
+        next(scan(at, BAUDS))

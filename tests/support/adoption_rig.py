@@ -10,13 +10,14 @@ from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.adoption.adoption_steps import AdoptionPlan, prepare
-from twind_drivers.dynamixel.adoption.calibration_entry_status import CalibrationEntryStatus
-from twind_drivers.dynamixel.adoption.candidate_locations import choose, look
-from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.run_script import perform
+from twind_drivers.servo_tools.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_drivers.servo_tools.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_drivers.servo_tools.adoption.candidate_locations import choose, look
+from twind_drivers.servo_tools.servo_configurator import WritableProber
 from twind_drivers.virtual.serial_loopback import Loopback
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -85,7 +86,7 @@ class Port(Loopback):
     def at(self, baud: int) -> WritableProber:
         """The line at a rate."""
         self.wire.line(baud)
-        return WritableProber(self, self.clock, baud)
+        return WritableProber(self, self.clock, baud, PROTOCOL)
 
 
 def settled(id: int, **settings: int) -> ServoSpec:

@@ -11,9 +11,10 @@ from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import DaemonInspector
 from twind_drivers.can.doctor.can_doctor import DOCTOR as CAN_DOCTOR
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
-from twind_drivers.dynamixel.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
-from twind_drivers.dynamixel.doctor.servo_doctor import DOCTOR as SERVO_DOCTOR
+from twind_drivers.dynamixel.dynamixel_tools import TOOLS
+from twind_drivers.servo_tools.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.servo_tools.doctor.serial_bus_survey import SerialBusSurvey, SurveyedServo
+from twind_drivers.servo_tools.doctor.servo_doctor import DOCTOR as SERVO_DOCTOR
 
 ROBOT = load_robot("h24")
 WELL = {
@@ -41,7 +42,7 @@ WELL = {
     "present_temperature": 30,
 }
 LINE = SerialBusInspector(
-    "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock()
+    "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock(), TOOLS
 )  # opened by who uses it, which nobody does
 BUS_SUBJECTS = (*SERVO_DOCTOR.at_calibration, *CAN_DOCTOR.at_calibration)
 CHECKS = [check for check in runner.all_checks() if check.what in BUS_SUBJECTS]

@@ -138,6 +138,8 @@ class DriverFamily:
     # Of `twindctl scan --port` and `twindctl adopt`: the verb's options in, its exit code out.
     scan: FamilyPart[Callable[[Namespace], int]] | None = None
     adopt: FamilyPart[Callable[[Namespace], int]] | None = None
+    # A `twind_drivers.servo_tools.family_tools.FamilyTools`, of serial servos, for scan, adoption, doctor.
+    tools: FamilyPart[Any] | None = None
     takes_imu: bool = False  # an IMU with the family's protocol may be on its bus
     # Register that explains the alert bit of a reply, read at once; empty: no reply has such a bit.
     alert_register: str = ""

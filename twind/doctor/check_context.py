@@ -5,7 +5,7 @@ Options are interpreted as the daemon would. Opens no port.
 
 import argparse
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,15 +104,15 @@ class CheckContext:
         return self.need_robot().bus(name)
 
     def survey_buses(
-        self, driver: str, *, look: Callable[[BusSpec], Survey], kind: type[Survey]
+        self, drivers: Collection[str], *, look: Callable[[BusSpec], Survey], kind: type[Survey]
     ) -> Iterator[Survey]:
-        """Yield the survey of each bus of a driver family, made once by `look`, whose result is a `kind`.
+        """Yield the survey of each bus of these families, made once by `look`, whose result is a `kind`.
 
         Raises CheckNotApplicable: there is no such bus; after the others: one failed.
         """
         if self.sim:
             raise CheckNotApplicable("mode sim opens no bus")
-        specs = [spec for spec in self.need_robot().buses if spec.kind == driver]
+        specs = [spec for spec in self.need_robot().buses if spec.kind in drivers]
         if not specs:
             raise CheckNotApplicable
         reasons = []

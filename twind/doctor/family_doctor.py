@@ -71,10 +71,11 @@ def doctor_of(driver: DriverFamily) -> FamilyDoctor:
 
 
 def doctors() -> list[FamilyDoctor]:
-    """List the doctors of all installed families."""
-    return [doctor_of(each) for each in reversed(families()) if each.doctor is not None]
+    """List the doctors of all installed families, one that several share once."""
+    found = [doctor_of(each) for each in reversed(families()) if each.doctor is not None]
+    return list({id(each): each for each in found}.values())
 
 
 def family_subjects() -> list[Any]:
-    """List the subjects of all installed families."""
-    return [subject for each in doctors() for subject in each.subjects]
+    """List the subjects of all installed families, those that several share once."""
+    return list(dict.fromkeys(subject for each in doctors() for subject in each.subjects))

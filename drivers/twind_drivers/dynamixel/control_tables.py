@@ -5,7 +5,7 @@ of every model. Sign, access and ranges come from `register_rules.py`.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -108,6 +108,9 @@ class ControlTable:
     def __contains__(self, name: str) -> bool:
         """Return True if there is a register of that name."""
         return snake(name) in self.fields
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.fields)
 
 
 @cache

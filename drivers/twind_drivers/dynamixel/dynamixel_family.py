@@ -21,9 +21,10 @@ DYNAMIXEL = DriverFamily(
     budget=servo_budget,
     driver=FamilyPart("twind_drivers.dynamixel.dynamixel_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.dynamixel.servo_twin:TWIN"),
-    doctor=FamilyPart("twind_drivers.dynamixel.doctor.servo_doctor:DOCTOR"),
-    scan=FamilyPart("twind_drivers.dynamixel.port_scan:look"),
-    adopt=FamilyPart("twind_drivers.dynamixel.adoption.adopt_command:adopt"),
+    doctor=FamilyPart("twind_drivers.servo_tools.doctor.servo_doctor:DOCTOR"),
+    scan=FamilyPart("twind_drivers.dynamixel.dynamixel_tools:scan"),
+    adopt=FamilyPart("twind_drivers.servo_tools.adoption.adopt_command:adopt"),
+    tools=FamilyPart("twind_drivers.dynamixel.dynamixel_tools:TOOLS"),
     takes_imu=True,
     alert_register="hardware_error_status",
 )

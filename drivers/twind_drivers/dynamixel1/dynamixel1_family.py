@@ -20,5 +20,9 @@ DYNAMIXEL1 = DriverFamily(
     budget=dynamixel1_keys.dynamixel1_budget,
     driver=FamilyPart("twind_drivers.dynamixel1.dynamixel1_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.dynamixel1.dynamixel1_twin:TWIN"),
+    doctor=FamilyPart("twind_drivers.servo_tools.doctor.servo_doctor:DOCTOR"),
+    scan=FamilyPart("twind_drivers.dynamixel1.dynamixel1_tools:scan"),
+    adopt=FamilyPart("twind_drivers.servo_tools.adoption.adopt_command:adopt"),
+    tools=FamilyPart("twind_drivers.dynamixel1.dynamixel1_tools:TOOLS"),
     alert_register="hardware_error_status",
 )

@@ -15,11 +15,12 @@ STATES: Mapping[int, str] = {0x01: "supply voltage", 0x04: "overheating", 0x20: 
 SHUT_DOWN = 0x80  # ours, no bit of the protocol: the torque limit reads 0
 ANGLE_LIMIT = 0x02
 RANGE = 0x08
+CHECKSUM = 0x10
 INSTRUCTION = 0x40
 RESULTS: Mapping[int, str] = {
     ANGLE_LIMIT: "goal outside its angle limits",
     RANGE: "value or address out of range",
-    0x10: "checksum of the request",
+    CHECKSUM: "checksum of the request",
     INSTRUCTION: "unknown instruction",
 }
 FAULT_BITS = sum(STATES)

@@ -73,6 +73,13 @@ goal_torque 71 2 10 -1023 1023
 """
 
 
+def baud_of(code: int) -> int:
+    """Return the rate that register 4 stands for, as ports name it."""
+    fast = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+    named = {34: 57_600, 16: 115_200, 103: 19_200, 207: 9_600}
+    return fast.get(code) or named.get(code) or 2_000_000 // (code + 1)
+
+
 @cache
 def registers_of(name: str) -> RegisterTable:
     """Return the table `ax`, `ex`, `mx`, `mx_current`, `mx_106` or `unknown`. Raises KeyError."""

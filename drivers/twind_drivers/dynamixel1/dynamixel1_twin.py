@@ -23,9 +23,9 @@ from twind.virtual.virtual_twin import (
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel1.dynamixel1_identification import derived
 from twind_drivers.dynamixel1.dynamixel1_models import model
+from twind_drivers.dynamixel1.dynamixel1_registers import baud_of
 from twind_drivers.dynamixel1.dynamixel1_type import Dynamixel1Type
 from twind_drivers.dynamixel1.virtual_dynamixel1_bus import VirtualDynamixel1Bus
-from twind_drivers.dynamixel1.virtual_dynamixel1_servos import baud_of
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import FIRMWARE, Dynamixel1ServoSpec, factory_settings
 from twind_drivers.half_duplex.checksum_packet import LAST_ID
 from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics

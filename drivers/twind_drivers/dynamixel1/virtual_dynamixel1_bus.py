@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from twind_drivers.dynamixel1.dynamixel1_budget import TURNAROUND
-from twind_drivers.dynamixel1.dynamixel1_packet import BULK_READ, INSTRUCTION, RANGE, RESET
+from twind_drivers.dynamixel1.dynamixel1_packet import BULK_READ, CHECKSUM, INSTRUCTION, RANGE, RESET
 from twind_drivers.dynamixel1.virtual_dynamixel1_servos import VirtualDynamixel1Servos
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import Dynamixel1ServoSpec
 from twind_drivers.half_duplex.checksum_packet import (
@@ -20,7 +20,6 @@ from twind_drivers.virtual.checksum_bus import ChecksumBus
 from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
 from twind_drivers.virtual.servo_physics import ServoPhysics
 
-CHECKSUM = 0x10  # bit of the error byte
 Answer = tuple[int, bytes]  # error bits of the result, data
 
 

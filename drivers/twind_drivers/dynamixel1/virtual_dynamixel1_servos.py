@@ -13,7 +13,7 @@ import numpy as np
 from twind_drivers.dynamixel1.dynamixel1_identification import LAST
 from twind_drivers.dynamixel1.dynamixel1_models import DIVISOR, STAND_IN, Dynamixel1Model, model
 from twind_drivers.dynamixel1.dynamixel1_packet import ANGLE_LIMIT, RANGE
-from twind_drivers.dynamixel1.dynamixel1_registers import EEPROM_END, table_of
+from twind_drivers.dynamixel1.dynamixel1_registers import EEPROM_END, baud_of, table_of
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import (
     FIRMWARE,
     RAM,
@@ -335,10 +335,3 @@ class VirtualDynamixel1Servos:
                 }
             )
         return rows
-
-
-def baud_of(code: int) -> int:
-    """Return the rate that register 4 stands for, as ports name it."""
-    fast = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
-    named = {34: 57_600, 16: 115_200, 103: 19_200, 207: 9_600}
-    return fast.get(code) or named.get(code) or 2_000_000 // (code + 1)

@@ -20,5 +20,9 @@ FEETECH = DriverFamily(
     budget=feetech_keys.feetech_budget,
     driver=FamilyPart("twind_drivers.feetech.feetech_bus:DRIVER"),
     virtual=FamilyPart("twind_drivers.feetech.feetech_twin:TWIN"),
+    doctor=FamilyPart("twind_drivers.servo_tools.doctor.servo_doctor:DOCTOR"),
+    scan=FamilyPart("twind_drivers.feetech.feetech_tools:scan"),
+    adopt=FamilyPart("twind_drivers.servo_tools.adoption.adopt_command:adopt"),
+    tools=FamilyPart("twind_drivers.feetech.feetech_tools:TOOLS"),
     alert_register="hardware_error_status",
 )

@@ -85,10 +85,13 @@ def _slices(ids: Sequence[int], count: int) -> list[tuple[int, ...]]:
 def _found(id: int, identity: bytes, own: RegisterMap, settings: Settings, grouped: bool) -> FoundServo:
     number = int.from_bytes(identity[3:5], "big" if own.big_endian else "little")
     firmware = identity[0] * 100 + identity[1]  # 3.10 is 310
-    # A servo of this family has no drive mode, and an SCS neither offset nor modes.
-    values = {"drive_mode": 0, "homing_offset": 0, "operating_mode": 0} | settings
-    device = IdentifiedDevice(id, number, name_of(number, own.name), firmware, values)
+    device = IdentifiedDevice(id, number, name_of(number, own.name), firmware, complete(settings))
     return FoundServo(device, own, grouped)
+
+
+def complete(settings: Mapping[str, int]) -> Settings:
+    """Return the settings with those that a servo lacks: no drive mode; an SCS neither offset nor modes."""
+    return {"drive_mode": 0, "homing_offset": 0, "operating_mode": 0, **settings}
 
 
 def objections(own: RegisterMap, settings: Mapping[str, int], *, turns: bool) -> list[str]:

@@ -11,6 +11,8 @@ from typing import Any
 
 from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable, parse_registers
 
+# Rates by the code in register 6. Sources differ on codes 5 to 7: 57600, 38400 and 19200 by lerobot.
+BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
 EPROM_END = 40  # the first RAM register
 IDENTITY = (0, 5)  # address and size: firmware major, minor, END, model major, minor
 GOAL = (42, 2)  # address and size of the goal position, the same in all maps
@@ -112,7 +114,7 @@ def register_map(name: str) -> RegisterMap:
     hls = {
         key: each
         for key, each in (sts | parse_registers(_HLS, EPROM_END)).items()
-        if key not in ("goal_time", "overload_torque")
+        if key not in ("goal_time", "overload_torque", "return_delay_time")
     }
     known = {key: sts[key] for key in ("firmware_major", "firmware_minor", "end", "model_number", "id")}
     maps = (

@@ -22,10 +22,9 @@ from twind.virtual.virtual_twin import (
 )
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.feetech.feetech_models import model
-from twind_drivers.feetech.feetech_registers import register_map
+from twind_drivers.feetech.feetech_registers import BAUDS, register_map
 from twind_drivers.feetech.feetech_type import MANY, FeetechType
 from twind_drivers.feetech.virtual_feetech_bus import VirtualFeetechBus
-from twind_drivers.feetech.virtual_feetech_servos import BAUDS
 from twind_drivers.feetech.virtual_feetech_spec import FIRMWARE, FeetechServoSpec
 from twind_drivers.half_duplex.checksum_packet import LAST_ID
 from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics

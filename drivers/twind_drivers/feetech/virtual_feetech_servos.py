@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from twind_drivers.feetech.feetech_models import AMPERE, FULL, GAIN, STAND_IN, FeetechModel, model
-from twind_drivers.feetech.feetech_registers import EPROM_END, GOAL, RegisterMap, register_map
+from twind_drivers.feetech.feetech_registers import BAUDS, EPROM_END, GOAL, RegisterMap, register_map
 from twind_drivers.feetech.virtual_feetech_spec import DEFAULTS, FIRMWARE, FeetechServoSpec
 from twind_drivers.virtual.servo_physics import DriveState, ServoPhysics
 from twind_drivers.virtual.servo_strength import DRY, VISCOUS, MotorStrength
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 
-BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)  # register 6
 CHECK = 0.01  # s between two checks of the load, the unit of the protection time
 CURRENT = 0.00269 / AMPERE  # counts per raw current of the physics
 MULTI_TURN = 0x10  # phase bit 4

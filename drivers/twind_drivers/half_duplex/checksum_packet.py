@@ -61,6 +61,11 @@ class ChecksumPacket(NamedTuple):
         return True
 
     @property
+    def error(self) -> int:
+        """Error byte, if it is a status."""
+        return self.code
+
+    @property
     def octets(self) -> int:
         """Bytes of the packet on the wire."""
         return len(self.data) + OVERHEAD

@@ -1,6 +1,6 @@
 """Register table of a serial servo with one-byte addresses. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal
@@ -21,6 +21,21 @@ class MappedRegister:
     most: int
     kept: bool  # it survives power-off
     order: Literal["little", "big"] = "little"
+
+    @property
+    def key(self) -> str:
+        """Its name, which is in snake case."""
+        return self.name
+
+    @property
+    def end(self) -> int:
+        """First address behind it."""
+        return self.address + self.size
+
+    @property
+    def eeprom(self) -> bool:
+        """True if it survives power-off."""
+        return self.kept
 
     @property
     def writable(self) -> bool:
@@ -52,6 +67,9 @@ class RegisterTable:
 
     def __contains__(self, name: str) -> bool:
         return name in self.registers
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.registers)
 
     def __getitem__(self, name: str) -> MappedRegister:
         """Raise InvalidInput that lists similar names, for an unknown one."""

@@ -23,9 +23,10 @@ from twind.ctl.ctl_main import main
 from twind.ctl.instance_paths import sockets_of, stop
 from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.adoption.adopt_command import status_at
-from twind_drivers.dynamixel.prober import PortProber
+from twind_drivers.dynamixel.dynamixel_tools import PROTOCOL
 from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.servo_tools.adoption.adopt_command import status_at
+from twind_drivers.servo_tools.prober import PortProber
 
 
 @contextmanager
@@ -68,7 +69,7 @@ def test_a_servo_as_delivered_answers_at_its_place_afterwards(
         assert main([*words, "wrist", "--port", port, "--yes"]) == 0
         said = capsys.readouterr()
         transport = SerialTransport(port, 1_000_000)
-        asked = PortProber(transport, MonotonicClock(), 1_000_000)
+        asked = PortProber(transport, MonotonicClock(), 1_000_000, PROTOCOL)
         assert [each.id for each in asked.ping(7).statuses] == [7]
         assert asked.ping(1).statuses == []
         transport.close()
@@ -140,7 +141,7 @@ def mute(path: Path) -> Iterator[None]:
 def test_a_daemon_that_does_not_answer_may_have_the_port(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("twind_drivers.dynamixel.adoption.adopt_command.PATIENCE", 0.3)
+    monkeypatch.setattr("twind_drivers.servo_tools.adoption.adopt_command.PATIENCE", 0.3)
     words[1] = str(tmp_path)
     with mute(tmp_path / "control.sock"):
         assert main([*words, "wrist", "--port", str(tmp_path / "ttyUSB0"), "--yes"]) == 1

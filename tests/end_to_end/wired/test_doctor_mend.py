@@ -16,9 +16,10 @@ from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.doctor import register_fix
-from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
-from twind_drivers.dynamixel.doctor.serial_bus_survey import expected_servos, survey_port
+from twind_drivers.dynamixel.dynamixel_tools import TOOLS
+from twind_drivers.servo_tools.doctor import register_fix
+from twind_drivers.servo_tools.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.servo_tools.doctor.serial_bus_survey import expected_servos, survey_port
 
 HOLD = "import os,sys; fd=os.open(sys.argv[1],os.O_RDWR|os.O_NOCTTY); print(flush=True); sys.stdin.read()"
 MASK = (63, 37)  # shutdown (e-manual): without electrical shock
@@ -37,7 +38,7 @@ def fix(ground: Ground) -> Iterator[Any]:
     with Vendor(ground.port) as vendor:
         ground.set(vendor, 1, *MASK)
     spec = load_robot(ground.virtual.robot)
-    line = SerialBusInspector(ground.port, BAUD, HostInspector(), MonotonicClock())
+    line = SerialBusInspector(ground.port, BAUD, HostInspector(), MonotonicClock(), TOOLS)
     seen = CheckContext(HostInspector(), "twind.service", robot=spec, lines={"main": line})
     seen.surveys["main"] = survey_port(line, spec.buses[0], spec, range(13))
     seen.close()

@@ -34,8 +34,9 @@ from twind.doctor.host_inspector import HostInspector
 from twind.doctor.runner import DoctorReport, FixResult
 from twind_drivers.can.doctor import can_bus_checks as can_bus
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.doctor.serial_bus_inspector import SerialBusInspector
-from twind_drivers.dynamixel.doctor.serial_bus_survey import survey_port
+from twind_drivers.dynamixel.dynamixel_tools import TOOLS
+from twind_drivers.servo_tools.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.servo_tools.doctor.serial_bus_survey import survey_port
 
 RECORDED = (10, 11, 20, 48, 52)  # what a calibration remembers of a servo's registers
 
@@ -253,7 +254,7 @@ def test_foreign_duplicate_outdated_and_missing_servos_are_all_found(
 def test_a_servo_of_protocol_1_is_reported(tmp_path: Path) -> None:
     robot = load_robot(str(upper_body(tmp_path)))
     with old_servo() as port:
-        line = SerialBusInspector(port, BAUD, HostInspector(), MonotonicClock())
+        line = SerialBusInspector(port, BAUD, HostInspector(), MonotonicClock(), TOOLS)
         seen = CheckContext(HostInspector(), "twind.service", robot=robot, lines={"main": line})
         seen.surveys["main"] = survey_port(line, robot.buses[0], robot, range(13))
         outcome = runner.run(seen, MINE, ROWS)

@@ -52,6 +52,7 @@ def test_with_json_each_finding_is_a_line_and_nothing_else_is_printed(
     assert said.err == ""
     (found,) = [json.loads(line) for line in said.out.splitlines()]
     assert found == {
+        "kind": "dynamixel2",
         "baud": 1_000_000,
         "id": 2,
         "model": 1020,
@@ -117,18 +118,18 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
     with port(2) as there:
         assert main(["scan", "--port", there.path, *FEW]) == 0
     said = capsys.readouterr().err
-    assert "1000000 baud: broadcast ping" in said
+    assert "1000000 baud: searching" in said
     assert re.search(r"\rscan  ━+─* +\d+%  0:0\d  1000000 baud: reading id 2\x1b\[K", said)
     assert said.endswith("\r\x1b[K")
 
 
 @given(st.integers(-5, 300), st.integers(-5, 300))
 def test_ids_are_those_between_or_refused(first: int, last: int) -> None:
-    if 0 <= first <= last <= 252:
+    if 0 <= first <= last <= 253:
         assert list(ids_of(f"{first}-{last}")) == list(range(first, last + 1))
         assert list(ids_of(str(first))) == [first]
     else:
-        with pytest.raises(argparse.ArgumentTypeError, match="0 <= A <= B <= 252"):
+        with pytest.raises(argparse.ArgumentTypeError, match="0 <= A <= B <= 253"):
             ids_of(f"{first}-{last}")
 
 

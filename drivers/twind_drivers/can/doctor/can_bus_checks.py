@@ -125,7 +125,7 @@ def can_surveys(context: CheckContext) -> Iterator[CanSurvey]:
             raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_can_line(context.lines[spec.name])
 
-    return context.survey_buses(KIND, look=look, kind=CanSurvey)
+    return context.survey_buses((KIND,), look=look, kind=CanSurvey)
 
 
 # ------------------------------------------------------------------------------------------- survey

@@ -1,1 +1,1 @@
-"""Doctor of serial servos: inspections of their buses, with the rows of their findings."""
+"""Checks of the doctor that only servos of protocol 2.0 have."""

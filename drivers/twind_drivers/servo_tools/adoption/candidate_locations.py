@@ -11,28 +11,11 @@ from dataclasses import dataclass
 from twind.command_line.verb import Rejected
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind_calibration.rejection_hints import unknown_joint
-from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, ScanFaultKind, ScannedDevice, scan
-from twind_drivers.dynamixel.control_tables import number_of, table
-from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.servo_type import KIND, ServoType
+from twind_drivers.servo_tools.bus_scan import BaudRateScan, ScanFaultKind, ScannedDevice, ids_of, scan
+from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation, need_tools, tools_of
+from twind_drivers.servo_tools.prober import PortProber
 
-# Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
-RATES = (
-    *(9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000),
-    *(4_000_000, 4_500_000, 6_000_000, 10_500_000),
-)
 Heard = Mapping[str, Sequence[BaudRateScan]]  # by bus: what each rate that was looked at gave
-
-
-@dataclass(frozen=True, slots=True)
-class ServoLocation:
-    """Id and baud rate at which a servo answers."""
-
-    id: int
-    baud: int  # bit/s
-
-    def __str__(self) -> str:
-        return f"id {self.id} at {self.baud} baud"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +28,29 @@ class AdoptionCandidate:
     found: ScannedDevice
 
     @property
+    def tools(self) -> FamilyTools:
+        """Tools of its family."""
+        return need_tools(self.bus.kind)
+
+    @property
     def home(self) -> ServoLocation:
         """Id and rate of the servo after adoption."""
         return ServoLocation(self.joint.id, self.bus.baud)
 
+    @property
+    def new(self) -> bool:
+        """True if it is not at its place yet."""
+        return self.place != self.home
 
-def delivered(joint: JointSpec) -> ServoLocation:
-    """Return the factory id and baud rate of the servo model of this joint (`registers.rule`)."""
-    registers = table(number_of(joint.type.device))
-    id, rate = (registers[key].rule.default for key in ("id", "baud_rate"))
-    if id is None or rate is None:
+
+def delivered(joint: JointSpec) -> Sequence[ServoLocation]:
+    """Return where the servo model of this joint may answer as delivered. Raises Rejected: not known."""
+    places = need_tools(joint.type.BUS).delivered(joint.type.device)
+    if not places:
         raise Rejected(
-            f"{registers.model}: where it answers as delivered is not known: give it its id by hand"
+            f"{joint.type.device}: where it answers as delivered is not known: give it its id by hand"
         )
-    return ServoLocation(id, RATES[rate])
+    return places
 
 
 def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
@@ -66,13 +58,15 @@ def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
 
     Excluded are the locations of other joints, and id 1 at the rate of the bus where a joint has id 1.
     """
-    fresh = delivered(joint)
     baud = robot.bus(joint.bus).baud
     others = {each.id for each in robot.joints if each.bus == joint.bus and each.name != joint.name}
     places = [
-        fresh,
-        ServoLocation(joint.id, fresh.baud),
-        ServoLocation(fresh.id, baud),
+        place
+        for fresh in delivered(joint)
+        for place in (fresh, ServoLocation(joint.id, fresh.baud), ServoLocation(fresh.id, baud))
+    ]
+    places = [
+        *(each for each in places if each.baud != baud or each.id != joint.id),
         ServoLocation(joint.id, baud),
     ]
     return tuple(dict.fromkeys(each for each in places if each.baud != baud or each.id not in others))
@@ -80,10 +74,10 @@ def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
 
 def search_plan(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
     """Map each rate to the ids to search: the joints' ids at the bus's rate, all ids at factory rates."""
-    fresh = [delivered(joint) for joint in robot.joints if joint.bus == bus.name]
+    fresh = [place for joint in robot.joints if joint.bus == bus.name for place in delivered(joint)]
     ids = [joint.id for joint in robot.joints if joint.bus == bus.name]
     known = range(max([*ids, *(each.id for each in fresh)], default=0) + 1)
-    return {bus.baud: known} | {each.baud: IDS for each in fresh}
+    return {bus.baud: known} | {each.baud: ids_of(need_tools(bus.kind).protocol) for each in fresh}
 
 
 def look(at: Callable[[int], PortProber], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
@@ -99,10 +93,10 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
     joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
     if joint is None:
         raise unknown_joint(robot.name, name, robot.names)
-    if not isinstance(joint.type, ServoType):
+    if tools_of(joint.type.BUS) is None:
         answers = "" if joint.feedback_id is None else f", and {joint.feedback_id} to answer with"
         raise Rejected(
-            f"{name} is a {joint.type.device} on CAN bus {joint.bus}: adopt sets up serial servos only. Give "
+            f"{name} is a {joint.type.device} on {_describe(robot.bus(joint.bus))}. Give "
             f"it id {joint.id}{answers} at {robot.bus(joint.bus).baud} bit/s with its maker's tool; then "
             f"`twindctl scan {joint.bus}` with the daemon in mode mirror shows whether it answers"
         )
@@ -111,12 +105,20 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
 
 def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
     """Return the buses that support adoption. Raises Rejected where there is none."""
-    found = tuple(bus for bus in robot.buses if bus.kind == KIND)
+    found = tuple(bus for bus in robot.buses if tools_of(bus.kind) is not None)
     if not found:
+        has = " and ".join(dict.fromkeys(bus.kind for bus in robot.buses))
         raise Rejected(
-            f"{robot.name} has CAN buses only, and adopt sets up serial servos: name a JOINT for what to do"
+            f"{robot.name} has {has} buses only, and adopt sets up servos of other kinds: name a JOINT for "
+            "what to do"
         )
     return found
+
+
+def _describe(bus: BusSpec) -> str:
+    if bus.kind == "can":
+        return f"CAN bus {bus.name}: adopt sets up serial servos only"
+    return f"bus {bus.name}: adopt does not know servos of kind {bus.kind}"
 
 
 def choose(robot: RobotFile, responding: Heard, name: str | None) -> AdoptionCandidate | None:
@@ -140,7 +142,8 @@ def choose(robot: RobotFile, responding: Heard, name: str | None) -> AdoptionCan
         [joint] = absent
     wire = robot.bus(joint.bus)
     found = {ServoLocation(each.id, each.baud): each for line in responding[wire.name] for each in line.found}
-    place = _only(robot, joint, found)
+    place = _alone(joint, found) if name is not None else None
+    place = place or _only(robot, joint, found)
     _require_fit(joint, place, found[place])
     return AdoptionCandidate(joint, wire, place, found[place])
 
@@ -167,10 +170,18 @@ def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
                 raise Rejected(f"bus {bus}, {line.baud} baud: {trouble}; end it first")
 
 
+def _alone(joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation | None:
+    """Return where the only servo on the bus answers, if it may be a new one; None: it is not alone there.
+
+    At the rate of the bus its id can be that of another joint: with all others away it is the named one.
+    """
+    places = list(found)
+    return places[0] if len(places) == 1 and places[0] in delivered(joint) else None
+
+
 def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation:
     """Return the location of the only candidate servo."""
     bus = robot.bus(joint.bus)
-    fresh = delivered(joint)
     home = ServoLocation(joint.id, bus.baud)
     candidates = [each for each in ways(robot, joint) if each in found]
     strangers = [each for each in found if each.baud != bus.baud and each not in candidates]
@@ -187,7 +198,8 @@ def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, Scan
         )
     if strangers:
         raise Rejected(
-            f"bus {bus.name}: {strangers[0]} is no place of a new {joint.type.device}, which is {fresh}: set "
+            f"bus {bus.name}: {strangers[0]} is no place of a new {joint.type.device}, which is "
+            f"{_format_list(delivered(joint), ' or ')}: set "
             f"it back to factory settings, or take it off the bus{_unfinished(robot, joint, strangers)}"
         )
     if not candidates:
@@ -198,12 +210,14 @@ def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, Scan
 def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
     bus = robot.bus(joint.bus)
     fresh = delivered(joint)
-    yield f"a {joint.type.device} as delivered is {fresh}, and no device answers there."
-    owner = [each.name for each in robot.joints if each.bus == bus.name and each.id == fresh.id]
-    if fresh.baud == bus.baud and owner and owner[0] != joint.name:
+    usual = _format_list(fresh, " or ")
+    yield f"a {joint.type.device} as delivered is {usual}, and no new one answers there."
+    ids = [each.id for each in fresh if each.baud == bus.baud]
+    owner = [each.name for each in robot.joints if each.bus == bus.name and each.id in ids]
+    if owner and owner[0] != joint.name:
         yield (
-            f"The servo that answers there is {owner[0]}'s: with the new one alone on the port give it "
-            f"id {joint.id} by the vendor's tool, then `twindctl adopt {joint.name}` does the rest."
+            f"The servo that answers there is {owner[0]}'s: with the new one alone on the port "
+            f"`twindctl adopt {joint.name}` does the rest."
         )
         return
     yield "Is it powered, and its data line connected? With other settings than the factory's it is found by"
@@ -218,32 +232,31 @@ def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[ServoLoc
     begun = [
         each.name
         for each in robot.joints
-        if each.bus == joint.bus and isinstance(each.type, ServoType) and each.name != joint.name
+        if each.bus == joint.bus and each.name != joint.name
         for place in strangers
-        if place == ServoLocation(each.id, delivered(each).baud)
+        if place.id == each.id and any(place.baud == fresh.baud for fresh in delivered(each))
     ]
     return "" if not begun else f"; one may be begun for {begun[0]}: `twindctl adopt {begun[0]}` ends that"
 
 
-def _format_list(places: Sequence[ServoLocation]) -> str:
-    return ", ".join(str(each) for each in sorted(places, key=lambda each: (each.baud, each.id)))
+def _format_list(places: Sequence[ServoLocation], comma: str = ", ") -> str:
+    return comma.join(str(each) for each in sorted(places, key=lambda each: (each.baud, each.id)))
 
 
 def _require_fit(joint: JointSpec, place: ServoLocation, found: ScannedDevice) -> None:
     """Raises Rejected: what answers there is no servo that may be written to."""
-    wanted = table(number_of(joint.type.device))
+    tools = need_tools(joint.type.BUS)
     if found.trouble:
         raise Rejected(f"{place}: {found.trouble}")
-    if found.model != wanted.number:
+    if found.model != tools.number_of(joint.type.device):
         model = found.model_name or f"a model that is in no table ({found.model})"
-        raise Rejected(f"{place} is {model}; {joint.name} needs {wanted.model}: connect one of those")
+        raise Rejected(f"{place} is {model}; {joint.name} needs {joint.type.device}: connect one of those")
     if found.torque is not False:
         state = "on" if found.torque else "unknown (status return level?)"
         raise Rejected(
             f"{place}: its torque is {state}: take its power away and give it back, then try again"
         )
     if found.hardware_error is None or found.hardware_error:
-        error = "unknown" if found.hardware_error is None else f"{found.hardware_error:#04x}"
-        raise Rejected(
-            f"{place}: its hardware error (register 70) is {error}: find the cause, then restart it"
-        )
+        bits = found.hardware_error
+        error = "unknown" if bits is None else f"{bits:#04x} ({tools.protocol.explain(bits)})"
+        raise Rejected(f"{place}: its hardware error is {error}: find the cause, then restart it")

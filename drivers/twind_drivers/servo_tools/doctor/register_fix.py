@@ -6,20 +6,15 @@ before the write. Only `Fix.do` creates a writer.
 
 from pathlib import Path
 
-import numpy as np
-
 from twind.client import Client
 from twind.command_line.verb import Rejected, write_register
 from twind.doctor.check import Fix
 from twind.doctor.check_context import CheckContext
 from twind.doctor.inspectors import DaemonInspector
-from twind_drivers.bus import BusError, PortError
-from twind_drivers.dynamixel.doctor.serial_bus_inspector import REPLY_SLACK, SerialBusInspector
-from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo
-from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
-from twind_drivers.dynamixel.prober import LONGEST_DELAY
-from twind_drivers.run_script import perform
+from twind_drivers.servo_tools.doctor.serial_bus_inspector import SerialBusInspector
+from twind_drivers.servo_tools.doctor.serial_bus_survey import SurveyedServo
+from twind_drivers.servo_tools.family_tools import ServoLocation
+from twind_drivers.servo_tools.servo_configurator import ServoConfigurator
 
 
 def format_command(servo: SurveyedServo, register: str, value: int) -> str:
@@ -63,48 +58,29 @@ def _alone(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int
     """
     line.close()  # opening it checks the holders again
     try:
-        _require_same(line, servo)
-        _write(line, servo, name, value)
-    except PortError:
-        raise
-    except (BusError, ValueError) as error:
+        assert servo.model is not None
+        place = ServoLocation(servo.id, line.baud)
+        hand = ServoConfigurator(line.open_writer, line.tools, servo.model, servo.table, place)
+        _require_same(hand, servo)
+        if hand.read(["torque_enable"])["torque_enable"]:
+            raise Rejected(f"{servo.thing}: torque is on by now: nothing was written")
+        servo.table[name].check(value)
+        with hand.unlocked():
+            hand.write(name, value)
+    except ValueError as error:
         raise Rejected(str(error)) from error
     finally:
         line.close()
 
 
-def _require_same(line: SerialBusInspector, servo: SurveyedServo) -> None:
+def _require_same(hand: ServoConfigurator, servo: SurveyedServo) -> None:
     """Raise Rejected where another servo answers than before: minutes may have passed."""
-    probe = line.open_probe()
-    reply = probe.ping(servo.id)
-    if reply.data is None:  # one lost packet is not a missing servo
-        reply = probe.ping(servo.id)
-    if reply.data is None:
+    found = hand.identity() or hand.identity()  # one lost packet is not a missing servo
+    if found is None:
         raise Rejected(f"{servo.thing}: it does not answer any more: nothing was written")
-    model = int.from_bytes(reply.data[:2], "little")
-    firmware = reply.data[2]
-    if (model, firmware) != (servo.model, servo.firmware):
-        now = f"model {model}, firmware {firmware}"
+    if (found.model, found.firmware) != (servo.model, servo.firmware):
+        now = f"model {found.model}, firmware {found.firmware}"
         then = f"model {servo.model}, firmware {servo.firmware}"
         raise Rejected(
             f"{servo.thing}: another servo is there by now ({now}; was {then}): nothing was written"
         )
-
-
-def _write(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int) -> None:
-    assert servo.model is not None
-    reader = DynamixelReader(
-        servo.bus,
-        line.transport,
-        [servo.id],
-        [servo.model],
-        baud=line.baud,
-        return_delay_us=LONGEST_DELAY * 1e6,
-        slack=REPLY_SLACK + line.timer_s,
-    )
-    if perform(reader, reader.read(servo.id, "torque_enable"), line.clock).value:
-        raise Rejected(f"{servo.thing}: torque is on by now: nothing was written")
-    centre = reader.table(servo.id).facts.centre or 0
-    only = np.array([centre])  # limits that the writer requires; it sends no goal
-    writer = DynamixelWriter(reader, lower=only, upper=only, gains=[(0, 0, 0)])
-    perform(reader, writer.write(servo.id, name, value), line.clock, writer)

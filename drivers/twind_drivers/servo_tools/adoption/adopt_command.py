@@ -11,23 +11,26 @@ from typing import Any
 from twind.client import Client, ClientError, NoDaemon
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
+from twind.config.robot_spec import BusSpec
 from twind.ctl.command_hint import command_hint
 from twind.ctl.instance_paths import stop
 from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.clock import Clock, MonotonicClock
-from twind_drivers.dynamixel.adoption.adoption_steps import AdoptionPlan, prepare
-from twind_drivers.dynamixel.adoption.calibration_entry_status import entry_of
-from twind_drivers.dynamixel.adoption.candidate_locations import (
+from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.servo_tools.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_drivers.servo_tools.adoption.calibration_entry_status import entry_of
+from twind_drivers.servo_tools.adoption.candidate_locations import (
     choose,
     joint_of,
     look,
     search_plan,
     serial_buses,
 )
-from twind_drivers.dynamixel.adoption.servo_configurator import WritableProber
-from twind_drivers.ports.serial_port import SerialTransport
+from twind_drivers.servo_tools.family_tools import need_tools
+from twind_drivers.servo_tools.scan_protocol import ScanProtocol
+from twind_drivers.servo_tools.servo_configurator import WritableProber
 
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
 PATIENCE = 5.0  # s for an answer of a daemon
@@ -52,12 +55,12 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
     if options.joint is not None:
         joint = joint_of(described.robot, options.joint)
         buses = tuple(bus for bus in buses if bus.name == joint.bus)
-    named = {bus.name: described.port(bus.name) for bus in buses}
+    named = {bus: described.port(bus.name) for bus in buses}
     for port in named.values():
         _require_no_daemon(options, described, port)
     try:
         with ExitStack() as stack:
-            opened = {bus: _open_port(port, stack) for bus, port in named.items()}
+            opened = {bus.name: _open_port(bus, port, stack) for bus, port in named.items()}
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
@@ -125,16 +128,16 @@ def _print_line(options: argparse.Namespace, line: str) -> None:
         print(command_hint(options).prose(line), file=sys.stderr, flush=True)
 
 
-def _open_port(port: str, stack: ExitStack) -> At:
+def _open_port(bus: BusSpec, port: str, stack: ExitStack) -> At:
     """The port, alone; the result sets its rate. Raises PortError."""
     transport = SerialTransport(port, 57_600)  # which every adapter has; nothing is sent yet
     stack.callback(transport.close)
-    return partial(_at, transport, MonotonicClock())
+    return partial(_at, transport, MonotonicClock(), need_tools(bus.kind).protocol)
 
 
-def _at(transport: SerialTransport, clock: Clock, baud: int) -> WritableProber:
+def _at(transport: SerialTransport, clock: Clock, protocol: ScanProtocol, baud: int) -> WritableProber:
     transport.set_baud(baud)
-    return WritableProber(transport, clock, baud, timer=(transport.latency_ms or 0) * 1e-3)
+    return WritableProber(transport, clock, baud, protocol, timer=(transport.latency_ms or 0) * 1e-3)
 
 
 def _require_no_daemon(options: argparse.Namespace, described: RobotDescription, port: str) -> None:

@@ -19,29 +19,19 @@ from twind.doctor.check import (
 )
 from twind.doctor.check_context import CheckContext, Inspection, device_of
 from twind.robot.attitude import G
-from twind_drivers.dynamixel.bus_scan import ScanFaultKind
-from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
-from twind_drivers.dynamixel.device_layout import layout_of
-from twind_drivers.dynamixel.doctor import register_fix
-from twind_drivers.dynamixel.doctor.serial_bus_survey import (
+from twind_drivers.servo_tools.bus_scan import ScanFaultKind
+from twind_drivers.servo_tools.doctor.serial_bus_survey import (
     SerialBusSurvey,
     SurveyedServo,
-    expected_servos,
     serial_surveys,
 )
-from twind_drivers.dynamixel.dynamixel_identification import supports_fast
-from twind_drivers.dynamixel.serial_cycle_budget import budget
-from twind_drivers.dynamixel.servo_type import ServoType
-from twind_drivers.slow_read_rate import upkeep_stride
+from twind_drivers.servo_tools.doctor.servo_judges import judged, judges_of
+from twind_drivers.servo_tools.family_tools import ServoLocation, need_tools
 
 BUSES = "serial buses"  # subject in the report
-FACTORY_BAUD = 57_600  # as delivered (e-manual)
-FACTORY_ID = 1  # as delivered
 LOST = 0.01  # share of lost or garbled replies above which a line is noisy
 LEAST = 3  # lost or garbled replies below which no finding is made
 LATE = 0.001  # s that a servo's quickest reply may be later than the others'
-SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
-LAST_ID = 252  # above it the second id is off
 POWER = "is the power on, is the data line plugged in, is it the right port? "
 CABLE = "look at its cable and power, and at its id: "
 ODD = 0.1  # share of g: zero offsets of cheap sensors are 0.05 to 0.08 on an axis
@@ -208,28 +198,44 @@ def check_devices(context: CheckContext) -> Iterator[DoctorFinding]:
             if servo.trouble and servo.trouble.kind is ScanFaultKind.CLASH:
                 yield DoctorFinding("ID_TWICE", servo.thing, servo.trouble.what)
             elif servo.joint is None:
-                yield DoctorFinding("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "no device")
+                fresh = ServoLocation(servo.id, survey.spec.baud) in _factory_places(survey)
+                text = f"a {_model(servo)} answers" + (", as delivered" if fresh else "")
+                command = _adopt(survey) if fresh else ""
+                yield DoctorFinding("SERVO_FOREIGN", servo.thing, text, "no device", command)
 
 
 def _other_rates(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
     """Yield BAUD_WRONG for replies at other rates: one factory-new servo, else all of one rate at once."""
     missing = {joint.id for joint in survey.missing}
-    delivered = [each for each in survey.other_rates if each.baud == FACTORY_BAUD]
-    fresh = delivered if [each.id for each in delivered] == [FACTORY_ID] else []  # else the bus has that rate
+    places = _factory_places(survey)
+    rates = {place.baud for place in places}
+    delivered = [each for each in survey.other_rates if each.baud in rates]
+    alone = len(delivered) == 1 and ServoLocation(delivered[0].id, delivered[0].baud) in places
+    fresh = delivered if alone else []  # else the bus has that rate
     for each in fresh:
         names = ", ".join(f"id {joint.id} ({joint.name})" for joint in survey.missing)
         yield DoctorFinding(
             "BAUD_WRONG",
-            f"{_bus(survey)} id {FACTORY_ID} at {FACTORY_BAUD} baud",
+            f"{_bus(survey)} id {each.id} at {each.baud} baud",
             f"a {each.model_name or 'servo'} with the factory's id and rate",
             f"{names} at {survey.spec.baud} baud",
-            command=f"twindctl adopt {survey.missing[0].name if len(survey.missing) == 1 else 'JOINT'}",
+            command=_adopt(survey),
         )
     for baud in dict.fromkeys(each.baud for each in survey.other_rates if each not in fresh):
         ids = sorted(each.id for each in survey.other_rates if each.baud == baud)
         whose = "of this robot" if missing.issuperset(ids) else "some of them not of this robot"
         text = f"ids {', '.join(map(str, ids))} ({whose}) answer at {baud} baud"
         yield DoctorFinding("BAUD_WRONG", _bus(survey), text, f"{survey.spec.baud} baud")
+
+
+def _factory_places(survey: SerialBusSurvey) -> set[ServoLocation]:
+    """Return where the servos of the missing joints answer as delivered."""
+    tools = need_tools(survey.spec.kind)
+    return {place for joint in survey.missing for place in tools.delivered(joint.type.device)}
+
+
+def _adopt(survey: SerialBusSurvey) -> str:
+    return f"twindctl adopt {survey.missing[0].name if len(survey.missing) == 1 else 'JOINT'}"
 
 
 def check_imu(context: CheckContext) -> Iterator[DoctorFinding]:
@@ -250,47 +256,16 @@ def check_models(context: CheckContext) -> Iterator[DoctorFinding]:
         if servo.joint is not None and not servo.is_expected_model:
             wanted = servo.joint.type.device
             yield DoctorFinding("SERVO_MODEL", servo.thing, f"a {_model(servo)}", f"a {wanted}")
-        for name in SECONDARY:
-            value = servo.values.get(name, LAST_ID + 1)
-            if value <= LAST_ID:
-                command = register_fix.format_command(servo, name, 255)
-                yield DoctorFinding("SECOND_ID", servo.thing, f"{name} (12) is {value}", "255, off", command)
-    yield from merge_findings(_unwatched(context))
-
-
-def _unwatched(context: CheckContext) -> Iterator[DoctorFinding]:
-    for _, servo in expected_servos(context):
-        known = _table(servo)
-        least = None if known is None else known.facts.watchdog_from
-        if least is not None and servo.firmware is not None and servo.firmware < least:
-            text = f"firmware {servo.firmware}"
-            yield DoctorFinding("WATCHDOG_UNKNOWN", servo.thing, text, f"{least} or newer")
+    yield from merge_findings(judged(context, lambda own: own.models))
 
 
 def check_speed(context: CheckContext) -> Iterator[DoctorFinding]:
     """RETURN_DELAY, BUS_BUDGET; BUS_NOISE of a servo that is later than the others."""
-    yield from merge_findings(_delays(context))
+    yield from merge_findings(judged(context, lambda own: own.delays))
     for survey in serial_surveys(context):
         yield from _late(survey)
-        yield from _budget(context, survey)
-
-
-def _delays(context: CheckContext) -> Iterator[DoctorFinding]:
-    for _, servo in expected_servos(context):
-        assert servo.joint is not None
-        assert isinstance(servo.joint.type, ServoType)
-        described = servo.joint.type.return_delay_us
-        counts = servo.values.get("return_delay_time")
-        if counts is not None and 2 * counts > described:
-            wanted = described // 2
-            yield DoctorFinding(
-                "RETURN_DELAY",
-                servo.thing,
-                f"return delay (9) is {2 * counts} us",
-                f"{described} us",
-                register_fix.format_command(servo, "return_delay_time", wanted),
-                register_fix.offer_fix(context, servo, "return_delay_time", wanted),
-            )
+        judge = judges_of(survey.spec.kind).bus
+        yield from () if judge is None else judge(context, survey)
 
 
 def _late(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
@@ -310,51 +285,6 @@ def _late(survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
             advice = "check its cable and its neighbours' connectors; else exchange it"
             expected = f"{1e3 * usual:.1f} ms, as the others"
             yield DoctorFinding("BUS_NOISE", servo.thing, text, expected, advice=advice)
-
-
-def _budget(context: CheckContext, survey: SerialBusSurvey) -> Iterator[DoctorFinding]:
-    """Judge the cycle with the return delays and firmwares of the devices."""
-    robot = context.need_robot()
-    known = survey.described_servos
-    rate = context.settings.rate_hz if context.settings and context.settings.rate_hz else robot.rate_hz
-    joints = [joint for joint in robot.joints if joint.bus == survey.spec.name]
-    layouts = [layout_of(table(number_of(joint.type.device))) for joint in joints]
-    fast = len(known) == len(joints) and all(_is_fast(servo) for servo in known)
-    delays = [2 * servo.values["return_delay_time"] for servo in known if "return_delay_time" in servo.values]
-    cycle = budget(
-        len(joints),
-        survey.spec.baud,
-        fast=fast,
-        return_delay_us=max(delays, default=0),
-        upkeep_hz=rate / upkeep_stride(rate),
-        usb_s=survey.spec.latency_timer_ms * 1e-3,
-        groups=[layouts.count(each) for each in dict.fromkeys(layouts)],
-    )
-    refusal = cycle.refusal(rate)
-    if known and refusal is not None:
-        slow = [f"{servo.id} (firmware {servo.firmware})" for servo in known if _is_outdated(servo)]
-        reason = f"{refusal}; ids without fast read: {', '.join(slow)}" if slow else refusal
-        text = f"up to {cycle.reachable_hz:.0f} Hz: {reason}"
-        yield DoctorFinding("BUS_BUDGET", _bus(survey), text, f"{rate:g} Hz")
-
-
-def _is_fast(servo: SurveyedServo) -> bool:
-    known = _table(servo)
-    return known is not None and servo.firmware is not None and supports_fast(known.stem, servo.firmware)
-
-
-def _is_outdated(servo: SurveyedServo) -> bool:
-    """Return whether a firmware update would add the fast read, without which every reply takes longer."""
-    known = _table(servo)
-    least = None if known is None else known.facts.fast_from
-    return least is not None and servo.firmware is not None and servo.firmware < least
-
-
-def _table(servo: SurveyedServo) -> ControlTable | None:
-    try:
-        return None if servo.model is None else table(servo.model, servo.firmware or 0)
-    except KeyError:
-        return None
 
 
 def _model(servo: SurveyedServo) -> str:

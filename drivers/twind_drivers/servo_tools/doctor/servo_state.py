@@ -10,22 +10,14 @@ from twind.config.actuator_types import TypeSpec
 from twind.config.supply_limits import SupplyLimits
 from twind.doctor.check import SUPPORT, Check, DoctorFinding, Severity, merge_findings
 from twind.doctor.check_context import CheckContext, Inspection, is_armed
-from twind_drivers.dynamixel.doctor.register_fix import format_command, offer_fix
-from twind_drivers.dynamixel.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
-from twind_drivers.dynamixel.doctor.servo_settings import SERVOS
-from twind_drivers.dynamixel.servo_limits import usual_supply
+from twind_drivers.servo_tools.doctor.register_fix import format_command, offer_fix
+from twind_drivers.servo_tools.doctor.serial_bus_survey import SurveyedServo, expected_servos, serial_surveys
+from twind_drivers.servo_tools.doctor.servo_settings import SERVOS
+from twind_drivers.servo_tools.family_tools import need_tools
 
 DROP = 0.6  # V that a servo at rest may be below the others of its model; a sensor's step is 0.1 V
 OTHERS = 3  # servos of a model on one bus that one servo is compared with, at least
 TRIPPED = 255  # value of a bus watchdog that has expired
-# Register 70, bit by bit (e-manual, "Hardware Error Status"), and what precedes a reboot.
-ERRORS = {
-    0: ("input voltage", "correct the supply"),
-    2: ("overheating", "let it cool, find the load"),
-    3: ("encoder", "if it comes back after a reboot, exchange the servo"),
-    4: ("electrical shock", "check supply current and connectors"),
-    5: ("overload", "remove the obstacle or load"),
-}
 
 ROWS = (
     Check(
@@ -105,12 +97,15 @@ def _state(context: CheckContext, servo: SurveyedServo, *, armed: bool) -> Itera
     assert servo.joint is not None
     torque = servo.values.get("torque_enable") == 1
     bits = servo.values.get("hardware_error_status", 0)
-    for bit, (name, advice) in ERRORS.items():
+    for bit, (name, advice) in servo.tools.errors.items():
         if bits >> bit & 1:
-            command = (
-                "" if torque else f"twindctl reboot {servo.bus} {servo.id}"
-            )  # it would release the joint
-            text = f"hardware error (70) is {bits}: {name}"
+            reboots = servo.tools.reboots and not torque  # it would release the joint
+            command = f"twindctl reboot {servo.bus} {servo.id}" if reboots else ""
+            held = "hardware_error_status" in servo.table
+            where = (
+                f"hardware error ({servo.table['hardware_error_status'].address})" if held else "error byte"
+            )
+            text = f"{where} is {bits}: {name}"
             yield DoctorFinding("SERVO_ERROR", servo.thing, text, "0", command, advice=advice)
     warm = servo.values.get("present_temperature")
     bound = servo.joint.type.heat.warn
@@ -130,7 +125,7 @@ def _torque(
     off = torque and watchdog == 0
     if torque and (off or not armed):
         text = "torque is on" + ("; bus watchdog (98) is 0" if off else "")
-        expected = "off, or armed with a watchdog of 5, 100 ms"
+        expected = "off, or armed" + ("" if watchdog is None else " with a watchdog of 5, 100 ms")
         yield DoctorFinding("TORQUE_ON", servo.thing, text, expected, "" if armed else "twindctl disarm")
     if torque and watchdog == TRIPPED:
         text = f"bus watchdog (98) is {watchdog}"
@@ -162,14 +157,14 @@ def check_supply(context: CheckContext) -> Iterator[DoctorFinding]:
 
 def _drops(bus: str, volts: Mapping[SurveyedServo, float]) -> Iterator[DoctorFinding]:
     """Compare servos of one model and bounds: one bus can have models of 5 V and of 12 V."""
-    groups: dict[tuple[str, SupplyLimits], list[SurveyedServo]] = {}
+    groups: dict[tuple[str, str, SupplyLimits], list[SurveyedServo]] = {}
     for servo in volts:
         kind = _type(servo)
-        groups.setdefault((kind.device, kind.supply), []).append(servo)
-    for (device, bounds), same in groups.items():
+        groups.setdefault((kind.BUS, kind.device, kind.supply), []).append(servo)
+    for (kind_of_bus, device, bounds), same in groups.items():
         usual = median(volts[servo] for servo in same)
         low = [servo for servo in same if len(same) > OTHERS and usual - volts[servo] >= DROP - 1e-9]
-        if low and usual <= _most(device, bounds):  # above it the others are wrong: VOLTAGE_HIGH
+        if low and usual <= _most(kind_of_bus, device, bounds):  # above it the others are wrong: VOLTAGE_HIGH
             text = ", ".join(f"id {servo.id} {volts[servo]:.1f} V" for servo in low)
             expected = f"within {DROP:.1f} V of the other {device}, which measure {usual:.1f} V"
             yield DoctorFinding("VOLTAGE_DROP", f"bus {bus}", text, expected)
@@ -180,7 +175,7 @@ def _volts(servo: SurveyedServo, volts: float) -> Iterator[DoctorFinding]:
     kind = _type(servo)
     least = max(kind.supply.warn, servo.values.get("min_voltage_limit", 0) / 10)
     most = min(kind.supply.high, servo.values.get("max_voltage_limit", 1000) / 10)
-    rated = min(most, _most(kind.device, kind.supply))
+    rated = min(most, _most(kind.BUS, kind.device, kind.supply))
     if least >= rated:
         text = f"{volts:.1f} V, to be above {least:.1f} V"
         expected = f"a lower bound below {rated:.1f} V, the most that it may get"
@@ -197,9 +192,9 @@ def _volts(servo: SurveyedServo, volts: float) -> Iterator[DoctorFinding]:
         yield DoctorFinding("VOLTAGE_HIGH", servo.thing, f"{volts:.1f} V", expected)
 
 
-def _most(device: str, bounds: SupplyLimits) -> float:
+def _most(kind: str, device: str, bounds: SupplyLimits) -> float:
     """Return the highest voltage (V) that the robot file and the model's rated range both allow."""
-    return min(bounds.high, usual_supply(device).high)
+    return min(bounds.high, need_tools(kind).supply(device).high)
 
 
 def _type(servo: SurveyedServo) -> TypeSpec:

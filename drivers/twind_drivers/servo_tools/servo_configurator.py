@@ -4,18 +4,18 @@ An answer to a write is no proof: one that changes id or rate may be given anywh
 every write is judged by what is read afterwards, where the servo then stands.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 
 from twind.command_line.verb import Rejected
-from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.adoption.candidate_locations import RATES, ServoLocation
-from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY
-from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
-from twind_drivers.dynamixel.packet import StatusErrorCode
-from twind_drivers.dynamixel.prober import PortProber, ProbeWindow
+from twind_drivers.bus import PortError
+from twind_drivers.servo_tools.bus_scan import PROBES, REMEDY
+from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation
+from twind_drivers.servo_tools.prober import PortProber, ProbeWindow
+from twind_drivers.servo_tools.scan_protocol import ScanStatus, ServoIdentity, ServoRegister, ServoTable
 
 TRIES = 3  # writes of one register
-PINGED = 3  # bytes of an answer to a ping: model number 2, firmware 1
+LOCK = "lock"  # register: 0 while settings are stored
 
 
 class WritableProber(PortProber):
@@ -23,17 +23,24 @@ class WritableProber(PortProber):
 
     def write(self, id: int, address: int, data: bytes) -> ProbeWindow:
         """`data` to `address` of one device; what came back."""
-        return self._exchange(packet.write(id, address, data), 0)
+        return self._exchange(self.protocol.write(id, address, data), 0)
 
 
 class ServoConfigurator:
     """One servo of a known model. Every method may raise PortError; Rejected: it did not do it."""
 
     def __init__(
-        self, at: Callable[[int], WritableProber], table: ControlTable, place: ServoLocation
+        self,
+        at: Callable[[int], WritableProber],
+        tools: FamilyTools,
+        model: int,
+        table: ServoTable,
+        place: ServoLocation,
     ) -> None:
-        """`at` sets the port to a rate."""
+        """`at` sets the port to a rate; `model`: number of the servo's model."""
         self._at = at
+        self._tools = tools
+        self._model = model
         self.table = table
         self.place = place
         self._setter = at(place.baud)
@@ -54,13 +61,35 @@ class ServoConfigurator:
             values |= self._block(some) if some else {}
         return {name: values[name] for name in names}
 
+    def identity(self) -> ServoIdentity | None:
+        """Return what answers at its place now; None: no single servo of the family."""
+        return self._identity(self._setter, self.place.id)
+
+    @contextmanager
+    def unlocked(self) -> Iterator[None]:
+        """Open the lock of a family that has one, for writes of settings; it is closed and read back after.
+
+        The lock is RAM: a servo that loses its power in between closes it by itself.
+        """
+        if not self._tools.locks:
+            yield
+            return
+        self.write(LOCK, 0)
+        try:
+            yield
+        except BaseException:
+            with suppress(Rejected, PortError):
+                self.write(LOCK, 1)
+            raise
+        self.write(LOCK, 1)
+
     def write(self, name: str, value: int) -> None:
         """One register, read back. The servo stays where it is: not for its id or its rate."""
         field = self.table[name]
         refused = ""
         for _ in range(TRIES):
             heard = self._setter.write(self.place.id, field.address, field.encode(value))
-            refused = _refusal(heard, self.place.id) or refused
+            refused = self._refusal(heard) or refused
             if self.read([name])[name] == value:
                 return
         why = refused or f"it reads {self.read([name])[name]}"
@@ -71,7 +100,13 @@ class ServoConfigurator:
         if to.id != self.place.id:
             self._move("id", to.id, ServoLocation(to.id, self.place.baud))
         if to.baud != self.place.baud:
-            self._move("baud_rate", RATES.index(to.baud), to)
+            code = self._tools.baud_code(to.baud)
+            if code is None:
+                raise Rejected(
+                    f"{self.place}: sources differ on how these servos are set to {to.baud} baud: set it by "
+                    "the vendor's tool, then the same command does the rest"
+                )
+            self._move("baud_rate", code, to)
 
     def _move(self, name: str, value: int, to: ServoLocation) -> None:
         field = self.table[name]
@@ -80,7 +115,7 @@ class ServoConfigurator:
         field.check(value)
         for _ in range(TRIES):
             heard = self._setter.write(before.id, field.address, field.encode(value))
-            refused = _refusal(heard, before.id) or refused
+            refused = self._refusal(heard) or refused
             if self._stands(to):
                 return
             if not self._stands(before):
@@ -94,20 +129,26 @@ class ServoConfigurator:
         """Return whether one servo of this model answers there; then that becomes its place."""
         setter = self._setter if place.baud == self._setter.baud else self._at(place.baud)
         for _ in range(PROBES):
-            heard = setter.ping(place.id)
-            sound = _sound(heard, place.id, PINGED)
-            if (
-                len(sound) == 1
-                and not heard.strays
-                and int.from_bytes(sound[0][:2], "little") == self.table.number
-            ):
+            found = self._identity(setter, place.id)
+            if found is not None and found.model == self._model:
                 self.place = place
                 self._setter = setter
                 return True
         self._setter = self._at(self.place.baud)
         return False
 
-    def _block(self, fields: Sequence[TableRegister]) -> Mapping[str, int]:
+    def _identity(self, setter: WritableProber, id: int) -> ServoIdentity | None:
+        protocol = self._tools.protocol
+        address, size = protocol.identity
+        heard = setter.read(id, address, size) if size else setter.ping(id)
+        sound = _sound(heard, id, size or protocol.ping_size)
+        return protocol.identify(id, sound[0].data) if len(sound) == 1 and not heard.strays else None
+
+    def _refusal(self, reply: ProbeWindow) -> str:
+        """Return the reason why a servo refused a write; empty: it did not refuse, or sent no status."""
+        return next((why for each in reply.statuses if (why := self._tools.refusal(each.error))), "")
+
+    def _block(self, fields: Sequence[ServoRegister]) -> Mapping[str, int]:
         """The values of registers of one memory, by the smallest block that holds them."""
         first = min(each.address for each in fields)
         end = max(each.end for each in fields)
@@ -117,22 +158,10 @@ class ServoConfigurator:
             sound = _sound(heard, self.place.id, end - first)
             several |= len(sound) > 1
             if len(sound) == 1 and not heard.strays:
-                return {each.key: each.decode(sound[0][each.address - first :]) for each in fields}
+                return {each.key: each.decode(sound[0].data[each.address - first :]) for each in fields}
         why = f"two devices answer: {REMEDY}" if several else "no clear answer to a read: is its power on?"
         raise Rejected(f"{self.place}: {why}")
 
 
-def _sound(reply: ProbeWindow, id: int, size: int) -> list[bytes]:
-    return [each.data for each in reply.statuses if each.id == id and len(each.data) == size]
-
-
-def _refusal(reply: ProbeWindow, id: int) -> str:
-    """Return the reason why the servo refused a write; empty: it did not refuse, or sent no status."""
-    for each in reply.statuses:
-        number = each.error & 0x7F
-        if each.id == id and number not in (
-            StatusErrorCode.NONE,
-            StatusErrorCode.CRC,
-        ):  # CRC: the packet broke on its way
-            return packet.explain(each.error)
-    return ""
+def _sound(reply: ProbeWindow, id: int, size: int) -> list[ScanStatus]:
+    return [each for each in reply.statuses if each.id == id and len(each.data) == size]

@@ -19,25 +19,16 @@ from twind.doctor.inspectors import Answer, DaemonInspector, scan_bus
 from twind.exceptions import OperationFailed
 from twind.protocol.messages import JointMessage
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScanFault, ScannedDevice, scan, scan_rate
-from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
-from twind_drivers.dynamixel.doctor.serial_bus_inspector import BusProbe, SerialBusInspector
-from twind_drivers.dynamixel.dynamixel_identification import SETTINGS, find_table
-from twind_drivers.dynamixel.prober import PortProber
-from twind_drivers.dynamixel.servo_type import KIND
 from twind_drivers.register_sensor import decoded
+from twind_drivers.servo_tools.bus_scan import ScanFault, ScannedDevice, scan, scan_rate
+from twind_drivers.servo_tools.doctor.serial_bus_inspector import BusProbe, SerialBusInspector
+from twind_drivers.servo_tools.family_tools import FamilyTools, need_tools, tool_kinds
+from twind_drivers.servo_tools.prober import PortProber
+from twind_drivers.servo_tools.scan_protocol import ServoIdentity, ServoRegister, ServoTable
 
-# Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
-RAM = (
-    "torque_enable",
-    "status_return_level",
-    "hardware_error_status",
-    "bus_watchdog",
-    "present_input_voltage",
-    "present_temperature",
-)
-EEPROM = tuple(name for name in SETTINGS if name not in RAM)
-MEASURED = ("present_input_voltage", "present_temperature")  # registers in the state of a joint
+# Registers that the checks read beside those of identification. A model that lacks one is not asked for it.
+MEASURED = ("present_input_voltage", "present_temperature")  # in the state of a joint, too
+MORE = ("bus_watchdog", *MEASURED)
 PINGS = 12  # of each servo, for the quality of the line and the delay of each
 TRIES = 3  # of an unanswered read
 SILENT = 1000.0  # ms: a silent IMU is asked at least once a second
@@ -65,7 +56,19 @@ class SurveyedServo:
     @property
     def is_expected_model(self) -> bool:
         """True if it has the model of its joint: else its registers have another meaning."""
-        return self.joint is not None and self.model == number_of(self.joint.type.device)
+        return self.joint is not None and self.model == self.tools.number_of(self.joint.type.device)
+
+    @property
+    def tools(self) -> FamilyTools:
+        """Tools of the family of its joint."""
+        assert self.joint is not None
+        return need_tools(self.joint.type.BUS)
+
+    @property
+    def table(self) -> ServoTable:
+        """Registers of its joint's model."""
+        assert self.joint is not None
+        return self.tools.table_of(self.joint.type.device)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +126,7 @@ def serial_surveys(context: CheckContext) -> Iterator[SerialBusSurvey]:
             raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_port(context.lines[spec.name], spec, context.need_robot())
 
-    return context.survey_buses(KIND, look=look, kind=SerialBusSurvey)
+    return context.survey_buses(tuple(tool_kinds()), look=look, kind=SerialBusSurvey)
 
 
 def expected_servos(context: CheckContext) -> Iterator[tuple[SerialBusSurvey, SurveyedServo]]:
@@ -136,7 +139,7 @@ def expected_servos(context: CheckContext) -> Iterator[tuple[SerialBusSurvey, Su
 
 
 def survey_port(
-    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
+    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] | None = None
 ) -> SerialBusSurvey:
     """Survey one bus completely; other rates only where a device is missing. Raises OperationFailed.
 
@@ -148,7 +151,10 @@ def survey_port(
         raise OperationFailed(str(error)) from error
 
 
-def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialBusSurvey:
+def _survey(
+    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] | None
+) -> SerialBusSurvey:
+    tools = line.tools
     rate = scan_rate(line.prober, ids)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
     probe = line.open_probe()
@@ -160,7 +166,7 @@ def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequ
     imu = _imu_of(robot, spec)
     if imu is not None:
         answered.pop(imu.id, None)  # it is no servo
-    servos = tuple(_servo(probe, spec.name, answered[id], joints.get(id)) for id in sorted(answered))
+    servos = tuple(_servo(probe, tools, spec.name, answered[id], joints.get(id)) for id in sorted(answered))
     quality = _LinkQuality()
     delays = _ping_rounds(probe, [servo.id for servo in servos if not servo.trouble], quality)
     missing = tuple(joint for id, joint in joints.items() if id not in answered)
@@ -189,11 +195,11 @@ def _imu_name(imu: ImuSpec) -> str:
 
 def _read_imu(probe: BusProbe, imu: ImuSpec) -> SurveyedImu:
     first, size = imu.span
-    data = _read(probe, imu.id, first, size)
+    reply = _read(probe, imu.id, first, size)
     force = imu.acceleration
-    if data is None:
+    if reply is None:
         return SurveyedImu(_imu_name(imu), False)
-    raw = decoded(data, force.address - first, force.kind, 3)
+    raw = decoded(reply[0], force.address - first, force.kind, 3)
     return SurveyedImu(_imu_name(imu), True, float(np.linalg.norm((raw - force.zero) * force.lsb)))
 
 
@@ -207,23 +213,26 @@ class _LinkQuality:
 
 
 def _repeat_ping(probe: BusProbe, baud: int, id: int) -> ScannedDevice | None:
-    for _ in range(TRIES):
-        data = probe.ping(id).data
-        if data is not None:
-            number = int.from_bytes(data[:2], "little")
-            firmware = data[2]
-            table = find_table(number, firmware)
-            return ScannedDevice(baud, id, number, table.model if table else None, firmware, None, None)
-    return None
+    found = _identify(probe, id)
+    if found is None:
+        return None
+    return ScannedDevice(baud, id, found.model, found.model_name, found.firmware, None, None)
 
 
-def _servo(probe: BusProbe, bus: str, device: ScannedDevice, joint: JointSpec | None) -> SurveyedServo:
+def _identify(probe: BusProbe, id: int) -> ServoIdentity | None:
+    """Return the identity of a servo, after several attempts; None: none was answered."""
+    return next((found for _ in range(TRIES) if (found := probe.identify(id)) is not None), None)
+
+
+def _servo(
+    probe: BusProbe, tools: FamilyTools, bus: str, device: ScannedDevice, joint: JointSpec | None
+) -> SurveyedServo:
     """Inspect a servo that answered; where two share an id, no register is read."""
     values: dict[str, int] = {}
-    if not device.trouble and device.model is not None and device.firmware is not None:
-        table = find_table(device.model, device.firmware)
+    identity = None if device.trouble or device.model is None else _identify(probe, device.id)
+    if identity is not None and identity.table is not None:
         demanded = () if joint is None else tuple(joint.registers)
-        values = {} if table is None else _read_registers(probe, device.id, table, demanded)
+        values = _read_registers(probe, tools, device.id, identity.table, demanded)
     name = device.model_name
     return SurveyedServo(bus, device.id, joint, device.model, name, device.firmware, values, device.trouble)
 
@@ -245,32 +254,41 @@ def _ping_rounds(probe: BusProbe, ids: Sequence[int], quality: _LinkQuality) -> 
     return quickest
 
 
-def _read_registers(probe: BusProbe, id: int, table: ControlTable, demanded: Sequence[str]) -> dict[str, int]:
+def _read_registers(
+    probe: BusProbe, tools: FamilyTools, id: int, table: ServoTable, demanded: Sequence[str]
+) -> dict[str, int]:
     """Read the registers that checks compare, by one read of each memory area, without unreadable ones."""
-    fields = [table[name] for name in (*EEPROM, *RAM, *demanded) if name in table]
+    names = dict.fromkeys((*tools.settings(table), *MORE, *demanded))
+    fields = [table[name] for name in names if name in table]
     found: dict[str, int] = {}
+    error = 0
     for eeprom in (True, False):
-        found.update(_read_block(probe, id, [each for each in fields if each.eeprom is eeprom]))
-    return found
+        some = [each for each in fields if each.eeprom is eeprom]
+        reply = _read_block(probe, id, some) if some else None
+        if reply is not None:
+            found.update(reply[0])
+            error = reply[1]
+    return tools.derive(found, error) if found else {}
 
 
-def _read_block(probe: BusProbe, id: int, fields: Sequence[TableRegister]) -> dict[str, int]:
-    if not fields:
-        return {}
+def _read_block(
+    probe: BusProbe, id: int, fields: Sequence[ServoRegister]
+) -> tuple[dict[str, int], int] | None:
+    """Return registers and the error byte of the reply."""
     first = min(each.address for each in fields)
-    end = max(each.end for each in fields)
-    data = _read(probe, id, first, end - first)
-    if data is None:
-        return {}
-    return {each.key: each.decode(data[each.address - first :]) for each in fields}
+    reply = _read(probe, id, first, max(each.end for each in fields) - first)
+    if reply is None:
+        return None
+    data, error = reply
+    return {each.key: each.decode(data[each.address - first :]) for each in fields}, error
 
 
-def _read(probe: BusProbe, id: int, address: int, size: int) -> bytes | None:
+def _read(probe: BusProbe, id: int, address: int, size: int) -> tuple[bytes, int] | None:
     """Read registers; None: it answers only pings (status return level 0), or with an error."""
     for _ in range(TRIES):
-        data = probe.read(id, address, size).data
-        if data is not None:
-            return data
+        reply = probe.read(id, address, size)
+        if reply.data is not None:
+            return reply.data, reply.error
     return None
 
 
@@ -281,10 +299,12 @@ def _scan_other_rates(
 
     def open_prober(baud: int) -> PortProber:
         line.transport.set_baud(baud)
-        return PortProber(line.transport, line.clock, baud, timer=line.timer_s)
+        return PortProber(line.transport, line.clock, baud, line.tools.protocol, timer=line.timer_s)
 
     try:
-        rates = list(scan(open_prober, [baud for baud in BAUDS if baud != spec.baud], ids))
+        rates = list(
+            scan(open_prober, [baud for baud in line.tools.protocol.bauds if baud != spec.baud], ids)
+        )
     finally:
         line.transport.set_baud(spec.baud)
     return tuple(each for rate in rates for each in rate.found)
@@ -327,14 +347,16 @@ def _scanned_servo(
     """Complete the scan of one servo by its state and by single reads of registers."""
     number = int(found["model"])
     firmware = int(found.get("firmware") or 0)
-    table = find_table(number, firmware)
+    tools = need_tools(joint.type.BUS)
     values = {name: int(value) for name, value in (found.get("settings") or {}).items()}
-    if table is not None and values:  # without settings it answers pings alone
+    # Without settings it answers pings alone.
+    if values and number == tools.number_of(joint.type.device):
+        table = tools.table_of(joint.type.device)
         if state is not None and state["voltage"] is not None:
             values[MEASURED[0]] = round(10 * state["voltage"])
         if state is not None and state["temperature"] is not None:
             values[MEASURED[1]] = round(state["temperature"])
-        for name in (*EEPROM, *RAM, *joint.registers):
+        for name in dict.fromkeys((*tools.settings(table), *MORE, *joint.registers)):
             if name in table and name not in values and name not in MEASURED:
                 value = _ask_register(client, joint, name)
                 if value is not None:

@@ -1,9 +1,9 @@
 """Scan of an undescribed serial bus: every id at every baud rate, with duplicates and unknown devices.
 
 For tools that own the port alone: it takes seconds. Nothing is written to any device. At each rate it checks
-for traffic on the line, echo of the adapter and an older protocol, then sends a broadcast ping. Single pings
-follow where that was garbled (or `thorough`). Of every device found it reads torque and hardware error, and
-checks that its id is unique.
+for traffic on the line, echo of the adapter and an older protocol, then sends a broadcast ping, if the family
+has one. Single pings follow where it has none or that was garbled (or `thorough`). Of every device found it
+reads torque and hardware error, and checks that its id is unique.
 
 Two devices with one id (fault 12) show in three ways. Overlapping answers are no sound status. With different
 return delays two statuses come. With one model and firmware the pings overlap bit by bit and are sound, but
@@ -12,18 +12,15 @@ agree in all of that cannot be distinguished from one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.control_tables import ControlTable, table
-from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, PING_DATA, SLACK, SLOT, PortProber, ProbeWindow
+from twind_drivers.half_duplex import checksum_packet
 from twind_drivers.half_duplex.pending_reply import wire
+from twind_drivers.servo_tools.prober import SLACK, PortProber, ProbeWindow
+from twind_drivers.servo_tools.scan_protocol import OLD_PING, ScanProtocol, ScanStatus, ServoTable
 
-# Rates of register 8, the most usual first (e-manual, "Baud Rate").
-BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
-IDS = range(LAST_ID + 1)
 LISTEN = 0.05  # s: a bus with another master is not silent that long
 PROBES = 5  # requests per id until a reply is sound: on a noisy line some are, of two devices none is
 NOISY = 3  # garbled replies of unique ids from which the line counts as noisy: fewer may be chance
@@ -65,7 +62,7 @@ UNSOUND = ScanFault(
 LATE = ScanFault(
     ScanFaultKind.LATE,
     "answers come too late",
-    "set the adapter's latency timer to 1 ms, and Return Delay Time (register 9) of the servo to 5",
+    "set the adapter's latency timer to 1 ms, and the return delay of the servo to 10 us",
 )
 TWO = ScanFault(ScanFaultKind.CLASH, "two devices answer as this id", REMEDY)
 UNEQUAL = ScanFault(
@@ -99,7 +96,11 @@ def old_protocol(ids: Sequence[int]) -> ScanFault:
     """Return the fault that the devices `ids` answer an older protocol."""
     what = f"devices answer protocol 1.0 (ids {', '.join(map(str, ids))})"
     return ScanFault(
-        ScanFaultKind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids)
+        ScanFaultKind.OLD,
+        what,
+        "describe them on a bus of kind dynamixel1 or feetech, or set them to protocol 2.0 (register 13) "
+        "where they have it",
+        tuple(ids),
     )
 
 
@@ -113,7 +114,7 @@ class ScannedDevice:
     model_name: str | None  # None: unknown, or not in the vendor's tables
     firmware: int | None
     torque: bool | None
-    hardware_error: int | None  # bits of register 70
+    hardware_error: int | None  # bits of its error register, or of the state in its error byte
     trouble: ScanFault | None = None  # None: nothing wrong was found
 
 
@@ -130,25 +131,43 @@ Tell = Callable[[int, str], None]  # baud, what is being done
 AtRate = Callable[[int], PortProber]  # sets the port to a rate; raises PortError where it cannot
 
 
-def estimate(baud: int, ids: Sequence[int] = IDS, *, thorough: bool = False, timer: float = 0.0) -> float:
+def estimate(
+    protocol: ScanProtocol,
+    baud: int,
+    ids: Sequence[int] | None = None,
+    *,
+    thorough: bool = False,
+    timer: float = 0.0,
+) -> float:
     """Seconds that one rate takes when little is found and nothing is garbled; `timer` as the prober's."""
-    status = wire(STATUS_OVERHEAD + PING_DATA, baud)
-    call = (max(ids) + 1) * (status + SLOT)
-    each = wire(OVERHEAD, baud) + 2 * status + 2 * LONGEST_DELAY + SLACK + timer
-    return LISTEN + call + (len(ids) * each if thorough else 0.0)
+    asked = ids_of(protocol) if ids is None else ids
+    status = wire(protocol.overhead + protocol.ping_size, baud)
+    call = (max(asked) + 1) * (status + protocol.slot) if protocol.slot else 0.0
+    each = wire(len(protocol.ping(0)), baud) + 2 * status + 2 * protocol.delay + SLACK + timer
+    return LISTEN + call + len(asked) * each * _rounds(protocol, thorough)
+
+
+def ids_of(protocol: ScanProtocol) -> range:
+    """Return every id that a servo can have."""
+    return range(protocol.last_id + 1)
+
+
+def _rounds(protocol: ScanProtocol, thorough: bool) -> int:
+    """Return how often each id is asked singly."""
+    return int(not protocol.slot) + int(thorough)
 
 
 def scan(
     at: AtRate,
-    bauds: Sequence[int] = BAUDS,
-    ids: Sequence[int] = IDS,
+    bauds: Sequence[int],
+    ids: Sequence[int] | None = None,
     *,
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
 ) -> Iterator[BaudRateScan]:
     """Scan rate after rate. A rate that the adapter refuses is a fault of that rate; a lost port raises."""
     for baud in bauds:
-        tell(baud, "broadcast ping")
+        tell(baud, "searching")
         try:
             prober = at(baud)
         except PortError as error:
@@ -161,24 +180,23 @@ def scan(
 
 def scan_rate(
     prober: PortProber,
-    ids: Sequence[int] = IDS,
+    ids: Sequence[int] | None = None,
     *,
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
 ) -> BaudRateScan:
-    """Scan one baud rate. Raises PortError of kind LOST."""
+    """Scan one baud rate, by default every id. Raises PortError of kind LOST."""
+    protocol = prober.protocol
+    asked = ids_of(protocol) if ids is None else ids
     troubles = list(_line(prober))
-    call = prober.roll_call(max(ids))
-    replies = [(each.id, each.data) for each in call.statuses if len(each.data) == PING_DATA]
-    first = dict(reversed(replies))  # a second reply of one id changes nothing
-    known = {id: first[id] for id in ids if id in first}
-    garbled = {id for id in known if sum(each == id for each, _ in replies) > 1}
-    unsound = call.strays > 0 or len(first) < len(call.statuses)
+    known: dict[int, bytes] = {}
+    garbled: set[int] = set()
+    unsound = bool(protocol.slot) and _call_roll(prober, asked, known, garbled)
     unclear = unsound and TALK not in troubles  # unrequested traffic garbles every reply
     garbage = False
-    if thorough or unclear:
-        alone = [id for id in ids if id not in known]
-        garbage = _singly(prober, alone, known, garbled, tell)
+    for _ in range(max(_rounds(protocol, thorough), int(unclear))):
+        alone = [id for id in asked if id not in known and id not in garbled]
+        garbage |= _singly(prober, alone, known, garbled, tell)
     if garbage or (unclear and not known and not garbled):
         troubles.append(FOREIGN)
     found = []
@@ -186,11 +204,23 @@ def scan_rate(
     for id in sorted(garbled.union(known)):
         tell(prober.baud, f"reading id {id}")
         one, unclear_answers = _look(prober, id, known.get(id), id in garbled)
-        found.append(one)
-        noise += 0 if one.trouble else unclear_answers
+        if one is not None:
+            found.append(one)
+            noise += 0 if one.trouble else unclear_answers
     if noise >= NOISY:
         troubles.append(NOISE)
     return BaudRateScan(prober.baud, tuple(found), tuple(troubles))
+
+
+def _call_roll(prober: PortProber, ids: Sequence[int], known: dict[int, bytes], garbled: set[int]) -> bool:
+    """Note who answers a broadcast ping; return True if some replies were unsound."""
+    size = prober.protocol.ping_size
+    call = prober.roll_call(max(ids))
+    replies = [(each.id, each.data) for each in call.statuses if len(each.data) == size]
+    first = dict(reversed(replies))  # a second reply of one id changes nothing
+    known.update({id: first[id] for id in ids if id in first})
+    garbled.update(id for id in known if sum(each == id for each, _ in replies) > 1)
+    return call.strays > 0 or len(first) < len(call.statuses)
 
 
 def _singly(
@@ -216,27 +246,17 @@ def _line(prober: PortProber) -> Iterator[ScanFault]:
     if prober.listen(LISTEN):
         yield TALK
         return
-    window = prober.old_ping()
+    window = prober.probe_line()
     if prober.echo:
         yield ECHO
-    old = sorted(_old_statuses(bytes(window.raw)))
+    old = sorted(_old_statuses(bytes(window.raw))) if prober.protocol.line_probe == OLD_PING else []
     if old:
         yield old_protocol(old)
 
 
 def _old_statuses(raw: bytes) -> set[int]:
-    """Return the ids of protocol 1.0 statuses in `raw`: FF FF id length error ... sum (e-manual)."""
-    found: set[int] = set()
-    at = raw.find(b"\xff\xff")
-    while 0 <= at <= len(raw) - 6:
-        id = raw[at + 2]
-        length = raw[at + 3]
-        end = at + 4 + length
-        whole = length >= 2 and end <= len(raw) and id <= LAST_ID
-        if whole and ~sum(raw[at + 2 : end - 1]) & 0xFF == raw[end - 1]:
-            found.add(id)
-        at = raw.find(b"\xff\xff", at + 1)
-    return found
+    """Return the ids of protocol 1.0 statuses in `raw`."""
+    return {each.id for each in checksum_packet.find_packets(raw, status=True)}
 
 
 def _ping(prober: PortProber, id: int) -> tuple[bytes | None, bool]:
@@ -244,39 +264,52 @@ def _ping(prober: PortProber, id: int) -> tuple[bytes | None, bool]:
     answer = None
     for _ in range(PROBES):
         window = prober.ping(id)
-        sound = _sound(window, id, PING_DATA)
-        answer = answer or (sound[0] if sound else None)
+        sound = _sound(window, id, prober.protocol.ping_size)
+        answer = sound[0].data if answer is None and sound else answer
         if not window.strays and len(sound) < 2:  # silence, or one clear answer
             return answer, False
     return answer, True
 
 
-def _look(prober: PortProber, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
-    """Read torque and hardware error of one id, and check that it is one device; count garbled answers."""
+def _look(
+    prober: PortProber, id: int, answer: bytes | None, garbled: bool
+) -> tuple[ScannedDevice | None, int]:
+    """Read identity, torque and hardware error of one id, and check that it is one device.
+
+    Returns None for a device of another family, and the number of garbled answers.
+    """
+    protocol = prober.protocol
+    nothing = ScannedDevice(prober.baud, id, None, None, None, None, None)
     if answer is None:
         prober.listen(PATIENCE)
         window = prober.ping(id, PATIENCE)
-        fault = LATE if _is_late(window, id, PING_DATA) else UNSOUND
-        return ScannedDevice(prober.baud, id, None, None, None, None, None, fault), 0
-    number = int.from_bytes(answer[:2], "little")
-    firmware = answer[2]
-    try:
-        known: ControlTable | None = table(number, firmware)
-    except KeyError:
-        known = None
+        fault = LATE if _is_late(window, id, protocol.ping_size) else UNSOUND
+        return replace(nothing, trouble=fault), 0
+    address, size = protocol.identity
+    reply = _read(prober, id, address, size) if size else None
+    if size and reply is None:
+        return replace(nothing, trouble=TWO if garbled else None), 0
+    identity = protocol.identify(id, answer if reply is None else reply.data)
+    if identity is None:
+        return None, 0
+    known = identity.table
     trouble, unclear = (TWO, 0) if garbled else _clash(prober, id, known)
     torque = _value(prober, id, known, "torque_enable")
-    error = _value(prober, id, known, "hardware_error_status")
-    name = known.model if known else None
-    on = None if torque is None else torque == 1
+    if protocol.fault_bits:
+        error = None if torque is None else torque[1] & protocol.fault_bits
+    else:
+        state = _value(prober, id, known, "hardware_error_status")
+        error = None if state is None else state[0]
+    on = None if torque is None else torque[0] == 1
+    number, name, firmware = identity.model, identity.model_name, identity.firmware
     return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[ScanFault | None, int]:
+def _clash(prober: PortProber, id: int, known: ServoTable | None) -> tuple[ScanFault | None, int]:
     """Return the evidence for more than one device, None without any; and the number of garbled answers."""
-    if known is None:
+    fields = [] if known is None else [known[name] for name in DIFFERING if name in known]
+    if not fields:
         return None, 0
-    fields = [known[name] for name in DIFFERING if name in known]
     first = min(field.address for field in fields)
     size = max(field.end for field in fields) - first
     fault: ScanFault | None = UNEQUAL
@@ -297,15 +330,21 @@ def _clash(prober: PortProber, id: int, known: ControlTable | None) -> tuple[Sca
     return fault, unclear
 
 
-def _value(prober: PortProber, id: int, known: ControlTable | None, name: str) -> int | None:
-    """Read one register; None where it is missing, or unreadable (status return level 0)."""
+def _value(prober: PortProber, id: int, known: ServoTable | None, name: str) -> tuple[int, int] | None:
+    """Return a register and the error byte of the reply; None: no such register, or it is unreadable."""
     if known is None or name not in known:
         return None
     field = known[name]
+    reply = _read(prober, id, field.address, field.size)
+    return None if reply is None else (field.decode(reply.data), reply.error)
+
+
+def _read(prober: PortProber, id: int, address: int, size: int) -> ScanStatus | None:
+    """Read a block; None: it is not answered (status return level 0)."""
     for _ in range(PROBES):
-        sound = _sound(prober.read(id, field.address, field.size), id, field.size)
+        sound = _sound(prober.read(id, address, size), id, size)
         if sound:
-            return field.decode(sound[0])
+            return sound[0]
     return None
 
 
@@ -314,5 +353,5 @@ def _is_late(window: ProbeWindow, id: int, size: int) -> bool:
     return window.late and len(_sound(window, id, size)) == 1 and not window.strays
 
 
-def _sound(window: ProbeWindow, id: int, size: int) -> list[bytes]:
-    return [each.data for each in window.statuses if each.id == id and len(each.data) == size]
+def _sound(window: ProbeWindow, id: int, size: int) -> list[ScanStatus]:
+    return [each for each in window.statuses if each.id == id and len(each.data) == size]

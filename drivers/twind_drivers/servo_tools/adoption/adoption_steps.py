@@ -4,11 +4,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from twind.command_line.verb import Rejected
-from twind_drivers.dynamixel.adoption.calibration_entry_status import CalibrationEntryStatus
-from twind_drivers.dynamixel.adoption.candidate_locations import AdoptionCandidate
-from twind_drivers.dynamixel.adoption.register_plan import RegisterStep, different, looked_at, plan
-from twind_drivers.dynamixel.adoption.servo_configurator import ServoConfigurator, WritableProber
-from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.servo_tools.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_drivers.servo_tools.adoption.candidate_locations import AdoptionCandidate
+from twind_drivers.servo_tools.adoption.register_plan import RegisterStep, different, plan
+from twind_drivers.servo_tools.servo_configurator import LOCK, ServoConfigurator, WritableProber
 
 TORQUE = "torque_enable"
 
@@ -38,9 +37,11 @@ class AdoptionPlan:
             *(f"  {step}" for step in self.steps),
         ]
         if chosen.place.id != chosen.home.id:
-            said.append(f"  id (7): {chosen.place.id} -> {chosen.home.id}")
+            where = self.hand.table["id"].address
+            said.append(f"  id ({where}): {chosen.place.id} -> {chosen.home.id}")
         if chosen.place.baud != chosen.home.baud:
-            said.append(f"  baud rate (8): {chosen.place.baud} -> {chosen.home.baud}")
+            where = self.hand.table["baud_rate"].address
+            said.append(f"  baud rate ({where}): {chosen.place.baud} -> {chosen.home.baud}")
         return [*said, *(f"  {line}" for line in self.entry.lines())]
 
     def to_json(self, state: str) -> dict[str, object]:
@@ -64,13 +65,18 @@ class AdoptionPlan:
         After an interruption at any point, a repeated adoption finds the servo and completes the steps.
         """
         joint = self.chosen.joint
+        tools = self.chosen.tools
         known = self.hand.table
         self.entry.strike_out()
-        for step in self.steps:
-            self.hand.write(step.register, step.then)
-        self.hand.move(self.chosen.home)
-        held = self.hand.read(looked_at(known))
-        if held[TORQUE] or (wrong := list(different(joint, known, self.firmware, held))):
+        with self.hand.unlocked():
+            for step in self.steps:
+                if step.register != LOCK:
+                    self.hand.write(step.register, step.then)
+            self.hand.move(self.chosen.home)
+        held = self.hand.read(tools.settings(known))
+        if held[TORQUE] or (
+            wrong := list(different(joint, tools, known, self.firmware, held, new=self.chosen.new))
+        ):
             why = "its torque is on" if held[TORQUE] else "; ".join(wrong)
             raise Rejected(f"{joint.name}, {self.hand.place}: after all was written, {why}")
 
@@ -87,16 +93,18 @@ def prepare(
     firmware = chosen.found.firmware
     assert model is not None  # `choose` lets no other pass
     assert firmware is not None
-    hand = ServoConfigurator(at, table(model, firmware), chosen.place)
+    tools = chosen.tools
+    table = tools.table_of(chosen.joint.type.device)
+    hand = ServoConfigurator(at, tools, model, table, chosen.place)
     if chosen.place != chosen.home and not hand.is_free(chosen.home):
         raise Rejected(
             f"{chosen.home}, the place of {chosen.joint.name}, is taken after all: its servo answers now and "
             "then only. Look at its cable, or take it off the bus"
         )
-    held = hand.read(looked_at(hand.table))
+    held = hand.read(tools.settings(table))
     if held[TORQUE]:
         raise Rejected(f"{chosen.place}: its torque is on: take its power away and give it back")
-    steps = plan(chosen.joint, hand.table, firmware, held)
+    steps = plan(chosen.joint, tools, table, firmware, held, new=chosen.new)
     if chosen.place == chosen.home and entry.there and steps:
         name = chosen.joint.name
         raise Rejected(

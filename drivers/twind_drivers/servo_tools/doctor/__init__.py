@@ -1,0 +1,1 @@
+"""Doctor of serial servos: inspections of their buses, with the rows of their findings."""
