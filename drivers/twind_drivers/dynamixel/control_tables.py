@@ -23,7 +23,7 @@ SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
 
 # The first PRO servos (e-manual, dxl/pro/h54-200-s500-r and others) have no file in the package.
 PRO_R = re.compile(r"[hlm](42|54)_\d+_s\d+_r")
-PRO_R_LAYOUT = "a PRO -R has another layout, without bus watchdog, profile and realtime tick"
+PRO_R_FAMILY = "a PRO -R has no bus watchdog: use a bus of kind dynamixel2_unwatched"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ def number_of(name: str) -> int:
         if candidate in stems:
             return stems[candidate]
     if PRO_R.fullmatch(key):
-        raise KeyError(f"{name} is not driven here: {PRO_R_LAYOUT}; PRO -RA servos are driven")
+        raise KeyError(f"{name} is not driven here: {PRO_R_FAMILY}")
     near = _nearest(key, {stem: _model(stem) for stem in stems})
     known = f"; near: {', '.join(near)}" if near else f": known are {', '.join(models())}"
     raise KeyError(f"no Dynamixel model {name!r}{known}")

@@ -106,7 +106,7 @@ XL320 = ModelCapabilities(
     startup_from=None,
     backup_from=None,
     torque_on_by_goal_from=None,
-    undriven="the layout of Protocol 1: no watchdog, no velocity or current limit, direction in bit 10",
+    undriven="it has no bus watchdog: use a bus of kind dynamixel2_unwatched",
 )
 
 

@@ -91,9 +91,9 @@ def servo_bus(name: str, section: ConfigReader) -> BusSpec:
 
 
 def is_servo(device: str) -> bool:
-    """Return whether the vendor's index has that model."""
+    """Return whether the vendor's index has that model, and this driver moves it."""
     try:
-        return number_of(device) > 0
+        return not table(number_of(device)).facts.undriven
     except KeyError:
         return False
 

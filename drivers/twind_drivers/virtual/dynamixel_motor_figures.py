@@ -26,7 +26,9 @@ def _of(nominal: float, gear: float, *rows: Row) -> MotorFigures:
     return MotorFigures(points=tuple(OperatingPoint(*row) for row in rows), gear=gear, nominal=nominal)
 
 
-def _line(gear: float, idle: tuple[float, float], continuous: tuple[float, float, float]) -> MotorFigures:
+def continuous_figures(
+    gear: float, idle: tuple[float, float], continuous: tuple[float, float, float]
+) -> MotorFigures:
     """Return the figures at 24 V. `idle`: rev/min, A; `continuous`: rev/min, N·m, A."""
     rpm, without = idle
     loaded, torque, amperes = continuous
@@ -110,17 +112,17 @@ X_FIGURES: Mapping[str, MotorFigures] = {
     "mx_64": replace(MX_64, friction=0.090, damping=0.012, armature=0.0120, divisor=141.3),
     "mx_106": replace(MX_106, friction=0.104, damping=0.035, armature=0.0266, divisor=147.0),
 }
-PH42 = _line(303.75, (32.7, 0.57), (29.2, 5.1, 1.5))
-PH54_100 = _line(501.923, (33.3, 1.13), (29.2, 25.3, 5.5))
-PH54_200 = _line(501.923, (33.1, 1.65), (29.0, 44.7, 9.3))
+PH42 = continuous_figures(303.75, (32.7, 0.57), (29.2, 5.1, 1.5))
+PH54_100 = continuous_figures(501.923, (33.3, 1.13), (29.2, 25.3, 5.5))
+PH54_200 = continuous_figures(501.923, (33.1, 1.65), (29.0, 44.7, 9.3))
 # 0.6 A beside 0.52 A idle is too coarse for a torque constant: 0.8 of the back-EMF constant, as the others.
 PM42_STALL = 1.7 * 28.0 / (28.0 - 26.0)
 PM42 = replace(
     _of(24.0, 257.019, (24.0, PM42_STALL, 28.0, PM42_STALL / (0.8 * 24.0 / (28.0 * 2.0 * pi / 60.0)))),
     bearable=0.6,
 )
-PM54_040 = _line(251.417, (28.4, 1.32), (24.2, 3.9, 1.9))
-PM54_060 = _line(251.417, (33.1, 1.25), (28.3, 10.1, 3.0))
+PM54_040 = continuous_figures(251.417, (28.4, 1.32), (24.2, 3.9, 1.9))
+PM54_060 = continuous_figures(251.417, (33.1, 1.25), (28.3, 10.1, 3.0))
 
 FIGURES: Mapping[str, MotorFigures] = {
     **X_FIGURES,
