@@ -206,3 +206,13 @@ def test_a_servo_is_as_fast_as_its_page_says(name: str) -> None:
     speeds = [rig.tick(here + int(own.turn / 3)).velocity.max() for _ in range(30)]
     assert max(speeds) * own.velocity == pytest.approx(own.strength(own.volts)[1], rel=0.02)
     assert own.strength(own.volts)[1] < 120.0 * math.tau / 60.0
+
+
+def test_another_model_is_named_and_gets_no_torque() -> None:
+    rig = UnwatchedRig(XL)
+    rig.servos.put(1, "model_number", 1060)
+    device = rig.perform(rig.reader.identify())[1]
+    assert (device.model_number, device.model_name, device.settings) == (1060, "XL430-W250", {})
+    with pytest.raises(DeviceRefused, match="1060 has other registers"):
+        rig.beside(rig.writer.prepare(rig.positions()))
+    assert not rig.energised().any()

@@ -18,8 +18,8 @@ def test_an_arm_is_armed_moved_and_keeps_its_goal_when_the_daemon_dies(
 ) -> None:
     rig: Rig = make_rig(arm_of(tmp_path, KIND, device, ACCEPTED))
     rig.arm()
-    ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [1.5, 2.5]))
-    rig.seconds(3.0)
+    ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [0.7, 1.2]))
+    rig.seconds(1.5)
     assert [reply.error for reply in rig.replies(ticket)][:1] == [None], rig.replies(ticket)
     elbow = rig.names.index("elbow")
     assert abs(rig.truth[elbow] + 0.5) < 0.05

@@ -27,7 +27,7 @@ class UnwatchedRig(DriverRig):
         specs = [
             Dynamixel1ServoSpec(id, each.name, QUICK | (settings or {})) for id, each in enumerate(own, 1)
         ]
-        self.stroke = own[0].turn / 15.0
+        self.stroke = own[0].turn / (15.0 if own[0].table == "xl320" else 60.0)
         middles = np.array([(each.lowest + each.highest + 1) // 2 for each in own], np.float64)
         self.muscles = FirstOrderPhysics(middles)
         self.bus = VirtualUnwatchedBus("test", specs, self.muscles, **bus)

@@ -93,7 +93,7 @@ class VirtualDynamixel1Servos:
         self.ram[row][:] = bytes(self.SIZE)
         self.ram[row][: self.KEPT_END] = self.eeprom[row]
         for name, value in self.RAM.items():
-            if name in self.tables[row]:
+            if name in self.tables[row] and not self.tables[row][name].kept:
                 self.put(row, name, value)
         if "max_torque" in self.tables[row]:
             self.put(row, "torque_limit", self.get(row, "max_torque"))
