@@ -16,7 +16,7 @@ from dataclasses import replace
 from math import pi
 
 from twind_drivers.dynamixel.control_tables import ControlTable
-from twind_drivers.dynamixel.dynamixel_models import base
+from twind_drivers.dynamixel.dynamixel_models import Y_SIZES, base
 from twind_drivers.virtual.servo_strength import MotorFigures, OperatingPoint
 
 Row = tuple[float, float, float, float]  # V, N·m, rev/min, A, as OperatingPoint
@@ -40,12 +40,13 @@ def continuous_figures(
 # One motor of each size in all gears: the bare one (M001) has 5675 and 4664, 3190 and 2597 rev/min.
 Y070 = 5675.0 / (5675.0 - 4664.0)
 Y080 = 3190.0 / (3190.0 - 2597.0)
+Y_DIVISOR = 3.66e7  # assumed: P gain as delivered gives full output at 4° of error
 
 
 def _y(gear: float, factor: float, rpm: float, torque: float, amperes: float) -> MotorFigures:
     """Return the figures at 24 V. `torque`, `amperes`: continuous; `factor`: stall torque per continuous."""
     point = OperatingPoint(24.0, torque * factor, rpm, amperes * factor)
-    return MotorFigures(points=(point,), gear=gear, nominal=24.0, bearable=amperes)
+    return MotorFigures(points=(point,), gear=gear, nominal=24.0, bearable=amperes, divisor=Y_DIVISOR)
 
 
 XM430_W350 = _of(12.0, 353.5, (11.1, 3.8, 43, 2.1), (12.0, 4.1, 46, 2.3), (14.8, 4.8, 57, 2.7))
@@ -149,6 +150,9 @@ FIGURES: Mapping[str, MotorFigures] = {
 NEAREST: Mapping[str, str] = {
     "xw540_h260": "xh540_v270",
     "rh_p12_rn": "pm42_010_s260",
+    # Those with a brake (B) or another housing (A): the motor and gear of the plain ones (assumed).
+    **{f"{size}_b001": f"{size}_m001" for size in Y_SIZES},
+    **{f"{size}_a{gear}": f"{size}_r{gear}" for size in Y_SIZES for gear in ("051", "099")},
 }
 USUAL = "xm430_w350"
 

@@ -69,7 +69,7 @@ def plan(
     """
     target = required_registers(joint, table)
     after = IdentifiedDevice(joint.id, table.number, table.model, firmware, {**now, **target})
-    if wrong := list(unfit(joint, after)):
+    if wrong := list(unfit(joint, after, table.facts)):
         raise Rejected(f"{joint.name}: adopted, the daemon would refuse it all the same: {'; '.join(wrong)}")
     differing = [key for key, value in target.items() if now.get(key) != value]
     for key in differing:
@@ -83,7 +83,8 @@ def plan(
 
 def different(joint: JointSpec, table: ControlTable, firmware: int, now: Mapping[str, int]) -> Iterator[str]:
     """Yield the differences of a servo's registers from the required values, as text; none: it is adopted."""
-    yield from unfit(joint, IdentifiedDevice(joint.id, table.number, table.model, firmware, now))
+    device = IdentifiedDevice(joint.id, table.number, table.model, firmware, now)
+    yield from unfit(joint, device, table.facts)
     for key, value in required_registers(joint, table).items():
         if now.get(key) != value:
             yield f"{key} ({table[key].address}) is {now.get(key)}, not {value}"
