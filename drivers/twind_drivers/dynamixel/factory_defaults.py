@@ -192,7 +192,7 @@ def _y(current: int, velocity: tuple[int, int], acceleration: tuple[int, int], g
     )
 
 
-# The pages of YM070-M001 and -R099, YM080-R051 and the velocity of YM080-M001 were read. Where a page was not:
+# The pages of YM070-M001 and -R099, YM080-R051 and the velocity of YM080-M001 were read. Of others:
 # at most what M001 has over the gear, as those; as delivered as the same gear of the other size.
 Y_M070 = _y(2080, (550_000, 642_200), (44_000, 38_520_000), 1)
 Y_M080 = _y(2240, (355_600, 355_600), (44_000, 418_352 * 51), 1)

@@ -107,6 +107,11 @@ P: Mapping[str, RegisterRule] = {  # and PRO -R(A), RH-P12-RN(A)
 }
 
 Y_GAIN = RegisterRule(lower=0, upper=2**31 - 1)
+Y_FILTER = RegisterRule(lower=0, upper=32767)
+Y_PERCENT = RegisterRule(lower=0, upper=100)
+Y_TIMES = ("brake_delay", "goal_update_delay", "overexcitation_time")
+Y_FILTERS = ("position_limit_threshold", "present_velocity_lpf_frequency", "goal_current_lpf_frequency")
+Y_ALIASES = {"baud_rate_bus": "baud_rate", "motor_temperature_limit": "temperature_limit"}
 Y: Mapping[str, RegisterRule] = {
     **P,
     "baud_rate": RegisterRule(lower=0, upper=9, default=1),
@@ -117,6 +122,16 @@ Y: Mapping[str, RegisterRule] = {
     **dict.fromkeys((*GAINS, "velocity_ff_gain", "position_ff_gain"), Y_GAIN),
     "electronic_gearratio_denominator": RegisterRule(lower=1, upper=1_045_576, default=1),
     "indirect_address": RegisterRule(lower=0, upper=919, default=None),
+    "inverter_temperature_limit": replace(Y_PERCENT, default=80),
+    "following_error_threshold": Y_GAIN,
+    **dict.fromkeys((*Y_TIMES, *Y_FILTERS), Y_FILTER),
+    "safe_stop_time": replace(Y_FILTER, default=200),
+    "overexcitation_voltage": replace(Y_PERCENT, default=100),
+    "normal_excitation_voltage": Y_PERCENT,
+    **dict.fromkeys(("position_ff_lpf_time", "velocity_ff_lpf_time"), RegisterRule(lower=0, upper=512)),
+    "hybrid_save": RegisterRule(lower=0, upper=2),
+    "profile_acceleration_time": RegisterRule(lower=0, upper=262_144, default=400),
+    "profile_time": RegisterRule(lower=0, upper=524_288, default=800),
     **dict.fromkeys(("pwm_offset", "current_offset", "velocity_offset"), RegisterRule(signed=True)),
     **dict.fromkeys(("velocity_trajectory", "position_trajectory"), SIGNED_READ_ONLY),
 }
@@ -155,6 +170,11 @@ def _rules(stem: str) -> Mapping[str, RegisterRule]:
         )
         for key in ("goal_pwm", "goal_current"):
             found[key] = replace(found[key], default=0)
+        for kind in ("velocity", "acceleration"):
+            default = found[f"{kind}_limit"].default
+            found[f"profile_{kind}"] = replace(found[f"profile_{kind}"], default=default)
+        found["in_position_threshold"] = found["moving_threshold"]
+        found.update({key: found[other] for key, other in Y_ALIASES.items()})
     if series is P:  # no page states the goals after power-up
         for key in ("goal_pwm", "goal_velocity", "goal_current"):
             found[key] = replace(found[key], default=None)

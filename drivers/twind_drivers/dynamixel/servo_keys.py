@@ -122,6 +122,11 @@ def servo_type(name: str, section: ConfigReader) -> ServoType:
         raise section.refuse(
             "watchdog", f"a {device} has a bus watchdog, which is armed before torque: remove this key"
         )
+    gains = section.section("gains")
+    for key in ("p", "i", "d"):
+        most = known[f"position_{key}_gain"].bounds[1]
+        if getattr(given.gains, key) > most:
+            raise gains.refuse(key, f"{getattr(given.gains, key)} is outside >= 0 and <= {most}")
     ampere = known.facts.ampere_per_count or X_SERIES.ampere_per_count or math.nan
     velocity = given.velocity_lsb_rad_s or known.facts.radians_per_velocity_count
     if velocity is None:

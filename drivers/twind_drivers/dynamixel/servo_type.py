@@ -22,8 +22,7 @@ OPERATING_MODES: Mapping[str, int] = {
     "current_based_position": 5,
 }
 MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
-MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
-Gain = Annotated[int, Meta(ge=0, le=MOST_GAIN)]
+Gain = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # the model bounds it further
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +140,8 @@ class ServoType(TypeSpec):
     @property
     def gain_limits(self) -> Mapping[str, float]:
         """P, I and D, as registers hold them."""
-        return dict.fromkeys(("p", "i", "d"), float(MOST_GAIN))
+        known = table(number_of(self.device))
+        return {key: float(known[f"position_{key}_gain"].bounds[1]) for key in ("p", "i", "d")}
 
     def with_gains(self, gains: Mapping[str, float]) -> "ServoType":
         """Return the type with these gains, in whole counts."""
