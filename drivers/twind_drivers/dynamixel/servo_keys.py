@@ -19,7 +19,7 @@ from twind.config.driver_family import SlotEntry
 from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import heat, supply, usual_heat
-from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
+from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.operating_modes import mode_of
 from twind_drivers.dynamixel.servo_limits import heat_limit, usual_supply
@@ -96,6 +96,11 @@ def is_servo(device: str) -> bool:
         return not table(number_of(device)).facts.undriven
     except KeyError:
         return False
+
+
+def driven_models() -> tuple[str, ...]:
+    """Return the names of the models of the vendor's index that this driver moves."""
+    return tuple(filter(is_servo, models()))
 
 
 def servo_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
