@@ -28,7 +28,7 @@ from twind_calibration.calibrating.calibration_conversion import (
 )
 from twind_calibration.calibrating.lerobot_file import FIELDS, LeRobotMotor, read
 from twind_calibration.calibrating.motor_matching import matched, read_map
-from twind_drivers.dynamixel.servo_check import MAX_OFFSET
+from twind_drivers.dynamixel.dynamixel_models import MAX_OFFSET
 
 ROBOT = load_robot("h24")
 SLOTS = slots(ROBOT)

@@ -52,10 +52,8 @@ def test_counts_that_contradict_the_model_are_refused_with_both(device: str) -> 
 @pytest.mark.parametrize(
     ("device", "reason"),
     [
-        ("XL320", "Protocol 1"),
-        ("YM070-210-R099", "another layout"),
-        ("H54-200-S500-R", "without bus watchdog.*-RA servos are driven"),
-        ("M42-10-S260-R", "without bus watchdog"),
+        ("XL320", "no bus watchdog: use a bus of kind dynamixel2_unwatched"),
+        ("H54-200-S500-R", "no bus watchdog: use a bus of kind dynamixel2_unwatched"),
     ],
 )
 def test_a_model_that_is_not_driven_is_refused_at_its_name_with_the_reason(device: str, reason: str) -> None:

@@ -10,6 +10,7 @@ from tests.support.driver_contract_claims import DriverContract
 from tests.support.driver_rig import DriverRig, both
 from tests.support.dynamixel1_rig import QUICK, Dynamixel1Rig
 from tests.support.feetech_rig import Counted, FeetechRig
+from tests.support.unwatched_rig import UnwatchedRig
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
@@ -49,6 +50,8 @@ RIGS: dict[str, Callable[[], DriverRig]] = {
     "scs": lambda: FeetechRig([FeetechServoSpec(id, "SCS0009") for id in (1, 2, 3)]),
     "dynamixel1": Dynamixel1Rig,
     "ax": lambda: Dynamixel1Rig([Dynamixel1ServoSpec(id, "AX-12A", QUICK) for id in (1, 2, 3)]),
+    "xl320": lambda: UnwatchedRig(["XL-320"] * 3),
+    "pro_r": lambda: UnwatchedRig(["H54-200-S500-R", "H42-20-S300-R", "M54-60-S250-R"]),
     "hls": lambda: FeetechRig([FeetechServoSpec(id, "HLS3955") for id in (1, 2)]),
     "smbl": lambda: FeetechRig([FeetechServoSpec(id, "SM8512BL") for id in (1, 2)]),
     "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),

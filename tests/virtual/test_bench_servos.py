@@ -108,7 +108,7 @@ def test_an_extra_servo_that_does_not_fit_the_robot_is_refused() -> None:
         (["--firmware", "256"], "0..255"),
         (["--seed", "-1"], "0 or more"),
         (["--servo", "a:1:XM430-W350", "--calibration", "x.yaml"], "needs --robot"),
-        (["--servo", "a:1:XL-320"], "XL"),
+        (["--servo", "a:1:XL-999"], "XL"),
         (["--servo", "a:1:XM430-W350", "--baud", "12345"], "9600"),
     ],
 )

@@ -156,6 +156,8 @@ def test_every_model_that_can_be_driven_can_be_virtual(model: str) -> None:
         goal = 500
     assert write("torque_enable", 1) == 0
     assert write("id", 5) == 7, "EEPROM is locked"
+    if registers.facts.caps_current:  # of a Y: from the start 0, which lets nothing through
+        assert [write("goal_pwm", 1000), write("goal_current", 2080)] == [0, 0]
     assert write("goal_position", goal) == 0
     host.wait(3.0)
     if 3 in registers.facts.modes:
@@ -164,7 +166,7 @@ def test_every_model_that_can_be_driven_can_be_virtual(model: str) -> None:
     assert write("bus_watchdog", 5) == 0
     host.wait(0.2)
     assert host.read(1, *at("bus_watchdog")) == -1
-    assert write("goal_position", goal) == 4
+    assert write("goal_position", goal) & 0x7F == 4, "beside the alert of a Y"
     assert write("bus_watchdog", 0) == 0
     assert write("goal_position", goal) == 0
 
@@ -191,10 +193,9 @@ def test_an_x_a_small_x_and_a_p_on_one_bus_each_keep_their_own_rules() -> None:
     assert host.servos["goal_position"].tolist() == [2100] * 4
 
 
-@pytest.mark.parametrize("model", ["XL320", "YM070-210-M001"])
-def test_a_model_of_another_layout_is_refused_with_a_reason(model: str) -> None:
-    with pytest.raises(ValueError, match=f"{model}: not simulated: .*layout"):
-        Host([1], model=model)
+def test_a_model_of_another_layout_is_refused_with_a_reason() -> None:
+    with pytest.raises(ValueError, match=r"XL320: not simulated: .*dynamixel2_unwatched"):
+        Host([1], model="XL320")
 
 
 @examples(100)

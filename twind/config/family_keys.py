@@ -15,7 +15,8 @@ class BusKeys(ConfigStruct):
     """Entry of `buses`, of any kind."""
 
     kind: Text
-    """`dynamixel2`, `dynamixel1`, `feetech`, `can` | | driver family, or that of an installed package"""
+    """`dynamixel2`, `dynamixel2_unwatched`, `dynamixel1`, `feetech`, `can` | | driver family, or that of an
+    installed package"""
     port: Text | None = None
     """port | | as `ports` of the settings, which override it"""
 

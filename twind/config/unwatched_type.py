@@ -9,8 +9,11 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from twind.config.actuator_types import TypeSpec
+from twind.config.actuator_types import ExpectedDevice, TypeSpec
 from twind.config.family_keys import TypeKeys
+from twind_drivers.bus import IdentifiedDevice
+
+MICROSECONDS = 2  # of one count of a return delay
 
 
 class UnwatchedTypeKeys(TypeKeys, kw_only=True):
@@ -47,3 +50,25 @@ class UnwatchedType(TypeSpec):
                 "has no watchdog: it holds its last goal when the daemon dies. Write `watchdog: none` to "
                 f"type {self.name} of the robot file if that is acceptable"
             )
+
+    def other_model(self, device: IdentifiedDevice) -> str:
+        """Return the refusal of a device of another model."""
+        found = device.model_name or "a model that is in no table"
+        return f"is {found} (model number {device.model_number}), the robot file says {self.device}"
+
+    def other_settings(self, joint: ExpectedDevice, device: IdentifiedDevice, delay: int) -> Iterator[str]:
+        """Yield a return delay above `delay` (µs), and registers that differ from the robot file."""
+        own = MICROSECONDS * device.settings.get("return_delay_time", 0)
+        if own > delay:
+            yield (
+                f"waits {own} us before each reply, the robot file says {delay}: `twindctl "
+                f"register write {joint.bus} {joint.id} return_delay_time {delay // MICROSECONDS}`"
+            )
+        yield from self.other_registers(joint, device)
+
+    def other_registers(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
+        """Yield registers that differ from the robot file."""
+        for register, wanted in joint.registers.items():
+            value = device.settings.get(register)
+            if value != wanted:
+                yield f"{register} is {value}, the robot file says {wanted}"

@@ -26,7 +26,7 @@ class CommandPacketCheck:
         if framer.discarded or len(framer) or not found:
             raise WireRangeError(self._name, packet.BROADCAST, len(data), 0, 0, "stray bytes in a packet")
         for each in found:
-            for id, address, raw in _rows(each):
+            for id, address, raw in written_rows(each):
                 self._row(id, address, raw)
 
     def _row(self, id: int, address: int, raw: bytes) -> None:
@@ -43,7 +43,7 @@ class CommandPacketCheck:
             raise WireRangeError(self._name, id, address, min(writable), max(writable), "read-only address")
 
 
-def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
+def written_rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
     """Return (id, address, data) of each write in a packet; a restart has an id and no data.
 
     An instruction that no order makes counts as a write to all ids, which is refused.

@@ -21,9 +21,19 @@ from twind_drivers.dynamixel.register_rules import RegisterRule, rule
 # switch torque on at boot, so it is always read; older firmware returns 0 there inside a block.
 SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
 
+# Names of the Y series for registers that the others have under another name.
+Y_NAMES = {
+    "Error Code": "Hardware Error Status",
+    "Present Motor Temperature": "Present Temperature",
+    "Motor Temperature Limit": "Temperature Limit",
+    "Baud Rate (Bus)": "Baud Rate",
+}
+# Addresses of its EEPROM (e-manual, column "Area"); gains and profiles in between are "Hybrid".
+Y_EEPROM = (range(8), range(10, 15), range(32, 140), range(256, 512))
+
 # The first PRO servos (e-manual, dxl/pro/h54-200-s500-r and others) have no file in the package.
 PRO_R = re.compile(r"[hlm](42|54)_\d+_s\d+_r")
-PRO_R_LAYOUT = "a PRO -R has another layout, without bus watchdog, profile and realtime tick"
+PRO_R_FAMILY = "a PRO -R has no bus watchdog: use a bus of kind dynamixel2_unwatched"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +53,12 @@ class TableRegister:
         return self.address + self.size
 
     def decode(self, data: bytes) -> int:
-        """Return the value of its `size` bytes, little-endian, signed where the register is."""
-        return int.from_bytes(data[: self.size], "little", signed=self.rule.signed)
+        """Return the value of its `size` bytes, little-endian, signed where the register is.
+
+        Error codes become the bits that other models have.
+        """
+        value = int.from_bytes(data[: self.size], "little", signed=self.rule.signed)
+        return value if self.rule.codes is None else self.rule.codes[value]
 
     def encode(self, value: int) -> bytes:
         """Return its bytes for `value`. Raises OverflowError if they cannot hold it."""
@@ -136,7 +150,7 @@ def number_of(name: str) -> int:
         if candidate in stems:
             return stems[candidate]
     if PRO_R.fullmatch(key):
-        raise KeyError(f"{name} is not driven here: {PRO_R_LAYOUT}; PRO -RA servos are driven")
+        raise KeyError(f"{name} is not driven here: {PRO_R_FAMILY}")
     near = _nearest(key, {stem: _model(stem) for stem in stems})
     known = f"; near: {', '.join(near)}" if near else f": known are {', '.join(models())}"
     raise KeyError(f"no Dynamixel model {name!r}{known}")
@@ -158,9 +172,15 @@ def table(number: int, firmware: int = 0) -> ControlTable:
     if stem.startswith(("x", "2x")) and stem != "xl320":
         known = {snake(name) for name, _, _ in rows}
         rows += [row for row in SUPPLEMENT if snake(row[0]) not in known]
-    ram = min(address for name, address, _ in rows if snake(name) == "torque_enable")
+    is_y = stem.startswith("ym")
+    if is_y:
+        rows += [(Y_NAMES[name], address, size) for name, address, size in rows if name in Y_NAMES]
+    torque = min(address for name, address, _ in rows if snake(name) == "torque_enable")
+    eeprom = Y_EEPROM if is_y else (range(torque),)
     fields = {
-        (key := snake(name)): TableRegister(name, key, address, size, address < ram, rule(stem, key))
+        (key := snake(name)): TableRegister(
+            name, key, address, size, any(address in each for each in eeprom), rule(stem, key)
+        )
         for name, address, size in rows
     }
     writable = {at for each in fields.values() if each.rule.writable for at in range(each.address, each.end)}

@@ -45,10 +45,16 @@ def cap_of(servo: ServoCommandSettings, pwm: Mapping[int, int]) -> bytes:
 
 
 def soft(servo: ServoCommandSettings) -> bytes:
-    """Return the softened gains D, I, P of one servo as they lie in its registers."""
-    d, _, p = (int.from_bytes(servo.gains[at : at + 2], "little") for at in (0, 2, 4))
-    parts = (min(servo.table["position_d_gain"].bounds[1], max(d, p)), 0, min(p, max(1, p // SOFT)))
-    return b"".join(part.to_bytes(2, "little") for part in parts)
+    """Return the softened gains D, I, P of one servo as they lie in its registers.
+
+    The gains of a Y have units of their own, so its D stays.
+    """
+    field = servo.table["position_d_gain"]
+    size = field.size
+    d, _, p = (int.from_bytes(servo.gains[at : at + size], "little") for at in (0, size, 2 * size))
+    braked = d if servo.table.facts.gear else min(field.bounds[1], max(d, p))
+    parts = (braked, 0, min(p, max(1, p // SOFT)))
+    return b"".join(part.to_bytes(size, "little") for part in parts)
 
 
 def _differing(reader: DynamixelReader, wanted: Rows) -> Script[set[int]]:

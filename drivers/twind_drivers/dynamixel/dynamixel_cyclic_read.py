@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Ints
+from twind_drivers.bus import Bools, Ints, SlowRegisterValues
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.device_layout import DeviceLayout
 from twind_drivers.dynamixel.packet import CAPACITY, STATUS_OVERHEAD
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
+from twind_drivers.flags import some
 from twind_drivers.half_duplex.cyclic_read import CyclicRead, CyclicRequest
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.pending_reply import Octets, PendingReply
@@ -66,3 +67,29 @@ class DynamixelCyclicRead(CyclicRead):
             bulk = packet.fast_bulk_read if fast else packet.bulk_read
             request = bulk({id: (start, size) for id, start in starts.items()})
         return CyclicRequest(SerialTransaction(request, reply, 1 if fast else len(ids)), reply, before, fast)
+
+
+class CodedAlertRead(DynamixelCyclicRead):
+    """Cyclic reading of a bus with Y servos, none of which has fast reads.
+
+    A Y raises its alert for a tripped watchdog too. So the alert of the `coded` devices (m,) counts once
+    `registers` hold a hardware error, which are read 20 times a second.
+    """
+
+    def __init__(
+        self,
+        ids: tuple[int, ...],
+        layouts: Sequence[DeviceLayout],
+        coded: Bools,
+        registers: SlowRegisterValues,
+    ) -> None:
+        self._coded = coded
+        self._registers = registers
+        super().__init__(ids, layouts, fast=False)
+
+    def _errors(self, reply: PendingReply) -> Octets:
+        error = reply.error
+        if not some(error):
+            return error
+        calm = (self._coded & (self._registers.fault <= 0))[self._places]
+        return np.where(calm, error & ~np.uint8(packet.ALERT), error)

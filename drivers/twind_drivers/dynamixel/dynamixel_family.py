@@ -3,7 +3,6 @@
 from twind.config.driver_family import DriverFamily, FamilyPart
 from twind.config.port_names import Medium
 from twind_drivers.dynamixel import servo_keys
-from twind_drivers.dynamixel.control_tables import models
 from twind_drivers.dynamixel.servo_bus_budget import servo_budget
 from twind_drivers.dynamixel.servo_type import KIND
 
@@ -15,7 +14,7 @@ DYNAMIXEL = DriverFamily(
     slot_keys=servo_keys.ServoSlotKeys,
     read_bus=servo_keys.servo_bus,
     knows=servo_keys.is_servo,
-    models=models,
+    models=servo_keys.driven_models,
     read_type=servo_keys.servo_type,
     read_slot=servo_keys.servo_slot,
     budget=servo_budget,

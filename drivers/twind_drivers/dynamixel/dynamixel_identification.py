@@ -6,7 +6,7 @@ from math import floor
 from typing import Protocol
 
 from twind_drivers.bus import IdentifiedDevice, PingRequest, Query, ReadRequest, Script
-from twind_drivers.dynamixel.control_tables import ControlTable, table
+from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, table
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_models import facts
 
@@ -28,6 +28,8 @@ SETTINGS = (
     "min_position_limit",
     "startup_configuration",
     "shutdown",
+    "electronic_gearratio_numerator",  # Y
+    "electronic_gearratio_denominator",
     "torque_enable",
     "status_return_level",
     "hardware_error_status",
@@ -35,6 +37,7 @@ SETTINGS = (
 
 
 IDENTITY = ("model_number", "firmware_version")
+GAP = 64  # bytes that are read along rather than in two transactions
 Settings = dict[str, int]
 
 
@@ -127,7 +130,7 @@ def _read(
             for query in _slices(bus, missing, block):
                 found.update((yield query).data)
         for id, raw in found.items():
-            values[id] = _decode(tables[id], names, block, raw)
+            values.setdefault(id, {}).update(_decode(tables[id], names, block, raw))
     return values
 
 
@@ -142,15 +145,25 @@ def _slices(bus: IdentificationReader, ids: Sequence[int], block: RegisterBlock)
 def _blocks(
     tables: Mapping[int, ControlTable], names: Sequence[str], *, eeprom: bool
 ) -> dict[RegisterBlock, list[int]]:
-    """Group ids by the smallest block with the named registers (in snake case) of one kind of memory."""
+    """Group ids by the smallest blocks with the named registers (in snake case) of one kind of memory."""
     blocks: dict[RegisterBlock, list[int]] = {}
     for id, each in tables.items():
         fields = [field for name in names if (field := each.fields.get(name)) and field.eeprom is eeprom]
-        if fields:
-            first = min(field.address for field in fields)
-            block = RegisterBlock(first, max(field.end for field in fields) - first)
+        for part in _near(fields):
+            first = part[0].address
+            block = RegisterBlock(first, max(field.end for field in part) - first)
             blocks.setdefault(block, []).append(id)
     return blocks
+
+
+def _near(fields: Sequence[TableRegister]) -> list[list[TableRegister]]:
+    """Split registers, sorted by address, where more than `GAP` bytes lie between two."""
+    parts: list[list[TableRegister]] = []
+    for field in sorted(fields, key=lambda each: each.address):
+        if not parts or field.address - parts[-1][-1].end > GAP:
+            parts.append([])
+        parts[-1].append(field)
+    return parts
 
 
 def _decode(each: ControlTable, names: Sequence[str], block: RegisterBlock, raw: bytes) -> Settings:

@@ -11,6 +11,7 @@ from math import pi
 # rad/s: 0.229 and 0.01 rev/min
 X_SPEED = 0.229 * 2.0 * pi / 60.0
 P_SPEED = 0.01 * 2.0 * pi / 60.0
+MAX_OFFSET = 1024  # counts: beyond it position mode ignores a homing offset (e-manual, address 20)
 ALL_SIX = frozenset({0, 1, 3, 4, 5, 16})
 NO_CURRENT = frozenset({1, 3, 4, 16})  # without current sensing there is neither mode 0 nor 5
 
@@ -34,6 +35,13 @@ class ModelCapabilities:
     startup_from: int | None = 45  # startup configuration: torque on at boot
     backup_from: int | None = 45  # instruction control table backup
     torque_on_by_goal_from: int | None = 45  # drive mode, bit 3
+    volts_per_count: float = 0.1  # of the input voltage register
+    offset_limit: int | None = (
+        MAX_OFFSET  # homing offset beyond which position mode ignores it; None: no such limit
+    )
+    keeps_turns: bool = False  # a battery keeps its turn count, and position mode spans many turns
+    caps_current: bool = False  # goal current caps the current of position mode; else it counts in 0 and 5
+    gear: int = 0  # electronic gear ratio at which the counts are those of the output; 0: no such register
     undriven: str = ""  # why this driver cannot move it; "": it can
 
 
@@ -79,6 +87,8 @@ RH_P12 = replace(
     fast_from=13,
     backup_from=None,
 )
+# Y: e-manual, "Operating Mode (33)", "Goal Current (526)", "Present Input Voltage (568)", "Electronic Gear
+# Ratio (96, 100)". Which firmware has fast reads is not stated.
 YM = ModelCapabilities(
     modes=frozenset({0, 1, 3}),
     counts_per_turn=524_288,
@@ -91,7 +101,10 @@ YM = ModelCapabilities(
     startup_from=0,
     backup_from=None,
     torque_on_by_goal_from=None,
-    undriven="another layout: watchdog of 2 bytes at 8, gains of 4 bytes, error codes at 153 in place of 70",
+    volts_per_count=0.01,
+    offset_limit=None,
+    keeps_turns=True,
+    caps_current=True,
 )
 XL320 = ModelCapabilities(
     modes=frozenset(),
@@ -106,7 +119,7 @@ XL320 = ModelCapabilities(
     startup_from=None,
     backup_from=None,
     torque_on_by_goal_from=None,
-    undriven="the layout of Protocol 1: no watchdog, no velocity or current limit, direction in bit 10",
+    undriven="it has no bus watchdog: use a bus of kind dynamixel2_unwatched",
 )
 
 
@@ -123,7 +136,7 @@ PLAIN = (
 )
 SMALL = ("xl330_m077", "xl330_m288", "xc330_t181", "xc330_t288", "xc330_m181", "xc330_m288")
 Y_SIZES = ("ym070_210", "ym080_230")
-Y_GEARS = ("m001", "b001", "r051", "r099", "a051", "a099")
+Y_GEARS = {"m001": 1, "b001": 1, "r051": 51, "r099": 99, "a051": 51, "a099": 99}
 
 FACTS: Mapping[str, ModelCapabilities] = {
     **dict.fromkeys(PLAIN, X430),
@@ -138,8 +151,8 @@ FACTS: Mapping[str, ModelCapabilities] = {
     **dict.fromkeys(("h54_100_s500_ra", "h54_200_s500_ra"), _advanced(PH54)),
     **dict.fromkeys(("m54_40_s250_ra", "m54_60_s250_ra"), _advanced(PM54)),
     "rh_p12_rn": RH_P12,
-    # Only the page of ym070_210_m001 was read: the facts of the other Y models are assumed.
-    **{f"{size}_{gear}": YM for size in Y_SIZES for gear in Y_GEARS},
+    # The pages of the M001, R051 and R099 were read: the facts of the B001, A051 and A099 are assumed.
+    **{f"{size}_{end}": replace(YM, gear=gear) for size in Y_SIZES for end, gear in Y_GEARS.items()},
     "xl320": XL320,
 }
 

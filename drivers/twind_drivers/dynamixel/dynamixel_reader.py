@@ -5,6 +5,8 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from twind_drivers.bus import (
     IdentifiedDevice,
     PingRequest,
@@ -21,7 +23,7 @@ from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import ControlTable, table
 from twind_drivers.dynamixel.device_layout import DeviceLayout, layout_of
-from twind_drivers.dynamixel.dynamixel_cyclic_read import DynamixelCyclicRead
+from twind_drivers.dynamixel.dynamixel_cyclic_read import CodedAlertRead, DynamixelCyclicRead
 from twind_drivers.dynamixel.dynamixel_identification import identify
 from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
@@ -113,8 +115,13 @@ class DynamixelReader(SerialReader):
         self._last: tuple[Query | None, bool, SerialTransaction | None] = (None, False, None)
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
-        self.cyclic: DynamixelCyclicRead = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
         self.slow: DynamixelSlowRegisters = DynamixelSlowRegisters(self.ids, tables, layouts)
+        coded = np.array([each["hardware_error_status"].rule.codes is not None for each in tables])
+        self.cyclic: DynamixelCyclicRead = (
+            CodedAlertRead(self.ids, layouts, coded, self.slow.registers)
+            if coded.any()
+            else DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
+        )
         self.registers: SlowRegisterValues = self.slow.registers
         self._schedule()
         self._query = None
@@ -141,7 +148,8 @@ class DynamixelReader(SerialReader):
         self._requested = requested = self.cyclic.attendance.asked
         ids = [id for id, there in zip(self.ids, requested.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
-        groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
+        # The status of a Y takes a slice for each of its blocks.
+        groups = [layouts.count(each) for each in dict.fromkeys(layouts) for _ in each.status]
         wide = upkeep(groups, self._upkeep_hz, fast=self.fast, fits=self._has_room)
         # While replies are missing, slices are read plainly, which takes longer.
         narrow = upkeep(groups, self._upkeep_hz, fast=self.fast)

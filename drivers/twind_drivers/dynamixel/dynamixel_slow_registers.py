@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from twind_drivers.bus import ReadRequest, SlowRegisterValues
 from twind_drivers.dynamixel.control_tables import ControlTable
 from twind_drivers.dynamixel.device_layout import DeviceLayout, RegisterBlock
+from twind_drivers.dynamixel.error_codes import BITS_BY_CODE
 from twind_drivers.dynamixel.serial_cycle_budget import SlowReadSchedule
 
-VOLT = 0.1  # V per raw unit of the input voltage register
+CODES = np.array(BITS_BY_CODE, np.int16)
 
 Kept = tuple[str, NDArray[Any], float]  # register, array (m,) of its values, unit
+Blocks = tuple[RegisterBlock, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,7 @@ class BlockField:
     last: int  # exclusive
     store: NDArray[Any]
     unit: float
+    codes: bool = False  # an error code, whose bits are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class DynamixelSlowRegisters:
     ) -> None:
         """Make the registers of `ids`; `tables`, `layouts` (m): of each id."""
         self.registers = state = SlowRegisterValues.unknown(len(ids))
-        self._state_time, self._watch_time = np.full((2, len(ids)), -np.inf)
+        self._state_time, self._watch_time, self._fault_time = np.full((3, len(ids)), -np.inf)
         self._index = {id: place for place, id in enumerate(ids)}
         self._layouts = tuple(layouts)
         self._tables = dict(zip(layouts, tables, strict=True))
@@ -61,17 +64,20 @@ class DynamixelSlowRegisters:
         fault = ("hardware_error_status", state.fault, 1)
         watchdog = ("bus_watchdog", state.watchdog, 1)
         tick = ("realtime_tick", state.tick, 1)
-        voltage = ("present_input_voltage", state.voltage, VOLT)
+        voltage = ("present_input_voltage", state.voltage, np.nan)  # its unit depends on the model
         temperature = ("present_temperature", state.temperature, 1.0)
+        others = ((self._watch_time, (watchdog,)), (state.health_time, (voltage, temperature, tick)))
         self._groups: tuple[tuple[NDArray[Any], tuple[Kept, ...]], ...] = (
             (self._state_time, (torque, fault)),
-            (self._watch_time, (watchdog,)),
-            (state.health_time, (voltage, temperature, tick)),
+            *others,
         )
+        # of a layout in which torque and hardware error lie apart
+        self._split_groups = ((self._state_time, (torque,)), (self._fault_time, (fault,)), *others)
         # of the blocks read so far, by place of the layout, address and size: layouts are slow to hash
         self._plans: dict[tuple[int, int, int], BlockDecodePlan] = {}
         distinct = list(dict.fromkeys(layouts))
         self._distinct = tuple(distinct)
+        self._apart = tuple(len(layout.status) > 1 for layout in distinct)
         self._kind = tuple(distinct.index(layout) for layout in layouts)  # (m,) place of each device's layout
         self._wide: list[ReadRequest] = []
         self._narrow: list[ReadRequest] = []
@@ -95,18 +101,23 @@ class DynamixelSlowRegisters:
         for id in ids:
             kinds.setdefault(self._layouts[self._index[id]], []).append(id)
 
-        def slices(size: int, block: Callable[[DeviceLayout], RegisterBlock]) -> list[ReadRequest]:
-            """Split the reads of `block` into slices of `size` devices, layout by layout."""
-            return [read for layout, own in kinds.items() for read in _slices(own, size, block(layout))]
+        def slices(size: int, blocks: Callable[[DeviceLayout], Blocks]) -> list[ReadRequest]:
+            """Split the reads of `blocks` into slices of `size` devices, layout by layout."""
+            return [
+                read
+                for layout, own in kinds.items()
+                for block in blocks(layout)
+                for read in _slices(own, size, block)
+            ]
 
         def status(plan: SlowReadSchedule) -> list[ReadRequest]:
             """Return the status slices of a round."""
             if not plan.watch:
                 return slices(plan.state, lambda layout: layout.status)
-            watched = slices(plan.watch, lambda layout: layout.watchdog)
+            watched = slices(plan.watch, lambda layout: (layout.watchdog,))
             return [*slices(plan.state, lambda layout: layout.state), *watched]
 
-        self._health = slices(wide.health, lambda layout: layout.health)
+        self._health = slices(wide.health, lambda layout: (layout.health,))
         self._wide = status(wide)
         self._narrow = self._wide if narrow is None else status(narrow)
         self._open = None
@@ -120,7 +131,7 @@ class DynamixelSlowRegisters:
         """Schedule all slow registers of a returned device first: it may have restarted."""
         layout = self._layouts[self._index[id]]
         self._first += [
-            ReadRequest((id,), block.address, block.size) for block in (layout.status, layout.health)
+            ReadRequest((id,), block.address, block.size) for block in (*layout.status, layout.health)
         ]
 
     def next(self, *, narrow: bool = False) -> ReadRequest | None:
@@ -168,10 +179,14 @@ class DynamixelSlowRegisters:
             own = data if len(rows) == len(ids) else data[rows]
             for part in plan.parts:
                 raw = own[:, part.first] if part.last - part.first == 1 else _words(own[:, part.first :])
+                if part.codes:
+                    raw = CODES[raw]
                 part.store[places] = raw if part.unit == 1 else raw * part.unit
             for when in plan.times:
                 when[places] = time
             both = np.minimum(self._state_time[places], self._watch_time[places])
+            if self._apart[kind]:
+                both = np.minimum(both, self._fault_time[places])
             self.registers.status_time[places] = both
 
     def _kinds(self, ids: Sequence[int]) -> list[tuple[int, list[int]]]:
@@ -188,16 +203,14 @@ class DynamixelSlowRegisters:
         plan = self._plans.get((kind, address, size))
         if plan is None:
             block = RegisterBlock(address, size)
-            fields = self._tables[self._distinct[kind]].fields
+            table = self._tables[self._distinct[kind]]
             parts = []
             times = []
-            for when, kept in self._groups:
-                found = [
-                    (block.offset(fields[name]), fields[name], store, unit) for name, store, unit in kept
-                ]
+            for when, kept in self._split_groups if self._apart[kind] else self._groups:
+                found = [(block.offset(table.fields[name]), name, store, unit) for name, store, unit in kept]
                 parts += [
-                    BlockField(at, at + field.size, store, unit)
-                    for at, field, store, unit in found
+                    _block_field(table, name, at, store, unit)
+                    for at, name, store, unit in found
                     if at is not None
                 ]
                 if all(at is not None for at, _, _, _ in found):
@@ -214,8 +227,17 @@ class DynamixelSlowRegisters:
             store[place] = -1
         for values in (state.voltage, state.temperature):
             values[place] = np.nan
-        for when in (self._state_time, self._watch_time, state.status_time, state.health_time):
+        times = (self._state_time, self._watch_time, self._fault_time)
+        for when in (*times, state.status_time, state.health_time):
             when[place] = -np.inf
+
+
+def _block_field(table: ControlTable, name: str, at: int, store: NDArray[Any], unit: float) -> BlockField:
+    """Return the field at offset `at`. The low byte of a watchdog of 2 bytes tells all: 255 has tripped."""
+    field = table.fields[name]
+    size = 1 if name == "bus_watchdog" else field.size
+    own = table.facts.volts_per_count if name == "present_input_voltage" else unit
+    return BlockField(at, at + size, store, own, field.rule.codes is not None)
 
 
 def _words(data: NDArray[np.uint8]) -> NDArray[np.uint16]:

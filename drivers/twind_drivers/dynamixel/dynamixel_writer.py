@@ -88,7 +88,7 @@ class DynamixelWriter:
         self._line = reader.line
         self._name = reader.name
         self._ids = reader.ids
-        self._watchdog = bytes((watchdog,))
+        self._watchdog = watchdog
         self._alone: SingleServoControl | None = None
         self._servos = servos_of(
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
@@ -215,8 +215,8 @@ class DynamixelWriter:
             capped, lambda servo: (servo.register_span("goal_current"), _encode_uint16(servo.cap or 0))
         )
         off, on = (
-            rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
-            for data in (b"\0", self._watchdog)
+            rows(servos, lambda servo, units=units: servo.watchdog_row(units))  # type: ignore[misc]
+            for units in (0, self._watchdog)
         )
         # Watchdog 0 first: while it reads 255 the goal registers are locked (error 4, e-manual "Bus Watchdog
         # (98)"). Arming last: earlier it would leave the old goal in force if the packets behind it are lost.
@@ -243,7 +243,7 @@ class DynamixelWriter:
             yield GroupWriteBatch(orders)
         yield from self._readback.verify("position gains", gains)
         held = {id: data for id, _, data in goal}
-        motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
+        motion = [row for servo in moving for row in servo.motion_rows(held[servo.id])]
         yield from self._readback.verify("profile and goal position", motion)
         yield from self._readback.verify("profile acceleration", ramps)
         moved = {servo.id for servo in moving}
@@ -257,6 +257,14 @@ class DynamixelWriter:
         if pwm:
             yield GroupWriteBatch(writes(pwm))
         yield from self._readback.verify("goal PWM", pwm)
+        capped = [servo for servo in free if servo.table.facts.caps_current]
+        most = yield from self._readback.words(capped, lambda servo: servo.register_span("current_limit"))
+        current = rows(
+            capped, lambda servo: (servo.register_span("goal_current"), _encode_uint16(most[servo.id]))
+        )
+        if current:
+            yield GroupWriteBatch(writes(current))
+        yield from self._readback.verify("goal current", current)
 
     def _require_modes(self, servos: tuple[ServoCommandSettings, ...]) -> Script[None]:
         """Require the operating modes of this writer; read the limit registers that bound its goals."""
@@ -316,9 +324,8 @@ class DynamixelWriter:
         `end_single_device` ends it. `cap`: raw current; `profile`: raw velocity. Raises ValueError for a
         device that cannot be driven in this way.
         """
-        watchdog = self._watchdog[0]
         self._alone = SingleServoControl(
-            self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog
+            self._reader, self._servos, id, cap=cap, profile=profile, watchdog=self._watchdog
         )
         self.clear()
         return self._alone

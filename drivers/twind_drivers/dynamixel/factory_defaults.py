@@ -21,7 +21,9 @@ class FactoryDefaults:
     velocity_most: int = 1023
     gains: Gains = (1920, 100, 0, 0, 800)  # velocity I, P; position D, I, P, in the order of their addresses
     volts: tuple[int, int] = (95, 160)  # what both limits may be, 0.1 V
-    volts_least: int | None = None  # minimum as delivered, where it is not the end of that range
+    # minimum and maximum as delivered, where they are not the ends of that range
+    volts_least: int | None = None
+    volts_most: int | None = None
     temperature: int = 80  # limit, degC
     acceleration: tuple[int, int] | None = None  # limit as delivered, and at most
     position: tuple[int, int] = (0, 4095)  # what both limits may be
@@ -169,4 +171,37 @@ P_SERIES: Mapping[str, FactoryDefaults] = {
         mode=5,
     ),
 }
-FACTORY: Mapping[str, FactoryDefaults] = {**X_SERIES, **P_SERIES}
+Y_TURN = 262_144  # counts of half a turn
+
+
+def _y(current: int, velocity: tuple[int, int], acceleration: tuple[int, int], gear: int) -> FactoryDefaults:
+    """Make the defaults of a Y series model. `velocity`, `acceleration`: as delivered, at most."""
+    return FactoryDefaults(
+        velocity=velocity[0],
+        velocity_most=velocity[1],
+        current=current,
+        gains=(2_446_559, 24_778, 9_090, 0, 6_283_185),
+        volts=(160, 400),
+        volts_most=320,
+        temperature=80 if gear == 1 else 60,
+        acceleration=acceleration,
+        position=(-(2**31), 2**31 - 1),
+        position_limits=(-Y_TURN, Y_TURN),
+        threshold=1000 if gear == 1 else 10,
+        threshold_most=2**31 - 1,
+    )
+
+
+# The pages of YM070-M001 and -R099, YM080-R051 and the velocity of YM080-M001 were read. Of others:
+# at most what M001 has over the gear, as those; as delivered as the same gear of the other size.
+Y_M070 = _y(2080, (550_000, 642_200), (44_000, 38_520_000), 1)
+Y_M080 = _y(2240, (355_600, 355_600), (44_000, 418_352 * 51), 1)
+Y_SERIES: Mapping[str, FactoryDefaults] = {
+    **dict.fromkeys(("ym070_210_m001", "ym070_210_b001"), Y_M070),
+    **dict.fromkeys(("ym080_230_m001", "ym080_230_b001"), Y_M080),
+    **dict.fromkeys(("ym070_210_r051", "ym070_210_a051"), _y(2080, (3921, 12_592), (313, 755_294), 51)),
+    **dict.fromkeys(("ym070_210_r099", "ym070_210_a099"), _y(2080, (2020, 6486), (161, 389_090), 99)),
+    **dict.fromkeys(("ym080_230_r051", "ym080_230_a051"), _y(2240, (3921, 6972), (313, 418_352), 51)),
+    **dict.fromkeys(("ym080_230_r099", "ym080_230_a099"), _y(2240, (2020, 3591), (161, 215_514), 99)),
+}
+FACTORY: Mapping[str, FactoryDefaults] = {**X_SERIES, **P_SERIES, **Y_SERIES}

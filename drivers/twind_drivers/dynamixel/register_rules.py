@@ -10,7 +10,8 @@ from functools import cache
 from types import MappingProxyType
 
 from twind_drivers.dynamixel.dynamixel_models import base, facts
-from twind_drivers.dynamixel.factory_defaults import FACTORY, X_SERIES, FactoryDefaults
+from twind_drivers.dynamixel.error_codes import BITS_BY_CODE
+from twind_drivers.dynamixel.factory_defaults import FACTORY, X_SERIES, Y_SERIES, FactoryDefaults
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,7 @@ class RegisterRule:
     default: int | None = 0  # after power-up (RAM) or factory reset (EEPROM); None: not known here
     limit: str | None = None
     values: frozenset[int] | None = None  # the only permitted ones; None: all in the range
+    codes: tuple[int, ...] | None = None  # of a register with error codes: the bits of each code
 
 
 READ_ONLY = RegisterRule(writable=False)
@@ -35,8 +37,7 @@ GAIN = RegisterRule(lower=0, upper=16383, default=None)
 ANY = RegisterRule(default=None)
 GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
 FEEDS = ("feedforward_2nd_gain", "feedforward_1st_gain")
-# Registers that only report, of any model: also those of the layouts that have no rules here (Y, XL320).
-REPORTS = ("present_", "error_code", "controller_state")
+REPORTS = ("present_", "error_code", "controller_state")  # registers that only report, of any model
 
 X: Mapping[str, RegisterRule] = {
     "model_number": READ_ONLY,
@@ -105,16 +106,45 @@ P: Mapping[str, RegisterRule] = {  # and PRO -R(A), RH-P12-RN(A)
     "indirect_address": RegisterRule(lower=512, upper=1023, default=None),
 }
 
+Y_GAIN = RegisterRule(lower=0, upper=2**31 - 1)
+Y_FILTER = RegisterRule(lower=0, upper=32767)
+Y_PERCENT = RegisterRule(lower=0, upper=100)
+Y_TIMES = ("brake_delay", "goal_update_delay", "overexcitation_time")
+Y_FILTERS = ("position_limit_threshold", "present_velocity_lpf_frequency", "goal_current_lpf_frequency")
+Y_ALIASES = {"baud_rate_bus": "baud_rate", "motor_temperature_limit": "temperature_limit"}
+Y: Mapping[str, RegisterRule] = {
+    **P,
+    "baud_rate": RegisterRule(lower=0, upper=9, default=1),
+    "drive_mode": RegisterRule(lower=0, upper=77),
+    "startup_configuration": RegisterRule(lower=0, upper=1),
+    "protocol_type": RegisterRule(lower=2, upper=2, default=2),
+    "hardware_error_status": RegisterRule(writable=False, codes=BITS_BY_CODE),
+    **dict.fromkeys((*GAINS, "velocity_ff_gain", "position_ff_gain"), Y_GAIN),
+    "electronic_gearratio_denominator": RegisterRule(lower=1, upper=1_045_576, default=1),
+    "indirect_address": RegisterRule(lower=0, upper=919, default=None),
+    "inverter_temperature_limit": replace(Y_PERCENT, default=80),
+    "following_error_threshold": Y_GAIN,
+    **dict.fromkeys((*Y_TIMES, *Y_FILTERS), Y_FILTER),
+    "safe_stop_time": replace(Y_FILTER, default=200),
+    "overexcitation_voltage": replace(Y_PERCENT, default=100),
+    "normal_excitation_voltage": Y_PERCENT,
+    **dict.fromkeys(("position_ff_lpf_time", "velocity_ff_lpf_time"), RegisterRule(lower=0, upper=512)),
+    "hybrid_save": RegisterRule(lower=0, upper=2),
+    "profile_acceleration_time": RegisterRule(lower=0, upper=262_144, default=400),
+    "profile_time": RegisterRule(lower=0, upper=524_288, default=800),
+    **dict.fromkeys(("pwm_offset", "current_offset", "velocity_offset"), RegisterRule(signed=True)),
+    **dict.fromkeys(("velocity_trajectory", "position_trajectory"), SIGNED_READ_ONLY),
+}
+
 
 def rule(stem: str, key: str) -> RegisterRule:
     """Return the rule of register `key` of the model of table `stem` ("xm430_w350"). Unknown: any value."""
     key = _numberless(key)
+    unknown = READ_ONLY if key.startswith(REPORTS) else ANY
     if base(stem) in FACTORY:
-        return _rules(base(stem)).get(key, ANY)
-    found = X.get(key, READ_ONLY if key.startswith(REPORTS) else ANY)
-    if stem == "xl320":  # Protocol 2 on the old layout: magnitudes with a direction bit, no two's complement
-        return replace(ANY, writable=found.writable)
-    return replace(found, lower=None, upper=None, default=None, limit=None)  # Y: access and sign are the same
+        return _rules(base(stem)).get(key, unknown)
+    # XL320: Protocol 2 on the old layout: magnitudes with a direction bit, no two's complement
+    return replace(ANY, writable=X.get(key, unknown).writable)
 
 
 def _numberless(key: str) -> str:
@@ -127,13 +157,24 @@ def _numberless(key: str) -> str:
 def _rules(stem: str) -> Mapping[str, RegisterRule]:
     """Return the rules of one model by register: those of its series, changed by its own page."""
     made = FACTORY[stem]
-    series = SMALL if made.slope is not None else X if stem in X_SERIES else P
-    found = {**series, **_limits(made, 885 if stem in X_SERIES else 2009)}
+    series = SMALL if made.slope is not None else X if stem in X_SERIES else Y if stem in Y_SERIES else P
+    found = {**series, **_limits(made, 885 if series in (X, SMALL) else 1000 if series is Y else 2009)}
     found["operating_mode"] = replace(found["operating_mode"], values=facts(stem).modes)
     for key, default in zip(GAINS, made.gains, strict=True):
         found[key] = replace(series[key], default=default)
     feed = None if None in made.gains else 0  # the pages leave both open, or neither
     found.update(dict.fromkeys(FEEDS, replace(series[GAINS[0]], default=feed)))
+    if series is Y:
+        found["electronic_gearratio_numerator"] = RegisterRule(
+            lower=1, upper=1_045_576, default=facts(stem).gear
+        )
+        for key in ("goal_pwm", "goal_current"):
+            found[key] = replace(found[key], default=0)
+        for kind in ("velocity", "acceleration"):
+            default = found[f"{kind}_limit"].default
+            found[f"profile_{kind}"] = replace(found[f"profile_{kind}"], default=default)
+        found["in_position_threshold"] = found["moving_threshold"]
+        found.update({key: found[other] for key, other in Y_ALIASES.items()})
     if series is P:  # no page states the goals after power-up
         for key in ("goal_pwm", "goal_velocity", "goal_current"):
             found[key] = replace(found[key], default=None)
@@ -156,7 +197,7 @@ def _limits(made: FactoryDefaults, pwm: int) -> dict[str, RegisterRule]:
         "operating_mode": RegisterRule(lower=0, upper=16, default=made.mode),
         "moving_threshold": RegisterRule(lower=0, upper=made.threshold_most or speed, default=made.threshold),
         "temperature_limit": RegisterRule(lower=0, upper=100, default=made.temperature),
-        "max_voltage_limit": replace(volts, default=made.volts[1]),
+        "max_voltage_limit": replace(volts, default=made.volts_most or made.volts[1]),
         "min_voltage_limit": replace(volts, default=least),
         "pwm_limit": RegisterRule(lower=0, upper=pwm, default=pwm),
         "velocity_limit": RegisterRule(lower=0, upper=speed, default=made.velocity),

@@ -182,10 +182,10 @@ def budget(
         rows.append((f"reading of a sensor, {sensor[0]} bytes", 14 + 11 + sensor[0], 0))
         own = sensor[1]
         transactions = transactions + 1
-    return _sum(rows, baud, return_delay_us, transactions * usb_s, own)
+    return sum_up(rows, baud, return_delay_us, transactions * usb_s, own)
 
 
-def _sum(
+def sum_up(
     rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float, own_us: float
 ) -> SerialCycleBudget:
     """Add up the rows (text, bytes, return delays). `own_us`: return delay of a sensor."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 
 from twind.config.actuator_types import DeviceWarning, ExpectedDevice
 from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 
-MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
 SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
 MAX_ID = 252  # above it the second id is off (e-manual, address 12)
@@ -20,8 +20,11 @@ TIME_PROFILE = 0b0100
 TORQUE_BY_GOAL = 0b1000
 
 
-def unfit(joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
-    """Yield the reasons why this servo is unusable for this joint, whatever the calibration says."""
+def unfit(joint: ExpectedDevice, device: IdentifiedDevice, facts: ModelCapabilities) -> Iterator[str]:
+    """Yield the reasons why this servo is unusable for this joint, whatever the calibration says.
+
+    `facts`: of the model that the joint needs.
+    """
     settings = device.settings
     if not _same_model(device.model_name, joint.type.device):
         found = device.model_name or "a model that is in no table"
@@ -36,8 +39,10 @@ def unfit(joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         )
     offset = settings.get("homing_offset", 0)
     drive = settings.get("drive_mode", 0)
-    if abs(offset) > MAX_OFFSET and joint.mode == "position":
-        yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
+    most = facts.offset_limit
+    if most is not None and abs(offset) > most and joint.mode == "position":
+        yield f"homing_offset (20) is {offset}; beyond ±{most} position mode ignores it: write 0"
+    yield from _geared(settings, facts.gear)
     if drive & TORQUE_BY_GOAL:
         yield f"drive_mode (10) is {drive}: bit 3, torque on by goal update, must be 0"
     if drive & TIME_PROFILE:
@@ -70,6 +75,13 @@ def _wrong_mode(joint: ExpectedDevice, settings: Mapping[str, int]) -> Iterator[
             f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
             "lower current_limit_a, or raise register 38"
         )
+
+
+def _geared(settings: Mapping[str, int], gear: int) -> Iterator[str]:
+    """Another electronic gear ratio than that of the gear: counts and speeds would be of another shaft."""
+    ratio = tuple(settings.get(f"electronic_gearratio_{part}", 0) for part in ("numerator", "denominator"))
+    if gear and ratio[0] != gear * ratio[1]:
+        yield f"electronic gear ratio (96, 100) is {ratio[0]}/{ratio[1]}: write {gear} and 1"
 
 
 def _shadowing(settings: Mapping[str, int]) -> Iterator[str]:

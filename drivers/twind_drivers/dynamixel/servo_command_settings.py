@@ -61,6 +61,17 @@ class ServoCommandSettings:
         """Register that caps the output: goal current in mode 5, else goal PWM."""
         return "goal_pwm" if self.cap is None else "goal_current"
 
+    def watchdog_row(self, units: int) -> tuple[RegisterBlock, bytes]:
+        """Return the row that sets the bus watchdog, x 20 ms; 0: off."""
+        return self.layout.watchdog, units.to_bytes(self.layout.watchdog.size, "little")
+
+    def motion_rows(self, goal: bytes) -> list[tuple[int, RegisterBlock, bytes]]:
+        """Return the rows of profile 0 and goal, as they are read back."""
+        if self.layout.motion is None:
+            profile = self.layout.profile
+            return [(self.id, profile, bytes(profile.size)), (self.id, self.goal, goal)]
+        return [(self.id, self.layout.motion, bytes(8) + goal)]
+
     def word(self, goal: int) -> bytes:
         """Encode a goal for that register, little-endian."""
         return goal.to_bytes(self.goal.size, "little", signed=True)

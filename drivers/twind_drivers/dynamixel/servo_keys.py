@@ -19,7 +19,7 @@ from twind.config.driver_family import SlotEntry
 from twind.config.family_keys import BusKeys, SlotKeys, Speed, TypeKeys
 from twind.config.robot_spec import ActuatorSlot, BusSpec
 from twind.config.supply_limits import heat, supply, usual_heat
-from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
+from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.operating_modes import mode_of
 from twind_drivers.dynamixel.servo_limits import heat_limit, usual_supply
@@ -93,11 +93,16 @@ def servo_bus(name: str, section: ConfigReader) -> BusSpec:
 
 
 def is_servo(device: str) -> bool:
-    """Return whether the vendor's index has that model."""
+    """Return whether the vendor's index has that model, and this driver moves it."""
     try:
-        return number_of(device) > 0
+        return not table(number_of(device)).facts.undriven
     except KeyError:
         return False
+
+
+def driven_models() -> tuple[str, ...]:
+    """Return the names of the models of the vendor's index that this driver moves."""
+    return tuple(filter(is_servo, models()))
 
 
 def servo_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
@@ -124,6 +129,11 @@ def servo_type(name: str, section: ConfigReader) -> ServoType:
         raise section.refuse(
             "watchdog", f"a {device} has a bus watchdog, which is armed before torque: remove this key"
         )
+    gains = section.section("gains")
+    for key in ("p", "i", "d"):
+        most = known[f"position_{key}_gain"].bounds[1]
+        if getattr(given.gains, key) > most:
+            raise gains.refuse(key, f"{getattr(given.gains, key)} is outside >= 0 and <= {most}")
     ampere = known.facts.ampere_per_count or X_SERIES.ampere_per_count or math.nan
     velocity = given.velocity_lsb_rad_s or known.facts.radians_per_velocity_count
     if velocity is None:

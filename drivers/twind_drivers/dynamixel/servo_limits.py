@@ -43,7 +43,7 @@ def usual_supply(device: str) -> SupplyLimits:
     if made is None:
         return SupplyLimits()
     least = made.volts_least or made.volts[0]
-    most = made.volts[1]
+    most = made.volts_most or made.volts[1]
     own = (0.1 * least, 0.1 * most)
     return SupplyLimits(*(_scaled(bound, own) for bound in (TOLD, SETTLED, FAULT, HIGH)))
 

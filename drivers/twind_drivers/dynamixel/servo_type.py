@@ -11,6 +11,7 @@ from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel import servo_check
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.servo_limits import full_counts
 
 KIND = "dynamixel2"  # of its buses
@@ -21,8 +22,7 @@ OPERATING_MODES: Mapping[str, int] = {
     "current_based_position": 5,
 }
 MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
-MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
-Gain = Annotated[int, Meta(ge=0, le=MOST_GAIN)]
+Gain = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # the model bounds it further
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,10 @@ class ServoType(TypeSpec):
     BUS: ClassVar[str] = KIND
 
     @property
+    def _facts(self) -> ModelCapabilities:
+        return table(number_of(self.device)).facts
+
+    @property
     def effort_lsb_nm(self) -> float:
         """N·m of one count of current."""
         return self.torque_constant_nm_per_a * self.current_lsb_a
@@ -67,7 +71,7 @@ class ServoType(TypeSpec):
     @property
     def centre(self) -> int:
         """X series 2048, P series 0 (e-manual, "Goal Position"); where no source states it, half a turn."""
-        known = table(number_of(self.device)).facts.centre
+        known = self._facts.centre
         return self.ticks_per_turn // 2 if known is None else known
 
     def refuse_registers(self, registers: Mapping[str, int]) -> Iterator[str]:
@@ -106,8 +110,8 @@ class ServoType(TypeSpec):
 
     @property
     def winds(self) -> bool:
-        """True: modes beside `position` count turns in RAM."""
-        return True
+        """True: modes beside `position` count turns in RAM. False for a Y: a battery keeps its turns."""
+        return not self._facts.keeps_turns
 
     @property
     def finds_endstops(self) -> bool:
@@ -124,9 +128,9 @@ class ServoType(TypeSpec):
         return device.settings.get("current_limit")
 
     @property
-    def homing_offset_limit(self) -> int:
+    def homing_offset_limit(self) -> int | None:
         """Position mode ignores a larger one (e-manual, address 20)."""
-        return servo_check.MAX_OFFSET
+        return self._facts.offset_limit
 
     @property
     def lost_turn_remedy(self) -> str:
@@ -136,7 +140,8 @@ class ServoType(TypeSpec):
     @property
     def gain_limits(self) -> Mapping[str, float]:
         """P, I and D, as registers hold them."""
-        return dict.fromkeys(("p", "i", "d"), float(MOST_GAIN))
+        known = table(number_of(self.device))
+        return {key: float(known[f"position_{key}_gain"].bounds[1]) for key in ("p", "i", "d")}
 
     def with_gains(self, gains: Mapping[str, float]) -> "ServoType":
         """Return the type with these gains, in whole counts."""
@@ -144,7 +149,7 @@ class ServoType(TypeSpec):
 
     def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what its registers rule out."""
-        return servo_check.unfit(joint, device)
+        return servo_check.unfit(joint, device, self._facts)
 
     def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield warnings about its registers."""

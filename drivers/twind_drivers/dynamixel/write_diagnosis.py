@@ -47,9 +47,9 @@ def _state(
 ) -> Script[list[str]]:
     place = reader.ids.index(servo.id)
     state = reader.registers
-    status = servo.layout.status
-    with suppress(NoReply, DeviceRefused):  # without a reply the values read before serve
-        yield from reader.collect((servo.id,), status.address, status.size)  # kept in `registers`
+    for block in servo.layout.status:
+        with suppress(NoReply, DeviceRefused):  # without a reply the values read before serve
+            yield from reader.collect((servo.id,), block.address, block.size)  # kept in `registers`
     if state.fault[place] > 0:
         return [f"hardware error {state.fault[place]:#04x} (register 70): find the cause, then reboot it"]
     return ["its bus watchdog has tripped"] if state.watchdog[place] == TRIPPED else []

@@ -19,7 +19,6 @@ KIND = "dynamixel1"  # of its buses
 POSITION = "position"
 FACTORY_GAIN = 32  # registers 28 and 29: P of an MX, compliance slope of the others
 FULL = 1023  # torque limit: all of the torque
-MICROSECONDS = 2  # of one count of the return delay
 Gain = Annotated[int, Meta(ge=0, le=254)]
 
 
@@ -118,16 +117,6 @@ class Dynamixel1Type(UnwatchedType):
         """Yield what rules it out: no word on the watchdog, another model, firmware or settings."""
         yield from self.unaccepted()
         if device.model_number != self.model.number:
-            found = device.model_name or "a model that is in no table"
-            yield f"is {found} (model number {device.model_number}), the robot file says {self.device}"
+            yield self.other_model(device)
         yield from objections(device.model_number, device.settings)
-        delay = MICROSECONDS * device.settings.get("return_delay_time", 0)
-        if delay > self.return_delay_us:
-            yield (
-                f"waits {delay} us before each reply, the robot file says {self.return_delay_us}: `twindctl "
-                f"register write {joint.bus} {joint.id} return_delay_time {self.return_delay_us // 2}`"
-            )
-        for register, wanted in joint.registers.items():
-            value = device.settings.get(register)
-            if value != wanted:
-                yield f"{register} is {value}, the robot file says {wanted}"
+        yield from self.other_settings(joint, device, self.return_delay_us)

@@ -4,14 +4,14 @@ No packets here (`virtual_dynamixel1_bus`), no physics (`muscles`). Positions of
 continuous over turns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any
 
 import numpy as np
 
 from twind_drivers.dynamixel1.dynamixel1_identification import LAST
-from twind_drivers.dynamixel1.dynamixel1_models import DIVISOR, STAND_IN, Dynamixel1Model, model
+from twind_drivers.dynamixel1.dynamixel1_models import DIVISOR, STAND_IN, model
 from twind_drivers.dynamixel1.dynamixel1_packet import ANGLE_LIMIT, RANGE
 from twind_drivers.dynamixel1.dynamixel1_registers import EEPROM_END, baud_of, table_of
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import (
@@ -35,12 +35,18 @@ class VirtualDynamixel1Servos:
     """m servos. Rows are indices of `specs`; time (s) is an argument and never goes back."""
 
     BOOT = 0.3  # s from power-up to the first reply (assumed)
+    KEPT_END = EEPROM_END  # the first RAM register
+    SIZE = 128  # bytes of the table, at least
+    RAM: Mapping[str, int] = RAM  # defaults
+    # Results of a write: unknown or read-only register; value out of range; goal outside the limits.
+    UNKNOWN, OUTSIDE, BEYOND = RANGE, RANGE, ANGLE_LIMIT
+    VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20  # error bits
 
     def __init__(self, specs: Sequence[Dynamixel1ServoSpec], muscles: ServoPhysics, *, now: float) -> None:
         """Raises InvalidInput for a model that is not known."""
         self.specs = tuple(specs)
-        self.models: list[Dynamixel1Model] = [model(spec.model) for spec in specs]
-        self.tables: list[RegisterTable] = [table_of(each) for each in self.models]
+        self.models = [self._find_model(spec.model) for spec in specs]
+        self.tables: list[RegisterTable] = [self._find_table(each) for each in self.models]
         self.muscles = muscles
         self.now = now
         self.history: ShownPositionLog | None = None
@@ -64,34 +70,33 @@ class VirtualDynamixel1Servos:
         self._blocked = np.zeros(count, np.bool_)
         self._hand = np.full(count, np.nan)
         self._reach = np.zeros(count)
-        self.ram = [bytearray(128) for _ in specs]
-        self.eeprom = [bytes(EEPROM_END)] * count
+        self.ram = [bytearray(self.SIZE) for _ in specs]
+        self.eeprom = [bytes(self.KEPT_END)] * count
         for row in range(count):
             self.restore_factory(row, settings=True)
         self.drive()
 
     def restore_factory(self, row: int, *, settings: bool = False) -> None:
         """Write the factory settings, id 1; with `settings` those of the spec, and its id."""
-        own = self.models[row]
         spec = self.specs[row]
-        firmware = FIRMWARE[own.table] if spec.firmware is None else spec.firmware
-        values = {**factory_settings(own), "model_number": own.number, "firmware_version": firmware, "id": 1}
+        values = {**self._factory(row), "model_number": self.models[row].number, "id": 1}
         if settings:
             values.update({**spec.settings, "id": spec.id})
         for name, value in values.items():
             if name in self.tables[row]:
                 self.put(row, name, value)
-        self.eeprom[row] = bytes(self.ram[row][:EEPROM_END])
+        self.eeprom[row] = bytes(self.ram[row][: self.KEPT_END])
         self.boot(row)
 
     def boot(self, row: int) -> None:
         """Power-up: EEPROM to RAM, everything else default; the goal is the present position."""
-        self.ram[row][:] = bytes(128)
-        self.ram[row][:EEPROM_END] = self.eeprom[row]
-        for name, value in RAM.items():
-            if name in self.tables[row]:
+        self.ram[row][:] = bytes(self.SIZE)
+        self.ram[row][: self.KEPT_END] = self.eeprom[row]
+        for name, value in self.RAM.items():
+            if name in self.tables[row] and not self.tables[row][name].kept:
                 self.put(row, name, value)
-        self.put(row, "torque_limit", self.get(row, "max_torque"))
+        if "max_torque" in self.tables[row]:
+            self.put(row, "torque_limit", self.get(row, "max_torque"))
         self.put(row, "goal_position", self.shown(row))
         self.boots_at[row] = inf
         self._full_since[row] = None
@@ -124,7 +129,7 @@ class VirtualDynamixel1Servos:
 
     def read(self, row: int, address: int, size: int) -> bytes | None:
         """Return a block; None: it leaves the table."""
-        end = ENDS["ex" if "EX" in self.models[row].name else self.models[row].table]
+        end = self._end(row)
         return bytes(self.ram[row][address : address + size]) if address + size <= end else None
 
     def write(self, row: int, address: int, data: bytes) -> int:
@@ -135,18 +140,23 @@ class VirtualDynamixel1Servos:
         while place < len(data):
             field = known.get(address + place)
             if field is None or not field.writable or place + field.size > len(data):
-                return RANGE
+                return self.UNKNOWN
             value = field.decode(data[place:])
             place += field.size
             changes.append((field, value))
-            outside = not field.least <= value <= field.most
-            if outside or (field.kept and self.get(row, "lock")) or (field.name == "lock" and not value):
-                return RANGE
+            if self._is_locked(row, field, value):
+                return self.UNKNOWN
+            if not field.least <= value <= field.most:
+                return self.OUTSIDE
             if field.name == "goal_position" and not self._is_within(row, value):
-                return ANGLE_LIMIT
+                return self.BEYOND
         for field, value in changes:
             self._store(row, field, value)
         return 0
+
+    def _is_locked(self, row: int, field: MappedRegister, value: int) -> bool:
+        """Return True for EEPROM behind its lock, and for the lock, which opens at power-up only."""
+        return (field.kept and bool(self.get(row, "lock"))) or (field.name == "lock" and not value)
 
     def _is_within(self, row: int, goal: int) -> bool:
         """Return True for a goal within the angle limits; in wheel and multi-turn mode they are none."""
@@ -156,7 +166,7 @@ class VirtualDynamixel1Servos:
     def _store(self, row: int, field: MappedRegister, value: int) -> None:
         self.put(row, field.name, value)
         if field.kept:
-            self.eeprom[row] = bytes(self.ram[row][:EEPROM_END])
+            self.eeprom[row] = bytes(self.ram[row][: self.KEPT_END])
         if field.name == "goal_position":
             self._retarget = True
             if self.specs[row].goal_arms and not self.get(row, "torque_enable"):
@@ -203,18 +213,25 @@ class VirtualDynamixel1Servos:
                 self._protect()
 
     def _protect(self) -> None:
-        """Set the torque limit of each servo to 0 whose alarm is in its shutdown mask."""
+        """Unload each servo whose alarm is in its shutdown mask."""
         changed = False
         for row in range(len(self.specs)):
-            full = self.get(row, "torque_limit")
+            full = self._cap(row)
             at_limit = 0 < full <= abs(float(self.muscles.pwm[row])) + 1.0
             since = self._full_since[row]
             self._full_since[row] = (self.now if since is None else since) if at_limit else None
             if full and self.error(row) & self.get(row, "shutdown"):
-                self.put(row, "torque_limit", 0)
+                self._unload(row)
                 changed = True
         if changed:
             self.drive()
+
+    def _unload(self, row: int) -> None:
+        self.put(row, "torque_limit", 0)
+
+    def _cap(self, row: int) -> float:
+        """Return the largest output, PWM counts."""
+        return float(self.get(row, "torque_limit"))
 
     def error(self, row: int) -> int:
         """Return the error bits that are the state now."""
@@ -222,11 +239,11 @@ class VirtualDynamixel1Servos:
         bits = self.injected[row]
         volts = round(self.volts[row] * 10)
         if not self.get(row, "min_voltage_limit") <= volts <= self.get(row, "max_voltage_limit"):
-            bits |= 0x01
+            bits |= self.VOLTAGE
         if self.celsius[row] > self.get(row, "temperature_limit"):
-            bits |= 0x04
+            bits |= self.HEAT
         if since is not None and self.now - since >= PATIENCE:
-            bits |= 0x20
+            bits |= self.OVERLOAD
         return bits
 
     def drive(self) -> None:
@@ -245,7 +262,7 @@ class VirtualDynamixel1Servos:
                 nothing,
                 nothing + 100.0,
                 nothing + 1920.0,
-                np.array([float(self.get(row, "torque_limit")) for row in rows]),
+                np.array([self._cap(row) for row in rows]),
                 nothing + inf,
                 supply,
                 float(FULL),
@@ -289,6 +306,26 @@ class VirtualDynamixel1Servos:
             self.put(row, "present_input_voltage", round(self.volts[row] * 10))
             self.put(row, "present_temperature", round(self.celsius[row]))
             self.put(row, "moving", int(abs(speed) > 5))
+
+    # ------------------------------------------------------------------------------- of a model
+
+    def _find_model(self, name: str) -> Any:
+        """Return a model by its name: a `Dynamixel1Model`, or that of a family with such tables."""
+        return model(name)
+
+    def _find_table(self, own: Any) -> RegisterTable:
+        return table_of(own)
+
+    def _factory(self, row: int) -> dict[str, int]:
+        """Return the EEPROM content of a new servo, with its firmware, without model number and id."""
+        own = self.models[row]
+        firmware = self.specs[row].firmware
+        version = FIRMWARE[own.table] if firmware is None else firmware
+        return {**factory_settings(own), "firmware_version": version}
+
+    def _end(self, row: int) -> int:
+        """Return the first address behind the table."""
+        return ENDS["ex" if "EX" in self.models[row].name else self.models[row].table]
 
     # ------------------------------------------------------------------------------- from outside
 

@@ -127,13 +127,9 @@ class FeetechType(UnwatchedType):
         """Yield what rules it out: no word on the watchdog, another model, settings, unknown firmware."""
         yield from self.unaccepted()
         if device.model_number != model(self.device).number:
-            found = device.model_name or "a model that is in no table"
-            yield f"is {found} (model number {device.model_number}), the robot file says {self.device}"
+            yield self.other_model(device)
         yield from objections(self.map, device.settings, turns=joint.mode == MANY)
-        for register, wanted in joint.registers.items():
-            value = device.settings.get(register)
-            if value != wanted:
-                yield f"{register} is {value}, the robot file says {wanted}"
+        yield from self.other_registers(joint, device)
 
     def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield the mode without limits of its own."""

@@ -7,7 +7,7 @@ settings are checked before torque, and EPROM is written with torque off: unlock
 
 from collections.abc import Mapping, Sequence
 
-from twind_drivers.bus import DeviceRefused, Ints, NoReply, PingRequest, RebootRequest, Script
+from twind_drivers.bus import DeviceRefused, Ints, RebootRequest, Script
 from twind_drivers.device_registers import RestartResult
 from twind_drivers.feetech.feetech_identification import BLOCKS, objections
 from twind_drivers.feetech.feetech_packet import FeetechInstruction
@@ -15,6 +15,7 @@ from twind_drivers.feetech.feetech_reader import FeetechReader
 from twind_drivers.feetech.feetech_registers import GOAL, map_of_firmware
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
+from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.register_writer import RegisterWriter, Row
@@ -42,7 +43,6 @@ SPEED = {
     "hls": 120,
     "scs": 0,
 }  # goal velocity: faster than any servo; SCS: 0 is so
-BOOT_ATTEMPTS = 300  # pings after a restart: 3 s at 100 Hz; the boot loader takes 0.8 s
 GAINS = ("position_p_gain", "position_d_gain", "position_i_gain")  # registers 21, 22, 23
 
 
@@ -149,20 +149,9 @@ class FeetechWriter(RegisterWriter):
         unloaded by an error, which must read non-zero. Raises NoReply, KeyError, DeviceRefused.
         """
         self._reader.table(id)
-        state = (yield from self._reader.values((id,), *BLOCKS[1]))[id]
-        if state["torque_enable"] and not (shut_down and state["hardware_error_status"]):
-            reason = "its torque is on and a restart would drop what it carries: disarm, then reboot"
-            raise DeviceRefused(self._name, id, "reboot", reason)
+        yield from require_unloaded(self._reader, id, shut_down=shut_down)
         self._full.pop(id, None)
         self._on[self._index[id]] = False
-        waited = (yield RebootRequest(id)).waited
-        self._reader.slow.forget(id)
-        for _ in range(BOOT_ATTEMPTS):
-            reply = yield PingRequest(id)
-            waited += reply.waited
-            if id in reply.data:
-                break
-        else:
-            raise NoReply(self._name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+        yield from restart(self._reader, id)
         yield from self._write(id, self._reader.maps[id]["torque_enable"], 0)
         return RestartResult()

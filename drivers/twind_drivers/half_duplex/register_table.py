@@ -1,4 +1,4 @@
-"""Register table of a serial servo with one-byte addresses. Pure."""
+"""Register table of a serial servo. Pure."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,15 +8,17 @@ from typing import Literal
 from twind_drivers.device_registers import unknown_register
 from twind_drivers.half_duplex.signed_words import from_word, to_word
 
+TWOS = -1  # sign of two's complement
+
 
 @dataclass(frozen=True, slots=True)
 class MappedRegister:
-    """One register of one or two bytes."""
+    """One register."""
 
     name: str
     address: int
     size: int  # bytes
-    sign: int | None  # sign bit; None: unsigned
+    sign: int | None  # sign bit; None: unsigned; `TWOS`: two's complement
     least: int
     most: int
     kept: bool  # it survives power-off
@@ -44,10 +46,14 @@ class MappedRegister:
 
     def encode(self, value: int) -> bytes:
         """Return the bytes of a value. Raises OverflowError."""
-        return to_word(value, self.sign).to_bytes(self.size, self.order)
+        if self.sign == TWOS:
+            return value.to_bytes(self.size, self.order, signed=True)
+        return to_word(value, self.sign, self.size).to_bytes(self.size, self.order)
 
     def decode(self, data: bytes) -> int:
         """Return the value in the first bytes of `data`."""
+        if self.sign == TWOS:
+            return int.from_bytes(data[: self.size], self.order, signed=True)
         return from_word(int.from_bytes(data[: self.size], self.order), self.sign)
 
     def check(self, value: int) -> None:
@@ -91,12 +97,13 @@ class RegisterTable:
 def parse_registers(text: str, kept_end: int) -> dict[str, MappedRegister]:
     """Return the registers of lines `name address size sign least most`.
 
-    Sign bit `-`: none. least = most: read only. Addresses below `kept_end` survive power-off.
+    Sign bit `-`: none; `2s`: two's complement. least = most: read only. Addresses below `kept_end` survive
+    power-off.
     """
     found = {}
     for line in filter(None, text.split("\n")):
         name, address, size, sign, least, most = line.split()
-        bit = None if sign == "-" else int(sign)
+        bit = None if sign == "-" else TWOS if sign == "2s" else int(sign)
         kept = int(address) < kept_end
         found[name] = MappedRegister(name, int(address), int(size), bit, int(least), int(most), kept)
     return found

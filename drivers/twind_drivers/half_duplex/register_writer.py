@@ -23,14 +23,14 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress
-from twind_drivers.half_duplex import checksum_packet as packet
-from twind_drivers.half_duplex.checksum_reply import ChecksumReply
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
+from twind_drivers.half_duplex.line_codec import LineCodec
 from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
+from twind_drivers.half_duplex.slow_register_slices import SlowRegisterSlices
 from twind_drivers.single_device import SingleDeviceControl
 
 RAMP = (0.5, 0.75, 1.0)  # of the full torque limit, after torque on
@@ -46,6 +46,8 @@ class RegisterReader(Protocol):
     line: HalfDuplexTransactor
     registers: SlowRegisterValues
     watchdog: HostWatchdog
+    codec: LineCodec
+    slow: SlowRegisterSlices
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:
@@ -64,11 +66,29 @@ class RegisterReader(Protocol):
         """Read one register by its name."""
 
 
+class GoalEncoder(Protocol):
+    """Packet of the goals of m devices, of which some get one. `places`: those, in order."""
+
+    lower: Ints
+    upper: Ints
+    places: list[int]
+
+    def choose(self, among: Bools) -> None:
+        """Send goals to these devices (m,) alone."""
+
+    def check(self, ticks: Ints) -> None:
+        """Raise WireRangeError for the first goal (m,) out of range, ValueError for another shape."""
+
+    def encode(self, ticks: Ints) -> bytes:
+        """Return the packet of goals (m,); empty: no device gets any. Raises as `check`."""
+
+
 class RegisterWriter:
     """Writer to the bus of `reader`. Arrays are (m,), in the order of its ids; goals in counts."""
 
-    GOAL: ClassVar[tuple[int, int]]  # address and size
-    TORQUE: ClassVar[int]  # address
+    GOAL: tuple[int, int]  # address and size
+    TORQUE: int  # address
+    LIMIT = "torque_limit"  # RAM register that caps the torque
     # Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
     ELSEWHERE: ClassVar[Mapping[str, str]]
 
@@ -96,9 +116,7 @@ class RegisterWriter:
         for own, low, high in zip(tables, least.tolist(), most.tolist(), strict=True):
             for value in (low, high) if "goal_position" in own else ():
                 own["goal_position"].check(value)
-        self._goals = GoalWords(
-            self._name, self.GOAL[0], self._ids, [_is_big_endian(each) for each in tables], least, most
-        )
+        self._goals = self._make_goals(least, most)
         bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
         self._check = self._make_check(bounds)
         self._version = -1
@@ -146,10 +164,11 @@ class RegisterWriter:
             return self._restart(order)
         if isinstance(order, WriteRequest) and len(order.data) == 1:
             [(id, data)] = order.data.items()
-            return SerialTransaction(packet.write(id, order.address, data), ChecksumReply((id,), 0), 1)
+            codec = self._bus.codec
+            return SerialTransaction(codec.write(id, order.address, data), codec.confirmation((id,), 0), 1)
         if isinstance(order, WriteRequest | GroupWriteBatch):
             each = (order,) if isinstance(order, WriteRequest) else order.writes
-            packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
+            packets = b"".join(self._bus.codec.sync_write(one.address, one.data) for one in each)
             return SerialTransaction(packets, None, 0)
         raise TypeError(f"{self._name}: a writer does not read: {order}")
 
@@ -276,8 +295,8 @@ class RegisterWriter:
         self._version = -1
 
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:
-        own = [id for id in ids if "torque_limit" in self._bus.tables[id]]
-        return [(id, "torque_limit", int(self._full[id] * share)) for id in own]
+        own = [id for id in ids if self.LIMIT in self._bus.tables[id]]
+        return [(id, self.LIMIT, int(self._full[id] * share)) for id in own]
 
     def _write(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         reply = yield WriteRequest({id: field.encode(value)}, field.address)
@@ -316,9 +335,14 @@ class RegisterWriter:
 
     def _off(self) -> bytes:
         """Return the packet that switches torque of all devices off."""
-        return packet.write(packet.BROADCAST, self.TORQUE, b"\0")
+        return self._bus.codec.write(self._bus.codec.broadcast, self.TORQUE, b"\0")
 
     # ------------------------------------------------------------------------- what a family answers
+
+    def _make_goals(self, least: Ints, most: Ints) -> GoalEncoder:
+        """Return the encoder of the goals within `least`..`most` (m,)."""
+        big = [_is_big_endian(self._bus.tables[id]) for id in self._ids]
+        return GoalWords(self._name, self.GOAL[0], self._ids, big, least, most)
 
     def _make_check(self, bounds: Mapping[int, tuple[int, int]]) -> RegisterWriteCheck:
         """Return the last check of packets; `bounds`: range of the goals by id."""

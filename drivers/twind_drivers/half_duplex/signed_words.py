@@ -1,9 +1,12 @@
 """Numbers of sign and magnitude, as servos with the framing `FF FF` have them. Pure."""
 
 
-def to_word(value: int, sign: int | None) -> int:
-    """Encode a number: sign and magnitude with bit `sign`; None: without sign. Raises OverflowError."""
-    most = 0xFFFF if sign is None else (1 << sign) - 1
+def to_word(value: int, sign: int | None, size: int = 2) -> int:
+    """Encode a number of `size` bytes: sign and magnitude with bit `sign`; None: without sign.
+
+    Raises OverflowError.
+    """
+    most = (1 << 8 * size) - 1 if sign is None else (1 << sign) - 1
     if not (-most if sign is not None else 0) <= value <= most:
         raise OverflowError(f"{value} does not fit a word with sign bit {sign}")
     return value if value >= 0 else -value | 1 << (sign or 0)

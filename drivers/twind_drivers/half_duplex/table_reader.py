@@ -15,9 +15,9 @@ from twind_drivers.bus import (
 )
 from twind_drivers.byte_transport import ByteTransport
 from twind_drivers.device_registers import RegisterAddress
-from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
+from twind_drivers.half_duplex.line_codec import CHECKSUM, LineCodec
 from twind_drivers.half_duplex.pending_reply import wire
 from twind_drivers.half_duplex.register_table import RegisterTable
 from twind_drivers.half_duplex.serial_reader import SerialReader
@@ -31,7 +31,7 @@ SLICE = 0.002  # s of bus time per transaction of a script, at most half a perio
 class TableReader(SerialReader):
     """Reader of devices with a register table each. Arrays are (m,), in the order of `ids`."""
 
-    overhead = packet.OVERHEAD
+    codec: LineCodec = CHECKSUM
     slow: SlowRegisterSlices
 
     def __init__(
@@ -58,6 +58,7 @@ class TableReader(SerialReader):
                 f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
             )
         self.name = name
+        self.overhead = self.codec.overhead
         self.ids = tuple(ids)
         self.transport = transport
         self.devices: dict[int, IdentifiedDevice] = {}
@@ -67,7 +68,7 @@ class TableReader(SerialReader):
             baud=baud,
             return_delay_s=return_delay_s,
             slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
-            find_packets=packet.find_packets,
+            find_packets=self.codec.find_packets,
             one_write=one_write,
         )
         self.slice = min(SLICE, 0.5 / rate_hz)
@@ -90,7 +91,7 @@ class TableReader(SerialReader):
 
     def slice_count(self, size: int) -> int:
         """Return the devices whose read of `size` bytes fits one transaction of a script."""
-        each = wire(packet.OVERHEAD + size + 1, self.line.baud) + self.line.return_delay_s
+        each = wire(self.overhead + size + 1, self.line.baud) + self.line.return_delay_s
         return max(1, int(self.slice / each))
 
     def _schedule(self) -> None:
@@ -108,11 +109,11 @@ class TableReader(SerialReader):
             return self.line.span(self._transaction(query))
         writes = query.writes if isinstance(query, GroupWriteBatch) else (query,)
         size = sum(
-            8 + sum(1 + len(data) for data in each.data.values())
+            self.codec.request + sum(1 + len(data) for data in each.data.values())
             for each in writes
             if isinstance(each, WriteRequest)
         )
-        return wire(size + 14, self.line.baud) + self.line.return_delay_s
+        return wire(size + self.overhead + self.codec.request, self.line.baud) + self.line.return_delay_s
 
     def _transaction(self, query: Query) -> SerialTransaction:
         return self._known.get(query) or self._exchange(query)

@@ -52,6 +52,7 @@ class ChecksumBus:
     """m servos on one wire. Time (s) is an argument and never goes back."""
 
     kind: str
+    FAULTS = ChecksumBusFaults
 
     def __init__(
         self,
@@ -68,7 +69,7 @@ class ChecksumBus:
         self._all = servos
         self.wire = HalfDuplexWire(baud, timing=wire_timing)
         self._stream = FaultyByteStream(self.wire, adapter or SerialAdapter(), seed)
-        self.faults = ChecksumBusFaults(name, servos, self.wire, self._stream)
+        self.faults = self.FAULTS(name, servos, self.wire, self._stream)
         self.sensor: VirtualSensor | None = None  # an IMU speaks another protocol
         self._pending = bytearray()
         self._pending_at = now
@@ -182,7 +183,7 @@ class ChecksumBus:
         """Send statuses (id, error, data), each after its delay (s)."""
         if not replies:
             return
-        pieces = [instruction(*each) for each in replies]
+        pieces = [self._frame(*each) for each in replies]
         if self.faults.active:
             self.faults.speak([id for id, _, _ in replies], list(delays), pieces, joint=False)
             return
@@ -190,6 +191,10 @@ class ChecksumBus:
         self.wire.schedule_replies(self.wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces))
 
     # ------------------------------------------------------------------------- what a family answers
+
+    def _frame(self, id: int, code: int, data: bytes) -> bytes:
+        """Return a status with this error byte."""
+        return instruction(id, code, data)
 
     def _carry_out(self, packet: ChecksumPacket, at: float) -> None:
         """Carry out one packet that arrived at `at` (s)."""

@@ -46,6 +46,7 @@ class DriveFirmware:
         wide = [each["goal_position"].bounds for each in memory.tables]
         self._widest = np.array(wide, np.int64).reshape(-1, 2).T  # ticks, where no limit register counts
         facts = [each.facts for each in memory.tables]
+        self._always_capped = np.array([each.caps_current for each in facts])  # by goal current
         self.full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
         self.turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
         self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
@@ -93,7 +94,8 @@ class DriveFirmware:
         most = registers["pwm_limit"].astype(np.float64)
         goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
         # In the other modes nothing limits the current: an XL330 at its limit register kept full output.
-        limited = self._capped & ((self.mode == CURRENT) | (self.mode == CURRENT_POSITION))
+        capped = (self.mode == CURRENT_POSITION) | (self._always_capped & (self.mode != CURRENT))
+        limited = self._capped & ((self.mode == CURRENT) | capped)
         current = np.where(limited, registers["current_limit"], inf)
         goal_current = np.abs(registers["goal_current"].astype(np.float64))
         return DriveState(
@@ -105,7 +107,7 @@ class DriveFirmware:
             velocity_p=gains["velocity_p_gain"],
             velocity_i=gains["velocity_i_gain"],
             pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
-            current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
+            current_cap=np.where(capped, np.minimum(current, goal_current), current),
             supply=supply,
             full=self.full,
             turn=self.turn,

@@ -16,7 +16,7 @@ from dataclasses import replace
 from math import pi
 
 from twind_drivers.dynamixel.control_tables import ControlTable
-from twind_drivers.dynamixel.dynamixel_models import base
+from twind_drivers.dynamixel.dynamixel_models import Y_SIZES, base
 from twind_drivers.virtual.servo_strength import MotorFigures, OperatingPoint
 
 Row = tuple[float, float, float, float]  # V, N·m, rev/min, A, as OperatingPoint
@@ -26,7 +26,9 @@ def _of(nominal: float, gear: float, *rows: Row) -> MotorFigures:
     return MotorFigures(points=tuple(OperatingPoint(*row) for row in rows), gear=gear, nominal=nominal)
 
 
-def _line(gear: float, idle: tuple[float, float], continuous: tuple[float, float, float]) -> MotorFigures:
+def continuous_figures(
+    gear: float, idle: tuple[float, float], continuous: tuple[float, float, float]
+) -> MotorFigures:
     """Return the figures at 24 V. `idle`: rev/min, A; `continuous`: rev/min, N·m, A."""
     rpm, without = idle
     loaded, torque, amperes = continuous
@@ -38,12 +40,13 @@ def _line(gear: float, idle: tuple[float, float], continuous: tuple[float, float
 # One motor of each size in all gears: the bare one (M001) has 5675 and 4664, 3190 and 2597 rev/min.
 Y070 = 5675.0 / (5675.0 - 4664.0)
 Y080 = 3190.0 / (3190.0 - 2597.0)
+Y_DIVISOR = 3.66e7  # assumed: P gain as delivered gives full output at 4° of error
 
 
 def _y(gear: float, factor: float, rpm: float, torque: float, amperes: float) -> MotorFigures:
     """Return the figures at 24 V. `torque`, `amperes`: continuous; `factor`: stall torque per continuous."""
     point = OperatingPoint(24.0, torque * factor, rpm, amperes * factor)
-    return MotorFigures(points=(point,), gear=gear, nominal=24.0, bearable=amperes)
+    return MotorFigures(points=(point,), gear=gear, nominal=24.0, bearable=amperes, divisor=Y_DIVISOR)
 
 
 XM430_W350 = _of(12.0, 353.5, (11.1, 3.8, 43, 2.1), (12.0, 4.1, 46, 2.3), (14.8, 4.8, 57, 2.7))
@@ -110,17 +113,17 @@ X_FIGURES: Mapping[str, MotorFigures] = {
     "mx_64": replace(MX_64, friction=0.090, damping=0.012, armature=0.0120, divisor=141.3),
     "mx_106": replace(MX_106, friction=0.104, damping=0.035, armature=0.0266, divisor=147.0),
 }
-PH42 = _line(303.75, (32.7, 0.57), (29.2, 5.1, 1.5))
-PH54_100 = _line(501.923, (33.3, 1.13), (29.2, 25.3, 5.5))
-PH54_200 = _line(501.923, (33.1, 1.65), (29.0, 44.7, 9.3))
+PH42 = continuous_figures(303.75, (32.7, 0.57), (29.2, 5.1, 1.5))
+PH54_100 = continuous_figures(501.923, (33.3, 1.13), (29.2, 25.3, 5.5))
+PH54_200 = continuous_figures(501.923, (33.1, 1.65), (29.0, 44.7, 9.3))
 # 0.6 A beside 0.52 A idle is too coarse for a torque constant: 0.8 of the back-EMF constant, as the others.
 PM42_STALL = 1.7 * 28.0 / (28.0 - 26.0)
 PM42 = replace(
     _of(24.0, 257.019, (24.0, PM42_STALL, 28.0, PM42_STALL / (0.8 * 24.0 / (28.0 * 2.0 * pi / 60.0)))),
     bearable=0.6,
 )
-PM54_040 = _line(251.417, (28.4, 1.32), (24.2, 3.9, 1.9))
-PM54_060 = _line(251.417, (33.1, 1.25), (28.3, 10.1, 3.0))
+PM54_040 = continuous_figures(251.417, (28.4, 1.32), (24.2, 3.9, 1.9))
+PM54_060 = continuous_figures(251.417, (33.1, 1.25), (28.3, 10.1, 3.0))
 
 FIGURES: Mapping[str, MotorFigures] = {
     **X_FIGURES,
@@ -147,6 +150,9 @@ FIGURES: Mapping[str, MotorFigures] = {
 NEAREST: Mapping[str, str] = {
     "xw540_h260": "xh540_v270",
     "rh_p12_rn": "pm42_010_s260",
+    # Those with a brake (B) or another housing (A): the motor and gear of the plain ones (assumed).
+    **{f"{size}_b001": f"{size}_m001" for size in Y_SIZES},
+    **{f"{size}_a{gear}": f"{size}_r{gear}" for size in Y_SIZES for gear in ("051", "099")},
 }
 USUAL = "xm430_w350"
 

@@ -40,6 +40,7 @@ class PresentRegisters:
         self._place_wanted = memory.column("position_trajectory", 4, signed=True)
         self._voltage = memory.column("present_input_voltage", 2)
         self._temperature = memory.column("present_temperature", 1)
+        self._volts = np.array([each.facts.volts_per_count for each in memory.tables])
         self._threshold = memory.column("moving_threshold", 4)
         count = len(memory.raw)
         self.origin = np.zeros(count)  # s, when each servo was powered on
@@ -122,7 +123,7 @@ class PresentRegisters:
                     del self._spikes[row]
                 else:
                     self._temperature.put(round(celsius), row)
-            self._voltage.put(np.rint(np.maximum(10.0 * self._protection.volts, 0.0)))
+            self._voltage.put(np.rint(np.maximum(self._protection.volts, 0.0) / self._volts))
 
     def _show_step(self, goal: Floats, encoder: Floats, direction: Floats, shift: Floats) -> None:
         """Fill the registers if all goals are positions without profile: the goal is the trajectory."""

@@ -30,13 +30,28 @@ def factory(field: TableRegister, number: int) -> int:
 
 
 class RegisterColumn:
-    """One register of all servos. Where every servo has it at one address, `get` is a view of the memory."""
+    """One register of all servos. Where every servo has it at one address, `get` is a view of the memory.
 
-    def __init__(self, memory: NDArray[np.uint8], addresses: Sequence[int], size: int, signed: bool) -> None:
+    `sizes`: bytes of it in each table, unsigned where they differ. The upper bytes that a table lacks lie at
+    `spare`, and are 0.
+    """
+
+    def __init__(
+        self,
+        memory: NDArray[np.uint8],
+        addresses: Sequence[int],
+        sizes: Sequence[int],
+        spare: int,
+        *,
+        signed: bool,
+    ) -> None:
+        size = max(sizes)
         kind = f"<{'i' if signed else 'u'}{size}"
-        self.address = addresses[0] if len(set(addresses)) == 1 else -1  # -1: not the same for all
+        alike = len(set(addresses)) == 1 and len(set(sizes)) == 1
+        self.address = addresses[0] if alike else -1  # -1: not the same for all
         self._memory = memory
-        self._bytes = np.asarray(addresses, np.intp)[:, None] + np.arange(size)
+        places = np.asarray(addresses, np.intp)[:, None] + np.arange(size)
+        self._bytes = np.where(np.arange(size) < np.asarray(sizes)[:, None], places, spare)
         self._rows = np.arange(len(memory))[:, None]
         self._kind = kind
         self._view: NDArray[Any] | None = None
@@ -109,7 +124,7 @@ class RegisterMemory:
         )
         self.layouts: tuple[Mapping[int, TableRegister], ...] = tuple(each.fields for each in self._layouts)
         self._hidden = max(each.end for each in self._layouts)
-        self.raw = np.zeros((len(tables), self._hidden + 256), np.uint8)
+        self.raw = np.zeros((len(tables), self._hidden + 320), np.uint8)
         self.where = np.broadcast_to(np.arange(self.raw.shape[1]), self.raw.shape).copy()
 
     def column(self, key: str, size: int, *, signed: bool = False) -> RegisterColumn:
@@ -117,13 +132,15 @@ class RegisterMemory:
         fields = [table.fields.get(key) for table in self.tables]
         present = [field for field in fields if field is not None]
         spare = self._hidden
-        if len(present) < len(fields):
-            self._hidden += size
         if present:
-            size = present[0].size
+            size = max(field.size for field in present)
             signed = present[0].rule.signed
+        uneven = any(field.size < size for field in present)
+        if len(present) < len(fields) or uneven:
+            self._hidden += size
         addresses = [spare if field is None else field.address for field in fields]
-        return RegisterColumn(self.raw, addresses, size, signed)
+        sizes = [size if field is None else field.size for field in fields]
+        return RegisterColumn(self.raw, addresses, sizes, spare, signed=signed)
 
     def fill(self, row: int, *, eeprom: bool = True) -> None:
         """Factory values in every register of one servo; `eeprom` False: in RAM only."""

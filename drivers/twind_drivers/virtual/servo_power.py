@@ -75,6 +75,8 @@ class ServoPower:
             0 if each.centre is None else each.centre - most for each, most in zip(facts, half, strict=True)
         ]
         self._base = np.zeros(count)  # whole turns in `shift`
+        self._keeps = [each.keeps_turns for each in facts]  # by a battery
+        self._counted = np.zeros(count, np.bool_)  # its turns have been counted once
         self._forgets = [temper.forgets_offset for temper in tempers]
         seeds = (temper.seam_seed for temper in tempers)
         self._noise = [None if seed is None else np.random.default_rng(seed) for seed in seeds]
@@ -137,7 +139,8 @@ class ServoPower:
         """Reset the registers that a change of operating mode resets (e-manual, "Operating Mode")."""
         table = self._memory.tables[row]
         for key in MODE_RESETS:
-            self._memory.store(row, table[key], factory(table[key], table.number))
+            if key in table:
+                self._memory.store(row, table[key], factory(table[key], table.number))
         self._caps(row)
         self.reframe(row, one_turn=self._registers["operating_mode"][row] == 3)
 
@@ -154,6 +157,10 @@ class ServoPower:
         `slip`: ticks that the encoder is off while the turn is chosen.
         """
         turn = self.turn[row]
+        if self._keeps[row] and self._counted[row]:
+            self._frame(row)
+            return
+        self._counted[row] = True
         self._base[row] = 0.0
         self._frame(row)
         count = np.rint(self._muscles.position[row]) * self.direction[row] + slip
@@ -181,6 +188,8 @@ class ServoPower:
         return int(noise.integers(-1, 2))
 
     def _caps(self, row: int) -> None:
+        if self._keeps[row]:  # of a Y: 0 until they are written (e-manual, "Goal PWM (524)")
+            return
         self._registers.put("goal_pwm", self._registers["pwm_limit"][row], row)
         self._registers.put("goal_current", self._registers["current_limit"][row], row)
 

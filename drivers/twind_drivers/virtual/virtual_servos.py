@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.error_codes import CODE_BY_BIT, WATCHDOG
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.virtual.backlash import Backlash
 from twind_drivers.virtual.drive_firmware import TORQUE_BY_GOAL, DriveFirmware
@@ -33,7 +34,6 @@ REFRESH = 0.001  # s between two refreshes of the present registers
 CHECK = 0.1  # s between two checks of supply, heat and load
 SAGGED = 0.005  # share of the nominal voltage by which a changed supply changes the motors
 WATCHDOG_UNIT = 0.02  # s, register 98
-TRIPPED = 255  # what register 98 reads then (-1)
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
 
 
@@ -92,6 +92,9 @@ class VirtualServos:
         self.direction = self.power.direction
         self.shift = self.power.shift
         count = len(specs)
+        # a tripped watchdog of 2 bytes reads -1, too
+        self._tripped_word = np.array([256 ** each["bus_watchdog"].size - 1 for each in tables])
+        self._coded = np.array([each["hardware_error_status"].rule.codes is not None for each in tables])
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
         # shut: by a hardware error, until reboot; silenced: connector pulled, it receives and sends nothing
         # s, the last time, and how long after the last received packet before that
@@ -208,6 +211,7 @@ class VirtualServos:
         for row in np.flatnonzero(dark & awake):
             self.reboot(int(row), now)
         known = self["hardware_error_status"].astype(np.int64)
+        known = np.where(self._coded & (known != 0), 0xFF, known)
         found = np.where(awake & ~dark, self.protection.errors() & ~known, 0)
         for row in np.flatnonzero(found):
             self.inject_error(int(row), int(found[row]))
@@ -295,9 +299,26 @@ class VirtualServos:
 
     def inject_error(self, row: int, bits: int) -> None:
         """Raise a hardware error: alert on every status, and shutdown where register 63 selects it."""
+        if self._coded[row]:
+            self._inject_code(row, CODE_BY_BIT.get(bits & -bits, 0))
+            return
         error = int(self["hardware_error_status"][row]) | bits
         self.registers.put("hardware_error_status", error, row)
         if error & int(self["shutdown"][row]):
+            self.shut[row] = True
+            self.registers.put("torque_enable", 0, row)
+        self.invalidate_cache()
+
+    def untrip(self, row: int) -> None:
+        """Watchdog 0: goals are open again; `changed` resumes the old one."""
+        self.tripped[row] = False
+        if self._coded[row] and self["hardware_error_status"][row] == WATCHDOG:
+            self.registers.put("hardware_error_status", 0, row)
+
+    def _inject_code(self, row: int, code: int) -> None:
+        """Raise an error of a Y by its code: without torque until a restart. 0: nothing."""
+        if code:
+            self.registers.put("hardware_error_status", code, row)
             self.shut[row] = True
             self.registers.put("torque_enable", 0, row)
         self.invalidate_cache()
@@ -346,7 +367,9 @@ class VirtualServos:
         self.tripped |= due
         self.tripped_at[due] = (self.heard_at + self._timeout)[due]
         self.trip_delay[due] = self._timeout[due]
-        self.registers.put("bus_watchdog", TRIPPED, due)
+        self.registers.put("bus_watchdog", self._tripped_word[due], due)
+        if np.count_nonzero(due & self._coded):
+            self.registers.put("hardware_error_status", WATCHDOG, due & self._coded)
         here = self.muscles.position
         held = here + np.clip(self.profile.reference - here, -PULL, PULL)
         self.profile.hold(due, np.where(self._firmware.seeks, held, 0.0)[due])

@@ -110,7 +110,7 @@ def _follow(servos: VirtualServos, row: int, key: str, value: int) -> None:
         case "homing_offset":
             servos.power.reframe(row, one_turn=False)
         case "bus_watchdog" if value == 0:
-            servos.tripped[row] = False  # goals are open again; `changed` resumes the old one
+            servos.untrip(row)
         case _ if key.startswith("indirect_address_"):
             servos.memory.remap(row)
         case _ if key in GOALS and servos["drive_mode"][row] & TORQUE_BY_GOAL:

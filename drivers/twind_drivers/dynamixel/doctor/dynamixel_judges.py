@@ -25,7 +25,6 @@ TORQUE_BY_GOAL = 8
 TORQUE_AT_BOOT = 1
 RAM_RESTORED = 2
 PROTECTION = {4: "overheating", 16: "electrical shock", 32: "overload"}
-MAX_OFFSET = 1024  # counts: beyond it position mode ignores the homing offset (e-manual, address 20)
 MOVES = ("velocity_limit", "pwm_limit", "current_limit")
 
 Found = Iterator[DoctorFinding]
@@ -87,7 +86,8 @@ def _mode(_: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Found:
         text = f"operating mode (11) is {mode}"
         yield DoctorFinding("OPERATING_MODE", servo.thing, text, f"{wanted}", command)
     offset = servo.values.get("homing_offset", 0)
-    if abs(offset) > MAX_OFFSET and joint.mode == "position":
+    most = joint.type.homing_offset_limit
+    if most is not None and abs(offset) > most and joint.mode == "position":
         command = format_command(servo, "homing_offset", 0)
         text = f"homing offset (20) is {offset}: position mode ignores it"
         yield DoctorFinding("OPERATING_MODE", servo.thing, text, "0", command)

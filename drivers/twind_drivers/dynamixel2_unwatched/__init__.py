@@ -1,0 +1,1 @@
+"""Serial servos of Protocol 2.0 without a bus watchdog: XL-320 and PRO -R. Tables, virtual twin."""

@@ -1,0 +1,30 @@
+"""The whole daemon with an arm of Y servos, under a fake clock."""
+
+from pathlib import Path
+
+from tests.support.daemon_rig import MakeRig, Rig
+from tests.support.derived_arm import arm_of
+
+GAINS = "gains: {p: 6283185, i: 0, d: 9090}"
+
+
+def test_an_arm_is_armed_moved_stopped_by_its_watchdogs_and_armed_again(
+    make_rig: MakeRig, tmp_path: Path
+) -> None:
+    path = arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS)
+    rig: Rig = make_rig(path)
+    rig.arm()
+    ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [0.7, 1.2]))
+    rig.seconds(1.5)
+    assert [reply.error for reply in rig.replies(ticket)][:1] == [None], rig.replies(ticket)
+    elbow = rig.names.index("elbow")
+    assert abs(rig.truth[elbow] + 0.5) < 0.02
+    rig.clock.sleep_until(rig.clock.now() + 2.0)  # nobody writes or reads: the daemon is dead
+    servos = rig.virtual["main"]
+    servos.advance(rig.clock.now())
+    states = servos.truth(rig.clock.now())
+    assert all(each["tripped"] and each["torque"] for each in states)
+    assert abs(rig.truth[elbow] + 0.5) < 0.02
+    rig.seconds(1.0)
+    assert rig.events("WATCHDOG_TRIPPED"), [event.code for event in rig.events()]
+    assert not rig.events("SERVO_ALERT")
