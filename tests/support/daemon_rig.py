@@ -29,6 +29,7 @@ from twind.loop.process.service_notify import Notifier
 from twind.loop.tick import assembly
 from twind.loop.tick.bound_robot import BoundRobot
 from twind.robot.arrays import Floats
+from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import GateThresholds
@@ -125,9 +126,11 @@ class Rig:
         calibrated: Calibration | None = None,
         ring: FlightRing | None = None,
         power: Any = None,
+        live_denied: Finding | None = None,
     ) -> None:
         """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
         self._muscles = muscles
+        self._live_denied = live_denied
         self.power = power  # stand-in for the process of supply relay and stop button
         self.clock = FakeClock(100.0)
         known = None if "/" in robot else known_robot(robot)
@@ -181,6 +184,7 @@ class Rig:
             rewire=self._rewire,
             tapes=tapes,
             power=self.power,
+            live_denied=self._live_denied,
         )
 
     def _rewire(self, one: BoundRobot) -> Any:

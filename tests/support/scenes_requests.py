@@ -60,11 +60,12 @@ def a_mirror_shall_be_armed(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(ReasonCode.ROBOT_UNFINISHED, arm=False, mode=Mode.MIRROR)
+UNFINISHED = live_denied("h24", {"main": "/dev/x"}, Path("none"), calibrated=True, open_items=["support"])
+
+
+@leads_to(ReasonCode.ROBOT_UNFINISHED, arm=False, mode=Mode.MIRROR, live_denied=UNFINISHED)
 def a_robot_with_open_items_shall_go_live(made: Rig) -> None:
     made.connect()
-    denied = live_denied("h24", {"main": "/dev/x"}, Path("none"), calibrated=True, open_items=["support"])
-    made.loop.commands._parts = replace(made.loop.commands._parts, live_denied=denied)
     made.lease()
     made.call(link.SetMode, mode="live")
 

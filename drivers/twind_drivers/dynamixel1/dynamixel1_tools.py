@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from twind.config.robot_spec import BusSpec, JointSpec
+from twind.config.unwatched_type import MICROSECONDS
 from twind_drivers.dynamixel1.dynamixel1_budget import Dynamixel1Cycle
 from twind_drivers.dynamixel1.dynamixel1_identification import LAST, SLAVE, UNLOADING, derived
 from twind_drivers.dynamixel1.dynamixel1_models import TWO, model, model_of
 from twind_drivers.dynamixel1.dynamixel1_packet import CHECKSUM, FAULT_BITS, RESULTS, STATES, explain
 from twind_drivers.dynamixel1.dynamixel1_registers import baud_of, table_of
-from twind_drivers.dynamixel1.dynamixel1_type import FULL, KIND, MICROSECONDS, Dynamixel1Type
+from twind_drivers.dynamixel1.dynamixel1_type import FULL, KIND, Dynamixel1Type
 from twind_drivers.servo_tools.checksum_scan import (
     DYNAMIXEL_ID,
     checksum_protocol,
