@@ -1,6 +1,7 @@
 """Verbs whose work on a port is a driver family's: `twindctl scan --port` and `twindctl adopt`."""
 
 import argparse
+import sys
 
 from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.config.driver_family import DriverFamily, families
@@ -8,23 +9,33 @@ from twind_calibration.robot_description import read
 
 
 def scan(options: argparse.Namespace) -> int:
-    """Search a port for devices of every family, or of `--kind`; return the worst exit code of those found.
+    """Search a port family after family until one finds a device, or for `--kind`; return its exit code.
 
-    Raises Rejected: no family found a device; UsageError: no such family.
+    A bus has devices of one kind, and a search of all rates takes many seconds. Raises Rejected: no family
+    found a device; UsageError: no such family.
     """
-    scanners = [each for each in reversed(families()) if each.scan is not None]
+    scanners = sorted((each for each in reversed(families()) if each.scan is not None), key=_is_slow)
     chosen = [each for each in scanners if options.kind in (None, each.kind)]
     if not chosen:
         raise UsageError(f"--kind {options.kind}: a scan knows {', '.join(each.kind for each in scanners)}")
-    codes: list[int] = []
     for each in chosen:
         assert each.scan is not None
         try:
-            codes.append(each.scan.load()(options))
+            code = each.scan.load()(options)
         except Rejected:
-            if each is chosen[-1] and not codes:
+            if each is chosen[-1]:
                 raise
-    return max(codes, default=DONE)
+            continue
+        rest = chosen[chosen.index(each) + 1 :]
+        if rest and not options.json:
+            print(f"not searched: --kind {', '.join(other.kind for other in rest)}", file=sys.stderr)
+        return code
+    return DONE
+
+
+def _is_slow(driver: DriverFamily) -> bool:
+    """Return True if a search asks each id singly: such families come last."""
+    return driver.tools is None or not driver.tools.load().protocol.slot
 
 
 def adopt(options: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from twind_drivers.servo_tools.family_tools import need_tools
 
 Findings = Iterator[DoctorFinding]
 Judge = Callable[[CheckContext, SurveyedServo, JointSpec], Findings]
-# Register -> row and severity of a wrong value; None: that of the row. Others: REGISTER_DIFFERS.
+# Register -> row of a wrong value. Others: REGISTER_DIFFERS.
 ROWS_OF = {
     "status_return_level": "STATUS_LEVEL",
     "operating_mode": "OPERATING_MODE",
@@ -25,8 +25,8 @@ ROWS_OF = {
     "shutdown": "SHUTDOWN_MASK",
     "return_delay_time": "RETURN_DELAY",
 }
-# Registers that no daemon writes.
 ALONE = "stop the daemon, then `twindctl doctor --fix`"
+# Registers that a daemon does not write, with what to do.
 ADVICE = {
     "status_return_level": ALONE,
     "operating_mode": ALONE,
