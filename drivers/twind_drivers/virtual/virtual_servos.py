@@ -317,6 +317,7 @@ class VirtualServos:
         self.tripped[row] = False
         if self._coded[row] and self["hardware_error_status"][row] == WATCHDOG:
             self.registers.put("hardware_error_status", 0, row)
+            self.alert[row] = 0
 
     def _inject_code(self, row: int, code: int) -> None:
         """Raise an error of a Y by its code: without torque until a restart. 0: nothing."""
