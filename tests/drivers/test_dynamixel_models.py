@@ -102,7 +102,7 @@ def test_the_page_on_drivers_lists_every_model_that_we_drive_with_its_modes() ->
             assert told[each.model] == [str(mode) for mode in sorted(each.facts.modes)], each.model
 
 
-def test_models_of_other_layouts_are_marked_as_undriven() -> None:
-    """Y series and XL320: their control tables have another layout (dxl/y/ym070-210-m001-rh, dxl/x/xl320)."""
+def test_the_model_of_another_family_is_marked_as_undriven() -> None:
+    """XL320: its control table has another layout (dxl/x/xl320)."""
     undriven = {each.stem for each in EVERY if each.facts.undriven}
-    assert undriven == {each.stem for each in EVERY if each.stem.startswith(("ym", "xl320"))}
+    assert undriven == {each.stem for each in EVERY if each.stem == "xl320"}

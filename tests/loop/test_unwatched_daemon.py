@@ -19,11 +19,11 @@ def test_an_arm_is_armed_moved_and_keeps_its_goal_when_the_daemon_dies(
     rig: Rig = make_rig(arm_of(tmp_path, KIND, device, ACCEPTED))
     rig.arm()
     ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [0.7, 1.2]))
-    rig.seconds(1.5)
+    rig.seconds(0.5)
     assert [reply.error for reply in rig.replies(ticket)][:1] == [None], rig.replies(ticket)
     elbow = rig.names.index("elbow")
-    assert abs(rig.truth[elbow] + 0.5) < 0.05
     here = rig.truth[elbow]
+    assert -0.45 < here < -0.1, "in the middle of a motion"
     rig.clock.sleep_until(rig.clock.now() + 2.0)  # nobody writes or reads
     rig.virtual["main"].advance(rig.clock.now())
     states = rig.virtual["main"].truth(rig.clock.now())

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.derived_arm import arm_of
+from twind.config.robot_file import load_robot
+from twind_drivers.bus import IdentifiedDevice
 
 GAINS = "gains: {p: 6283185, i: 0, d: 9090}"
 
@@ -28,3 +30,19 @@ def test_an_arm_is_armed_moved_stopped_by_its_watchdogs_and_armed_again(
     rig.seconds(1.0)
     assert rig.events("WATCHDOG_TRIPPED"), [event.code for event in rig.events()]
     assert not rig.events("SERVO_ALERT")
+
+
+def test_another_model_and_another_gear_ratio_are_refused(tmp_path: Path) -> None:
+    robot = load_robot(arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS))
+    joint = robot.joints[0]
+    fine = {"operating_mode": 3, "homing_offset": 0, "drive_mode": 0}
+    geared = {"electronic_gearratio_numerator": 99, "electronic_gearratio_denominator": 1}
+
+    def unfit(model: str, settings: dict[str, int]) -> str:
+        return "; ".join(joint.type.unfit(joint, IdentifiedDevice(1, 4030, model, 1, settings)))
+
+    assert unfit("YM070-210-R099", fine | geared) == ""
+    assert "is YM080-230-R099" in unfit("YM080-230-R099", fine | geared)
+    assert "electronic gear ratio (96, 100) is 1/1: write 99" in unfit(
+        "YM070-210-R099", fine | dict.fromkeys(geared, 1)
+    )

@@ -178,7 +178,9 @@ class DynamixelSlowRegisters:
             places = np.array([self._index[ids[row]] for row in rows], np.intp)
             own = data if len(rows) == len(ids) else data[rows]
             for part in plan.parts:
-                raw = own[:, part.first] if part.last - part.first == 1 else _words(own[:, part.first :])
+                raw: NDArray[Any] = (
+                    own[:, part.first] if part.last - part.first == 1 else _words(own[:, part.first :])
+                )
                 if part.codes:
                     raw = CODES[raw]
                 part.store[places] = raw if part.unit == 1 else raw * part.unit

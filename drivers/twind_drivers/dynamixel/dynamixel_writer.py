@@ -250,21 +250,14 @@ class DynamixelWriter:
         yield from self._readback.verify_goals([row for row in goal if row[0] not in moved])
 
     def _restore_output(self, servos: tuple[ServoCommandSettings, ...]) -> Script[None]:
-        """Set goal PWM of modes 3 and 4 to its limit: it caps the force, and damping lowers it."""
+        """Set goal PWM of modes 3 and 4 to its limit: it caps the force, and damping lowers it.
+
+        Likewise goal current of models that it caps in these modes.
+        """
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
-        self._pwm |= yield from self._readback.words(free, lambda servo: servo.register_span("pwm_limit"))
-        pwm = rows(free, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(self._pwm[servo.id])))
-        if pwm:
-            yield GroupWriteBatch(writes(pwm))
-        yield from self._readback.verify("goal PWM", pwm)
+        self._pwm |= yield from self._readback.raise_cap(free, "PWM")
         capped = [servo for servo in free if servo.table.facts.caps_current]
-        most = yield from self._readback.words(capped, lambda servo: servo.register_span("current_limit"))
-        current = rows(
-            capped, lambda servo: (servo.register_span("goal_current"), _encode_uint16(most[servo.id]))
-        )
-        if current:
-            yield GroupWriteBatch(writes(current))
-        yield from self._readback.verify("goal current", current)
+        yield from self._readback.raise_cap(capped, "current")
 
     def _require_modes(self, servos: tuple[ServoCommandSettings, ...]) -> Script[None]:
         """Require the operating modes of this writer; read the limit registers that bound its goals."""

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Iterable, Sequence
 
-from twind_drivers.bus import DeviceRefused, Script
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, Script
 from twind_drivers.dynamixel.device_layout import RegisterBlock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
-from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSettings, groups, rows
+from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSettings, groups, rows, writes
 from twind_drivers.dynamixel.write_diagnosis import explain
 
 
@@ -25,6 +25,22 @@ class ServoReadback:
             data = yield from self._reader.collect(tuple(wanted), block.address, block.size)
             found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
         return found
+
+    def raise_cap(self, servos: Sequence[ServoCommandSettings], kind: str) -> Script[dict[int, int]]:
+        """Set goal `PWM` or `current` to its limit register, read it back. Return the limits by id."""
+        key = kind.lower()
+        most = yield from self.words(servos, lambda servo: servo.register_span(f"{key}_limit"))
+        goals = rows(
+            servos,
+            lambda servo: (
+                servo.register_span(f"goal_{key}"),
+                most[servo.id].to_bytes(2, "little", signed=True),
+            ),
+        )
+        if goals:
+            yield GroupWriteBatch(writes(goals))
+        yield from self.verify(f"goal {kind}", goals)
+        return most
 
     def verify_goals(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
         """Check each kind of goal by its name. Raises DeviceRefused for the first that differs."""

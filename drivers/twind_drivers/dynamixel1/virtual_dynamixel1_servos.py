@@ -185,13 +185,14 @@ class VirtualDynamixel1Servos:
 
     def encoder(self, row: int, count: float) -> float:
         """Return the place of the shaft at which the position register shows `count`."""
-        turn = self.turn[row]
+        turn: float = self.turn[row]
         return count + turn * (float(self.muscles.position[row]) // turn)
 
     def shown(self, row: int) -> int:
         """Return the count that the position register shows: one turn, at most the largest count."""
-        count = round(float(self.muscles.position[row])) % round(self.turn[row])
-        return min(count, self.models[row].counts - 1)
+        count: int = round(float(self.muscles.position[row])) % round(self.turn[row])
+        last: int = self.models[row].counts - 1
+        return min(count, last)
 
     # ------------------------------------------------------------------------------- time
 

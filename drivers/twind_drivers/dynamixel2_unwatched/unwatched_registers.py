@@ -7,6 +7,7 @@ a PRO -R are two's complement.
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -135,12 +136,17 @@ def _xl320() -> UnwatchedLayout:
 
 
 def _pro_r() -> UnwatchedLayout:
-    fields = {"names": ["position", "velocity", "effort"], "formats": ["<i4", "<i4", "<i2"]}
+    fields: Any = {
+        "names": ["position", "velocity", "effort"],
+        "formats": ["<i4", "<i4", "<i2"],
+        "offsets": [0, 4, 10],
+        "itemsize": 12,
+    }
     return UnwatchedLayout(
         table=RegisterTable("a PRO -R", parse_registers(_PRO_R, 562)),
         settings=((0, 49), (562, 64), (890, 3)),
         slow=((562, 64), (892, 1)),
-        row=np.dtype({**fields, "offsets": [0, 4, 10], "itemsize": 12}),
+        row=np.dtype(fields),
         start=611,
         wider=tuple((0, size) for size in range(13, 23)),
         limit="goal_torque",

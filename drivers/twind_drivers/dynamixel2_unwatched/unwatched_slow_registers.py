@@ -69,7 +69,8 @@ class UnwatchedSlowRegisters(SlowRegisterSlices):
         limit = self._column(query, data, "torque_limit")
         if torque is None or limit is None:
             return np.zeros(len(data), np.bool_)
-        return (torque == 1) & (limit == 0)
+        off: Bools = (torque == 1) & (limit == 0)
+        return off
 
     def _column(self, query: ReadRequest, data: Octets, name: str) -> Ints | None:
         """Return a register of one or two bytes of each row; None: it is not in the block."""

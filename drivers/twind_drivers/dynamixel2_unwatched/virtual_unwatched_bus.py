@@ -88,7 +88,7 @@ class VirtualUnwatchedBus(ChecksumBus):
                 for row in self._rows(data[place], at):
                     self.servos.write(row, address, data[place + 1 : place + 1 + size])
             return
-        needed = {Instruction.PING: 0, Instruction.READ: 1}.get(Instruction(code) if code > 0 else 2, 2)
+        needed = 0 if code == Instruction.PING else 1 if code == Instruction.READ else 2
         replies = []
         for row in self._rows(packet.id, at):
             told = self.servos.get(row, "status_return_level") >= needed

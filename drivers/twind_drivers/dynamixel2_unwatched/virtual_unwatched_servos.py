@@ -14,7 +14,7 @@ import numpy as np
 from twind_drivers.dynamixel.packet import StatusErrorCode
 from twind_drivers.dynamixel1.virtual_dynamixel1_servos import FULL, VirtualDynamixel1Servos
 from twind_drivers.dynamixel2_unwatched.unwatched_identification import kind_of
-from twind_drivers.dynamixel2_unwatched.unwatched_models import model
+from twind_drivers.dynamixel2_unwatched.unwatched_models import UnwatchedModel, model
 from twind_drivers.dynamixel2_unwatched.unwatched_registers import UnwatchedLayout, layout_of
 from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
 from twind_drivers.virtual.servo_physics import AMPERE
@@ -145,7 +145,7 @@ class VirtualUnwatchedServos(VirtualDynamixel1Servos):
 
     def _wrap(self, row: int) -> float:
         """Return the turn (counts) that the shaft is in: a PRO -R counts from -half to half of a turn."""
-        own = self.models[row]
+        own: UnwatchedModel = self.models[row]
         return own.turn * floor((float(self.muscles.position[row]) - own.lowest) / own.turn)
 
     def encoder(self, row: int, count: float) -> float:
@@ -154,7 +154,7 @@ class VirtualUnwatchedServos(VirtualDynamixel1Servos):
 
     def shown(self, row: int) -> int:
         """Return the count that the position register shows."""
-        own = self.models[row]
+        own: UnwatchedModel = self.models[row]
         count = round(float(self.muscles.position[row]) - self._wrap(row))
         return min(count, own.highest) + self.get(row, "homing_offset")
 

@@ -47,7 +47,10 @@ class RegisterReader(Protocol):
     registers: SlowRegisterValues
     watchdog: HostWatchdog
     codec: LineCodec
-    slow: SlowRegisterSlices
+
+    @property
+    def slow(self) -> SlowRegisterSlices:
+        """Slow registers and their schedule."""
 
     @property
     def tables(self) -> Mapping[int, RegisterTable]:

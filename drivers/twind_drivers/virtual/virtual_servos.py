@@ -34,6 +34,7 @@ REFRESH = 0.001  # s between two refreshes of the present registers
 CHECK = 0.1  # s between two checks of supply, heat and load
 SAGGED = 0.005  # share of the nominal voltage by which a changed supply changes the motors
 WATCHDOG_UNIT = 0.02  # s, register 98
+TRIPPED = 255  # what register 98 reads then (-1)
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
 
 
@@ -93,7 +94,9 @@ class VirtualServos:
         self.shift = self.power.shift
         count = len(specs)
         # a tripped watchdog of 2 bytes reads -1, too
-        self._tripped_word = np.array([256 ** each["bus_watchdog"].size - 1 for each in tables])
+        self._tripped_word = np.array(
+            [TRIPPED if each["bus_watchdog"].size == 1 else 0xFFFF for each in tables]
+        )
         self._coded = np.array([each["hardware_error_status"].rule.codes is not None for each in tables])
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
         # shut: by a hardware error, until reboot; silenced: connector pulled, it receives and sends nothing
@@ -314,6 +317,7 @@ class VirtualServos:
         self.tripped[row] = False
         if self._coded[row] and self["hardware_error_status"][row] == WATCHDOG:
             self.registers.put("hardware_error_status", 0, row)
+            self.alert[row] = 0
 
     def _inject_code(self, row: int, code: int) -> None:
         """Raise an error of a Y by its code: without torque until a restart. 0: nothing."""

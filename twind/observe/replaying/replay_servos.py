@@ -172,7 +172,7 @@ class ReplayServos(VirtualServos):
                 self._read(row, turn)
             case told.CHANGED:
                 self._put(row, turn.address, turn.data)
-                self.tripped[row] = self["bus_watchdog"][row] == TRIPPED
+                self.tripped[row] = self["bus_watchdog"][row] & 0xFF == TRIPPED
                 self.invalidate_cache()
             case told.DAMAGED:
                 self.inject_error(row, turn.data[0])
