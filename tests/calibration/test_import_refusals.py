@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.model_files import DATA, copied_models, read_here
+from twind.exceptions import InvalidInput
 from twind_calibration.model_import import import_model as entry
 from twind_calibration.model_import.bounded_process import ProcessBounds
 from twind_calibration.model_import.import_model import import_model
-from twind_calibration.model_import.imported_model import ImportRefused
 
 LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
 BOMB = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
@@ -152,7 +152,7 @@ def changed(tmp_path: Path, old: str, new: str, name: str = "arm.urdf") -> Path:
 
 
 def refusal_of(path: Path, tmp_path: Path, **given: object) -> str:
-    with pytest.raises(ImportRefused) as caught:
+    with pytest.raises(InvalidInput) as caught:
         read_here(path, tmp_path / "new", **given)
     assert not (tmp_path / "new").exists()
     message = str(caught.value)
@@ -204,7 +204,7 @@ def test_a_mesh_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     path = copied_models(tmp_path) / "arm.urdf"
     read_here(path, tmp_path / "out")
-    with pytest.raises(ImportRefused, match=r"out/arm.xml: the file exists; name another folder"):
+    with pytest.raises(InvalidInput, match=r"out/arm.xml: the file exists; name another folder"):
         read_here(path, tmp_path / "out")
 
 
@@ -213,7 +213,7 @@ def test_an_import_that_takes_too_long_or_too_much_memory_ends(
 ) -> None:
     path = copied_models(tmp_path) / "arm.urdf"
     monkeypatch.setattr(entry, "BOUNDS", ProcessBounds(seconds=0, memory=4096, output=1))
-    with pytest.raises(ImportRefused, match=r"arm.urdf: takes more than 0 s; make it smaller"):
+    with pytest.raises(InvalidInput, match=r"arm.urdf: takes more than 0 s; make it smaller"):
         import_model(path, tmp_path / "new")
 
 
@@ -236,7 +236,7 @@ def test_a_mutated_file_is_refused_or_becomes_a_model_that_compiles(
     path.write_text(text)
     try:
         model = read_here(path, folder / "new")
-    except ImportRefused as error:
+    except InvalidInput as error:
         message = str(error)
     else:
         message = ""

@@ -7,9 +7,9 @@ import pytest
 import xacro
 
 from tests.support.model_files import copied_models, read_here
+from twind.exceptions import InvalidInput
 from twind_calibration.model_import import xacro_expansion
 from twind_calibration.model_import.bounded_process import ProcessBounds
-from twind_calibration.model_import.imported_model import ImportRefused
 from twind_calibration.model_import.package_paths import PackagePaths
 from twind_calibration.model_import.xacro_child import XacroExpansion
 from twind_calibration.model_import.xacro_expressions import evaluate
@@ -54,7 +54,7 @@ def test_expressions_that_describe_a_robot_are_evaluated(text: str, value: objec
     ],
 )
 def test_expressions_that_reach_into_python_are_refused(text: str) -> None:
-    with pytest.raises(ImportRefused, match=r"not evaluated|at most 10000"):
+    with pytest.raises(InvalidInput, match=r"not evaluated|at most 10000"):
         evaluate(text, {"x": 3, "str": str})
 
 
@@ -145,7 +145,7 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
 
 
 def refusal_of(path: Path, tmp_path: Path) -> str:
-    with pytest.raises(ImportRefused) as caught:
+    with pytest.raises(InvalidInput) as caught:
         read_here(path, tmp_path / "new")
     message = str(caught.value)
     assert "\n" not in message

@@ -24,6 +24,7 @@ FOREIGN = "the library has no code for it: its own text, not ours"
 SHOWN = "a text for people becomes another one: nothing depends on its words"
 ALLOWED = {
     ("twind/bridge/zenoh/zenoh_session.py", "_words"): SHOWN,
+    ("calibration/twind_calibration/model_import/xacro_child.py", "_where"): FOREIGN,
     ("twind/front/flight_folder.py", "write"): "a name of the flight recorder's own, not a sentence",
     ("twind/doctor/robot_files.py", "check_model"): SHOWN,
     ("drivers/twind_drivers/can/can_bringup.py", "_warn"): SHOWN,

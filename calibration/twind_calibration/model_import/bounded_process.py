@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind.exceptions import InvalidInput
+from twind_calibration.model_import.imported_model import import_refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ def call_module(
 ) -> Any:
     """Answer of a module to a request, which `read_request` reads there.
 
-    Raises ImportRefused: the module refused, or did not answer a request about `file`.
+    Raises InvalidInput: the module refused, or did not answer a request about `file`.
 
     `environment`: of the process; None: as this one. The current folder is not on its path.
     """
@@ -59,12 +60,12 @@ def call_module(
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            raise ImportRefused(f"takes more than {bounds.seconds} s; make it smaller", where=file) from None
+            raise import_refused(f"takes more than {bounds.seconds} s; make it smaller", where=file) from None
         if done.returncode == 0:
             answer.seek(0)
             return _checked(json.loads(answer.read()))
         errors.seek(0)
-        raise ImportRefused(_reason(done.returncode, bounds, errors.read(1 << 20)), where=file)
+        raise import_refused(_reason(done.returncode, bounds, errors.read(1 << 20)), where=file)
 
 
 def read_request() -> Any:
@@ -74,14 +75,14 @@ def read_request() -> Any:
     return request
 
 
-def refusal(error: ImportRefused) -> dict[str, Any]:
+def refusal(error: InvalidInput) -> dict[str, Any]:
     """Answer that `call_module` raises in its caller."""
     return {"refused": {"reason": error.reason, "where": error.where}}
 
 
 def _checked(answer: Any) -> Any:
     if "refused" in answer:
-        raise ImportRefused(answer["refused"]["reason"], where=answer["refused"]["where"])
+        raise import_refused(answer["refused"]["reason"], where=answer["refused"]["where"])
     return answer
 
 

@@ -13,7 +13,7 @@ import msgspec
 
 from twind.command_line.extras import how_to_add
 from twind_calibration.model_import.bounded_process import ProcessBounds, call_module
-from twind_calibration.model_import.imported_model import ImportedModel, ImportRefused
+from twind_calibration.model_import.imported_model import ImportedModel, import_refused
 
 BOUNDS = ProcessBounds(seconds=120, memory=4096, output=64)
 WORKER = "twind_calibration.model_import.import_worker"
@@ -33,11 +33,11 @@ def import_model(
 
     `floating`: whether the base has a free joint; None: as in the file, where a URDF has none. `packages`:
     folders of ROS packages by name, searched first. `arguments`: values of `$(arg NAME)` in xacro.
-    Raises ImportRefused: the message is one line with file and place.
+    Raises InvalidInput: the message is one line with file and place.
     """
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        raise ImportRefused(
+        raise import_refused(
             f"a model import needs {', '.join(missing)}: {how_to_add('model')}", where=str(path)
         )
     request = {

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import msgspec
 
+from twind.exceptions import InvalidInput
 from twind_calibration.model_import.bounded_process import read_request, refusal
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.model_reading import read_model
 
 
@@ -25,10 +26,10 @@ def main() -> None:
             environment=os.environ,
         )
         answer: object = {"model": msgspec.to_builtins(model, enc_hook=str)}
-    except ImportRefused as error:
+    except InvalidInput as error:
         answer = refusal(error)
     except OSError as error:  # the folder cannot be written
-        answer = refusal(ImportRefused(f"{error.strerror}; name another folder", where=str(error.filename)))
+        answer = refusal(import_refused(f"{error.strerror}; name another folder", where=str(error.filename)))
     sys.stdout.write(json.dumps(answer))
 
 

@@ -10,11 +10,9 @@ from twind.exceptions import InvalidInput
 MAX_MESSAGE = 600  # characters of one message
 
 
-class ImportRefused(InvalidInput):
-    """A model that cannot be imported. The message is one line, `file:line:column: reason; remedy`."""
-
-    def __init__(self, reason: str, *, where: str = "") -> None:
-        super().__init__(" ".join(reason.split())[:MAX_MESSAGE], where=where)
+def import_refused(reason: str, *, where: str = "") -> InvalidInput:
+    """Return the error of a model that cannot be imported: one line, `file:line:column: reason; remedy`."""
+    return InvalidInput(" ".join(reason.split())[:MAX_MESSAGE], where=where)
 
 
 @dataclass(frozen=True, slots=True)

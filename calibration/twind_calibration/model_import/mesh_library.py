@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_calibration.model_import.imported_model import ImportRefused, RemarkList
+from twind_calibration.model_import.imported_model import RemarkList, import_refused
 from twind_calibration.model_import.package_paths import PackagePaths
 from twind_calibration.model_import.xml_tree import parse_xml, read_bytes
 
@@ -67,7 +67,7 @@ class MeshLibrary:
     _names: dict[tuple[Path, tuple[float, ...]], str] = field(default_factory=dict)
 
     def add(self, reference: str, scale: tuple[float, ...], place: str) -> str:
-        """Read a mesh and return its name in the model. Raises ImportRefused."""
+        """Read a mesh and return its name in the model. Raises InvalidInput."""
         path = self.paths.resolve(reference, place)
         if (path, scale) not in self._names:
             vertices = load_vertices(path, place) * np.array(scale)
@@ -79,7 +79,7 @@ class MeshLibrary:
         size = float(np.ptp(vertices, axis=0).max())
         if not size <= MAX_SIZE:
             remedy = "write its scale, 0.001 0.001 0.001 if it is in millimetres"
-            raise ImportRefused(
+            raise import_refused(
                 f"mesh {shown}: {size:.4g} m long, at most {MAX_SIZE:g} m; {remedy}", where=place
             )
         hull = convex_hull(vertices, shown, place)
@@ -88,7 +88,7 @@ class MeshLibrary:
             text = f"stands up to {deviation * 1e3:.1f} mm out of its hull of {len(hull.corners)} corners"
             self.remarks.add(place, f"mesh {shown} {text}")
         stem = re.sub(r"[^A-Za-z0-9_-]", "_", stem)[:60] or "mesh"
-        name = next(name for name in _numbered(stem) if name not in self.hulls)
+        name: str = next(name for name in _numbered(stem) if name not in self.hulls)
         self.hulls[name] = hull
         return name
 
@@ -108,13 +108,13 @@ def _numbered(stem: str) -> Any:
 
 
 def load_vertices(path: Path, place: str) -> Vertices:
-    """Vertices of a mesh file in its own frame, m. Raises ImportRefused."""
+    """Vertices of a mesh file in its own frame, m. Raises InvalidInput."""
     import trimesh
 
     kind = path.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         known = ", ".join(FORMATS)
-        raise ImportRefused(f"mesh {path}: format {kind!r} is not read; convert it to {known}", where=place)
+        raise import_refused(f"mesh {path}: format {kind!r} is not read; convert it to {known}", where=place)
     data = read_bytes(path, MAX_FILE, place)
     if kind == "dae":
         parse_xml(data, str(path))  # refuses entities
@@ -126,14 +126,14 @@ def load_vertices(path: Path, place: str) -> Vertices:
         raise
     except Exception as error:  # noqa: BLE001 - of a reader of five formats, any error means a bad file
         reason = f"not readable: {type(error).__name__}: {error}"
-        raise ImportRefused(f"mesh {path}: {reason}; export it again", where=place) from None
+        raise import_refused(f"mesh {path}: {reason}; export it again", where=place) from None
     if sum(faces for _, faces in parts) > MAX_FACES:
         faces = sum(faces for _, faces in parts)
-        raise ImportRefused(f"mesh {path}: {faces} faces, at most {MAX_FACES}; decimate it", where=place)
+        raise import_refused(f"mesh {path}: {faces} faces, at most {MAX_FACES}; decimate it", where=place)
     vertices = np.concatenate([each for each, _ in parts]) if parts else np.zeros((0, 3))
     if len(vertices) < 4 or not np.isfinite(vertices).all():
         reason = f"{len(vertices)} vertices, at least 4 finite ones are needed"
-        raise ImportRefused(f"mesh {path}: {reason}; export it again", where=place)
+        raise import_refused(f"mesh {path}: {reason}; export it again", where=place)
     return vertices
 
 
@@ -149,7 +149,7 @@ def _placed(scene: Any, node: str) -> tuple[Vertices, int]:
 
 
 def convex_hull(vertices: Vertices, shown: str, place: str) -> MeshHull:
-    """Hull of at most `MAX_VERTICES` corners. Raises ImportRefused for a flat mesh."""
+    """Hull of at most `MAX_VERTICES` corners. Raises InvalidInput for a flat mesh."""
     spec = mujoco.MjSpec()
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # as float32, corners far off would move
     spec.add_mesh(name="m", uservert=(vertices - centre).astype(np.float32).ravel(), maxhullvert=MAX_VERTICES)
@@ -158,7 +158,7 @@ def convex_hull(vertices: Vertices, shown: str, place: str) -> MeshHull:
     except ValueError as error:
         reason = f"no convex hull: {str(error).splitlines()[0][:200]}"
         remedy = "a flat mesh has no volume, write a <box>"
-        raise ImportRefused(f"mesh {shown}: {reason}; {remedy}", where=place) from None
+        raise import_refused(f"mesh {shown}: {reason}; {remedy}", where=place) from None
     return MeshHull(*_hull_of(model, centre))
 
 

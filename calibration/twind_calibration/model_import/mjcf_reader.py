@@ -11,7 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind_calibration.model_import.imported_model import ImportRefused, RemarkList
+from twind.exceptions import InvalidInput
+from twind_calibration.model_import.imported_model import RemarkList
 from twind_calibration.model_import.mesh_library import MAX_FILE, MeshLibrary
 from twind_calibration.model_import.urdf_checks import LARGEST_ANGLE
 from twind_calibration.model_import.xml_tree import XmlElement, read_xml
@@ -22,7 +23,7 @@ FILES = ("mesh", "hfield", "texture", "skin")  # elements of `<asset>` and `<def
 
 
 def mjcf_elements(root: XmlElement, path: Path) -> list[XmlElement]:
-    """All elements of a file and of those that it includes. Raises ImportRefused."""
+    """All elements of a file and of those that it includes. Raises InvalidInput."""
     found: list[XmlElement] = []
     waiting = [root]
     files = 0
@@ -43,7 +44,7 @@ def mjcf_elements(root: XmlElement, path: Path) -> list[XmlElement]:
 def read_mjcf(
     path: Path, elements: list[XmlElement], meshes: MeshLibrary, remarks: RemarkList
 ) -> mujoco.MjSpec:
-    """Spec of a file. Raises ImportRefused; ValueError: MuJoCo cannot read it."""
+    """Spec of a file. Raises InvalidInput; ValueError: MuJoCo cannot read it."""
     spec = mujoco.MjSpec.from_file(str(path))
     model = spec.compile()
     _check_units(elements, model)
@@ -79,7 +80,7 @@ def fix_inertia(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 def _included(element: XmlElement, path: Path) -> XmlElement:
     try:
         return read_xml(path.parent / element.required("file"))
-    except ImportRefused as error:
+    except InvalidInput as error:
         if error.where:
             raise
         raise element.refused(error.reason) from None

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from twind.twin.pinning import exclude_children, free_joints, pin
-from twind_calibration.model_import.imported_model import ImportRefused, RemarkList
+from twind_calibration.model_import.imported_model import RemarkList, import_refused
 from twind_calibration.model_import.mjcf_reader import fix_inertia
 
 HELD = 50.0  # kp in units of the largest gravity torque: a joint sags by at most 1 / 50 rad
@@ -22,7 +22,7 @@ SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def finish(spec: mujoco.MjSpec, file: str, floating: bool | None, remarks: RemarkList) -> str:
-    """Complete a spec; return the name of the base. Raises ImportRefused; ValueError: it does not compile."""
+    """Complete a spec; return the name of the base. Raises InvalidInput; ValueError: it does not compile."""
     spec.compiler.fusestatic = False
     fix_inertia(spec, spec.compile())
     base = _base(spec, file)
@@ -41,8 +41,10 @@ def _base(spec: mujoco.MjSpec, file: str) -> Any:
     names = ", ".join(body.name or "unnamed" for body in carrying[:8])
     if carrying:
         reason = f"{len(carrying)} root bodies carry joints: {names}; put them into one body"
-        raise ImportRefused(reason, where=file)
-    raise ImportRefused("no joint that turns: 0 hinges, at least 1 is needed; is this the robot?", where=file)
+        raise import_refused(reason, where=file)
+    raise import_refused(
+        "no joint that turns: 0 hinges, at least 1 is needed; is this the robot?", where=file
+    )
 
 
 def _hinges(body: Any) -> list[Any]:
@@ -71,7 +73,7 @@ def _support(spec: mujoco.MjSpec, base: Any, floating: bool | None, remarks: Rem
     elif floating and not has_free:
         if base.joints:
             names = ", ".join(joint.name for joint in base.joints)
-            raise ImportRefused(
+            raise import_refused(
                 f"base {base.name!r} cannot float: joints {names} hold it; remove them", where=file
             )
         base.add_freejoint(name=_unused(spec, "floating_base"))

@@ -9,13 +9,14 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind_calibration.model_import.imported_model import (
     HardwareSystem,
     ImportedJoint,
     ImportedModel,
-    ImportRefused,
     JointMimic,
     RemarkList,
+    import_refused,
 )
 from twind_calibration.model_import.mesh_library import MeshLibrary
 from twind_calibration.model_import.mjcf_reader import mjcf_elements, named_places, read_mjcf
@@ -56,7 +57,7 @@ def read_model(
     arguments: Mapping[str, str],
     environment: Mapping[str, str],
 ) -> ImportedModel:
-    """Import as `import_model` does. Raises ImportRefused, OSError: `folder` cannot be written."""
+    """Import as `import_model` does. Raises InvalidInput, OSError: `folder` cannot be written."""
     remarks = RemarkList()
     paths = PackagePaths(path.parent, packages, environment)
     meshes = MeshLibrary(paths, remarks)
@@ -64,7 +65,7 @@ def read_model(
     if is_xacro(root, path):
         root = expand_xacro(path, paths, arguments)
     elif arguments:
-        raise ImportRefused(
+        raise import_refused(
             f"{', '.join(arguments)}: only a xacro file takes arguments; leave them out", where=str(path)
         )
     mujoco.set_mju_user_warning(
@@ -80,11 +81,11 @@ def read_model(
             raise root.refused(f"<{root.tag}> is not read; models are {known}")
         base = finish(spec, str(path), floating, remarks)
         file = write_model(spec, meshes, folder, source.name)
-    except ImportRefused:
+    except InvalidInput:
         raise
     except ValueError as error:
         text = " ".join(str(error).split())
-        raise ImportRefused(f"MuJoCo: {text}; correct it", where=_where(text, root, path)) from None
+        raise import_refused(f"MuJoCo: {text}; correct it", where=_where(text, root, path)) from None
     model = mujoco.MjModel.from_xml_path(str(file))
     return ImportedModel(
         name=source.name,

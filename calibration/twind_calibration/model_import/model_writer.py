@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.mesh_library import FOLDER, MeshLibrary
 
 PRINTED = 1e-4  # relative error of a number that MuJoCo printed
@@ -20,10 +20,10 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def write_model(spec: mujoco.MjSpec, meshes: MeshLibrary, folder: Path, name: str) -> Path:
-    """Write `folder/name.xml` and its meshes; return the path. Raises ImportRefused, OSError."""
+    """Write `folder/name.xml` and its meshes; return the path. Raises InvalidInput, OSError."""
     file = folder / f"{name}.xml"
     if file.exists():
-        raise ImportRefused("the file exists; name another folder or remove it", where=str(file))
+        raise import_refused("the file exists; name another folder or remove it", where=str(file))
     spec.modelname = name
     spec.compiler.meshdir = FOLDER
     model = spec.compile()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 
 # Environment variable: folder below each entry that holds packages.
 SEARCH_PATHS = {"ROS_PACKAGE_PATH": "", "AMENT_PREFIX_PATH": "share", "GAZEBO_MODEL_PATH": ""}
@@ -28,14 +28,14 @@ class PackagePaths:
     environment: Mapping[str, str]
 
     def find(self, package: str, where: str) -> Path:
-        """Folder of a package. Raises ImportRefused at the place `where`."""
+        """Folder of a package. Raises InvalidInput at the place `where`."""
         if _PACKAGE_NAME.fullmatch(package):
             for folder in self._candidates(package):
                 if folder.is_dir():
                     return folder.resolve()
         variables = ", ".join(SEARCH_PATHS)
         reason = f"package {package[:80]!r} is in no folder above the file and not in {variables}"
-        raise ImportRefused(f"{reason}; name its folder: {package[:80]}=FOLDER", where=where)
+        raise import_refused(f"{reason}; name its folder: {package[:80]}=FOLDER", where=where)
 
     def resolve(self, reference: str, where: str) -> Path:
         """Path of a file that a model refers to; it need not exist."""
@@ -46,12 +46,14 @@ class PackagePaths:
             return Path(unquote(rest.removeprefix("localhost")))
         if scheme not in ("package", "model"):
             schemes = "package://, model://, file://"
-            raise ImportRefused(f"{reference[:80]!r}: unknown scheme; write {schemes} or a path", where=where)
+            raise import_refused(
+                f"{reference[:80]!r}: unknown scheme; write {schemes} or a path", where=where
+            )
         package, _, path = rest.partition("/")
         folder = self.find(package, where)
         found = (folder / path).resolve()
         if not found.is_relative_to(folder):
-            raise ImportRefused(f"{reference[:80]!r} leads out of its package; write another", where=where)
+            raise import_refused(f"{reference[:80]!r} leads out of its package; write another", where=where)
         return found
 
     def own_folder(self) -> Path:

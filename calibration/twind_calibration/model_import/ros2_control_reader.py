@@ -19,7 +19,7 @@ Gear = tuple[float | None, float | None]  # reduction, offset
 
 
 def read_hardware(robot: XmlElement, remarks: RemarkList) -> tuple[HardwareSystem, ...]:
-    """All sections of a robot. Raises ImportRefused."""
+    """All sections of a robot. Raises InvalidInput."""
     gears = _gears(robot)
     return tuple(_system(section, gears, remarks) for section in robot.all("ros2_control"))
 

@@ -34,7 +34,7 @@ class UrdfRobot:
 
 
 def check_urdf(robot: XmlElement, remarks: RemarkList) -> UrdfRobot:
-    """Return the checked robot. Raises ImportRefused."""
+    """Return the checked robot. Raises InvalidInput."""
     name = robot.required("name")
     links = _named(robot, "link")
     joints = _named(robot, "joint")

@@ -26,7 +26,7 @@ COMPILER = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "
 
 
 def read_urdf(robot: UrdfRobot, meshes: MeshLibrary, remarks: RemarkList) -> mujoco.MjSpec:
-    """Spec of a checked robot. Raises ImportRefused; ValueError: MuJoCo cannot read it."""
+    """Spec of a checked robot. Raises InvalidInput; ValueError: MuJoCo cannot read it."""
     root = ElementTree.Element("robot", name=robot.name)
     ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", COMPILER)
     for name, link in robot.links.items():
@@ -100,10 +100,10 @@ def _write_joint(into: ElementTree.Element, joint: XmlElement) -> None:
     _copy_numbers(into, joint, "dynamics", ("damping", "friction"))
     mimic = joint.first("mimic")
     if mimic is not None:
-        values = {
-            key: repr(mimic.number(key, default)) for key, default in (("multiplier", 1.0), ("offset", 0.0))
-        }
-        ElementTree.SubElement(into, "mimic", joint=mimic.required("joint"), **values)
+        values = {"joint": mimic.required("joint")}
+        for key, default in (("multiplier", 1.0), ("offset", 0.0)):
+            values[key] = repr(mimic.number(key, default))
+        ElementTree.SubElement(into, "mimic", values)
 
 
 def _copy_numbers(into: ElementTree.Element, joint: XmlElement, tag: str, keys: tuple[str, ...]) -> None:

@@ -14,12 +14,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder
+from xml.parsers import expat
 
 import xacro
 import yaml  # noqa: F401 - `load_yaml` finds it loaded
 
+from twind.exceptions import InvalidInput
 from twind_calibration.model_import.bounded_process import read_request, refusal
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.package_paths import PackagePaths
 from twind_calibration.model_import.xacro_expressions import evaluate
 from twind_calibration.model_import.xml_tree import MAX_BYTES, PLACE, read_bytes
@@ -55,26 +57,26 @@ class XacroExpansion:
         sys.addaudithook(self.watch)
 
     def expand(self, arguments: Mapping[str, str]) -> str:
-        """Text of the expanded file. Raises ImportRefused."""
+        """Text of the expanded file. Raises InvalidInput."""
         try:
             return str(xacro.process_file(self._file, mappings=dict(arguments), verbosity=0).toxml())
         except RecursionError:
-            raise ImportRefused(
+            raise import_refused(
                 "macros or values refer to each other without end; open it", where=self._file
             ) from None
         except Exception as error:  # noqa: BLE001 - xacro raises what its expressions raise
             refused = self._cause(error)
             if refused is None:
                 reason = f"xacro: {str(error) or type(error).__name__}"
-                refused = ImportRefused(reason, where=self._where(str(error)))
-            raise ImportRefused(refused.reason, where=refused.where or self._where(refused.reason)) from None
+                refused = import_refused(reason, where=self._where(str(error)))
+            raise import_refused(refused.reason, where=refused.where or self._where(refused.reason)) from None
 
     def evaluate(self, text: str, symbols: Any, _locals: object = None) -> Any:
         """Value of one `${...}`."""
         try:
             return evaluate(text, symbols)
         except MemoryError:
-            raise ImportRefused(
+            raise import_refused(
                 f"${{{text[:80]}}} needs too much memory; make it smaller", where=self._file
             ) from None
         except Exception:
@@ -95,13 +97,13 @@ class XacroExpansion:
             case ["optenv", _, *default]:
                 return " ".join(default)
             case ["dirname"]:
-                return os.path.dirname(os.path.abspath(xacro.filestack[-1]))
+                return os.path.dirname(os.path.abspath(str(xacro.filestack[-1])))
         self._failed = text
         if words[:1] == ["arg"]:
             remedy = f"give it: {words[1]}=VALUE" if len(words) == 2 else "name one"
-            raise ImportRefused(f"{text[:80]}: this argument has no value; {remedy}")
+            raise import_refused(f"{text[:80]}: this argument has no value; {remedy}")
         allowed = "$(arg), $(find), $(dirname) and ${...} are; write those"
-        raise ImportRefused(f"{text[:80]} is not carried out: a file may not run or ask for this; {allowed}")
+        raise import_refused(f"{text[:80]} is not carried out: a file may not run or ask for this; {allowed}")
 
     def eval_all(self, node: Any, macros: Any, symbols: Any) -> None:
         """Expand below one element."""
@@ -112,21 +114,21 @@ class XacroExpansion:
         """Document of a file, its elements with their places."""
         where = self._where(os.path.basename(filename)) if self.sources else ""
         if len(xacro.filestack) > MAX_LEVELS:
-            raise ImportRefused(
+            raise import_refused(
                 f"{filename} is included more than {MAX_LEVELS} levels deep; open the cycle", where=where
             )
         if not self._is_within(filename, self._roots):
             remedy = "copy it there, or name its package"
-            raise ImportRefused(f"{filename} is outside the packages of this model; {remedy}", where=where)
+            raise import_refused(f"{filename} is outside the packages of this model; {remedy}", where=where)
         data = read_bytes(Path(filename), MAX_BYTES, where)
         if filename not in self.sources:
             self.sources.append(filename)
         builder = _PlacingBuilder(filename, self.sources.index(filename))
         try:
             return builder.parseString(data)
-        except expatbuilder.expat.ExpatError as error:
-            reason = f"no well-formed XML: {expatbuilder.expat.ErrorString(error.code)}; correct it here"
-            raise ImportRefused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
+        except expat.ExpatError as error:
+            reason = f"no well-formed XML: {expat.ErrorString(error.code)}; correct it here"
+            raise import_refused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
 
     def watch(self, event: str, details: tuple[Any, ...]) -> None:
         """Audit hook. Raises PermissionError for all but reading of permitted files."""
@@ -145,10 +147,10 @@ class XacroExpansion:
         real = os.path.realpath(path)
         return any(real == root or real.startswith(root.rstrip("/") + "/") for root in roots)
 
-    def _cause(self, error: BaseException) -> ImportRefused | None:
+    def _cause(self, error: BaseException) -> InvalidInput | None:
         """Refusal that xacro wrapped in its own error."""
         for _ in range(100):
-            if isinstance(error, ImportRefused):
+            if isinstance(error, InvalidInput):
                 return error
             inner = getattr(error, "exc", None) or error.__cause__ or error.__context__
             if not isinstance(inner, BaseException):
@@ -166,8 +168,8 @@ class XacroExpansion:
                 for number, line in enumerate(lines, 1):
                     if text in line:
                         return f"{name}:{number}:{line.index(text) + 1}"
-        number, _, place = self._place.partition(":")
-        return f"{self.sources[int(number)]}:{place}" if place else self._file
+        source, _, place = self._place.partition(":")
+        return f"{self.sources[int(source)]}:{place}" if place else self._file
 
 
 class _PlacingBuilder(expatbuilder.ExpatBuilderNS):
@@ -188,7 +190,7 @@ class _PlacingBuilder(expatbuilder.ExpatBuilderNS):
     def start_doctype_decl_handler(self, *_declaration: object) -> None:
         """Refuse a DOCTYPE, which could declare entities."""
         reason = "DOCTYPE and entities are not read; remove the declaration"
-        raise ImportRefused(reason, where=f"{self._source}:{self._line()}")
+        raise import_refused(reason, where=f"{self._source}:{self._line()}")
 
     def _line(self) -> str:
         parser = self.getParser()
@@ -204,7 +206,7 @@ def main() -> None:
     expansion.install()
     try:
         answer: object = {"xml": expansion.expand(request["arguments"]), "sources": expansion.sources}
-    except ImportRefused as error:
+    except InvalidInput as error:
         answer = refusal(error)
     sys.stdout.write(json.dumps(answer))
 

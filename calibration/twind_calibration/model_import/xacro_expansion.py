@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twind.command_line.extras import how_to_add
 from twind_calibration.model_import.bounded_process import ProcessBounds, call_module
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.package_paths import SEARCH_PATHS, PackagePaths
 from twind_calibration.model_import.xml_tree import XmlElement, parse_xml
 
@@ -20,9 +20,9 @@ def is_xacro(root: XmlElement, path: Path) -> bool:
 
 
 def expand_xacro(path: Path, paths: PackagePaths, arguments: Mapping[str, str]) -> XmlElement:
-    """Tree of the expanded file; places are those of the sources. Raises ImportRefused."""
+    """Tree of the expanded file; places are those of the sources. Raises InvalidInput."""
     if find_spec("xacro") is None:
-        raise ImportRefused(f"a xacro file needs the package xacro: {how_to_add('model')}", where=str(path))
+        raise import_refused(f"a xacro file needs the package xacro: {how_to_add('model')}", where=str(path))
     request = {
         "file": str(path),
         "arguments": dict(arguments),

@@ -7,7 +7,8 @@ import ast
 from collections.abc import Mapping
 from typing import Any
 
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind.exceptions import InvalidInput
+from twind_calibration.model_import.imported_model import import_refused
 
 MAX_LENGTH = 10_000
 PERMITTED = (
@@ -42,9 +43,9 @@ _ATTRIBUTE = "__attribute"
 
 
 def evaluate(text: str, symbols: Any) -> Any:
-    """Value of an expression. Raises ImportRefused for what is not permitted, else as Python does."""
+    """Value of an expression. Raises InvalidInput for what is not permitted, else as Python does."""
     if len(text) > MAX_LENGTH:
-        raise ImportRefused(f"expression of {len(text)} characters, at most {MAX_LENGTH}; split it")
+        raise import_refused(f"expression of {len(text)} characters, at most {MAX_LENGTH}; split it")
     tree = ast.parse(text.strip(), mode="eval")
     for node in ast.walk(tree):
         name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
@@ -78,5 +79,5 @@ def _attribute(text: str, value: Any, name: str) -> Any:
     )
 
 
-def _refused(text: str, thing: str, rule: str) -> ImportRefused:
-    return ImportRefused(f"${{{text[:80]}}}: {thing} is not evaluated: {rule}; write the value")
+def _refused(text: str, thing: str, rule: str) -> InvalidInput:
+    return import_refused(f"${{{text[:80]}}}: {thing} is not evaluated: {rule}; write the value")

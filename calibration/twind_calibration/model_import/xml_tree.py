@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
-from twind_calibration.model_import.imported_model import ImportRefused
+from twind_calibration.model_import.imported_model import import_refused
 
 MAX_BYTES = 8 << 20
 MAX_ELEMENTS = 100_000
@@ -45,9 +45,9 @@ class XmlElement:
             yield element
             waiting.extend(reversed(element.children))
 
-    def refused(self, reason: str) -> ImportRefused:
+    def refused(self, reason: str) -> InvalidInput:
         """Error at the place of this element."""
-        return ImportRefused(reason, where=self.place)
+        return import_refused(reason, where=self.place)
 
     def required(self, name: str) -> str:
         """Attribute that must be there and not be empty."""
@@ -76,18 +76,18 @@ class XmlElement:
 
 
 def read_bytes(path: Path, most: int, where: str) -> bytes:
-    """All of a file of at most `most` bytes. Raises ImportRefused at the place `where`."""
+    """All of a file of at most `most` bytes. Raises InvalidInput at the place `where`."""
     try:
         return read_plain(path, most)
     except InvalidInput as error:
-        raise ImportRefused(f"{path}: {error.reason}", where=where) from None
+        raise import_refused(f"{path}: {error.reason}", where=where) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no name of a file"
-        raise ImportRefused(f"{path}: {reason}; give the path of a file that exists", where=where) from None
+        raise import_refused(f"{path}: {reason}; give the path of a file that exists", where=where) from None
 
 
 def read_xml(path: Path) -> XmlElement:
-    """Tree of a file. Raises ImportRefused."""
+    """Tree of a file. Raises InvalidInput."""
     return parse_xml(read_bytes(path, MAX_BYTES, ""), str(path))
 
 
@@ -100,11 +100,11 @@ def parse_xml(data: bytes, file: str, sources: Sequence[str] = ()) -> XmlElement
         parser.Parse(data, True)
     except expat.ExpatError as error:
         reason = f"no well-formed XML: {expat.ErrorString(error.code)}; correct it here"
-        raise ImportRefused(reason, where=f"{file}:{error.lineno}:{error.offset + 1}") from None
-    except ImportRefused:
+        raise import_refused(reason, where=f"{file}:{error.lineno}:{error.offset + 1}") from None
+    except InvalidInput:
         raise
     except (LookupError, ValueError) as error:  # an encoding that Python does not have
-        raise ImportRefused(f"no readable XML: {error}; save it as UTF-8", where=file) from None
+        raise import_refused(f"no readable XML: {error}; save it as UTF-8", where=file) from None
     assert builder.root is not None  # expat has refused a document without an element
     return builder.root
 
@@ -133,7 +133,7 @@ class _TreeBuilder:
         self._count += 1
         if self._count > MAX_ELEMENTS or len(self._open) >= MAX_DEPTH:
             bounds = f"{MAX_ELEMENTS} elements, {MAX_DEPTH} levels"
-            raise ImportRefused(f"<{tag}>: larger than a robot: at most {bounds}; shorten it", where=place)
+            raise import_refused(f"<{tag}>: larger than a robot: at most {bounds}; shorten it", where=place)
         element = XmlElement(tag, attributes, place)
         if self._open:
             self._open[-1].children.append(element)
@@ -148,7 +148,7 @@ class _TreeBuilder:
         self._open[-1].text += data
 
     def _refuse_doctype(self, *_declaration: object) -> None:
-        raise ImportRefused("DOCTYPE and entities are not read; remove the declaration", where=self._here())
+        raise import_refused("DOCTYPE and entities are not read; remove the declaration", where=self._here())
 
     def _here(self) -> str:
         return f"{self._file}:{self._parser.CurrentLineNumber}:{self._parser.CurrentColumnNumber + 1}"
