@@ -21,7 +21,7 @@ from threading import Thread
 from typing import Any
 
 from tests.support.processes import PATIENCE, Daemon, Virtual, arm, robot, until
-from twind.client import CallError, Client, ClientError, Disconnected, NoDaemon, Refused
+from twind.client import CallError, Client, ClientError, Disconnected, NoDaemon
 
 ARM = Path("docs/examples/so101")
 # robot -> the joint that moves, its id
@@ -31,7 +31,8 @@ BRAKES = 0.05  # rad that a goal of 1.2 rad/s goes on while it brakes with 15 ra
 LATER = 0.02  # rad that the arm may move between the kill and the first look at it
 TICKS_PER_RAD = 4096 / 6.283185307179586
 LED = 0.05  # rad by which a goal leads a blocked joint at least
-FAST = 100.0  # counts/s of a joint that moves
+UNDERWAY = 5.0  # counts that a joint moves in 0.05 s at least
+LOWERINGS = 3  # starts of the fail-safe at most
 TRIES = 60
 COUNTS = 2  # that a joint may move where nothing may move
 PHASES = ("moving", "streaming", "blocked", "unplugged")
@@ -74,6 +75,7 @@ class UnwatchedKills:
 
     def __init__(self, virtual: Virtual, folder: Path, seed: int, joint: str, id: int) -> None:
         """`joint`, `id`: what moves."""
+        self.goes_on = True  # the client moves the joint again and again
         self.joint = joint
         self.id = id
         self.virtual = virtual
@@ -117,35 +119,35 @@ class UnwatchedKills:
         """Stream setpoints there and back at 1 rad/s, from where the joint is."""
         client.call("AcquireLease", take=True)
         joints = {each["name"]: each for each in client.call("GetStatus", joints=True)["joints"]}
-        began = time.monotonic() - 1.0 + max(-1.0, min(1.0, joints[self.joint]["position"]))
+        began = time.monotonic() - 1.0 + max(-1.0, min(1.0, joints[self.joint]["position"] or 0.0))
         while (passed := time.monotonic() - began) < 5.0:
             client.call("Setpoint", joint_names=[self.joint], positions=[abs(passed % 4.0 - 2.0) - 1.0])
             time.sleep(0.015)
 
     def _until_gone(self, move: Callable[[Client], None], client: Client) -> None:
-        """Move again and again until the daemon is gone; a busy machine that refuses is asked again."""
+        """Move until the daemon or the adapter is gone; a busy machine that refuses is asked again."""
         with suppress(Disconnected, NoDaemon):
-            while True:
+            while self.goes_on:
                 try:
                     move(client)
-                except Refused:
-                    self._recover(client)
+                except CallError:
+                    if self.goes_on:
+                        self._recover(client)
 
     def _recover(self, client: Client) -> None:
-        """Arm again where a busy machine has ended the motion with a fault."""
+        """Arm again where a busy machine has ended the motion with a fault, or has lowered the robot."""
         time.sleep(0.3)
-        with suppress(CallError):
-            if client.call("GetStatus")["status"]["faults"]:
-                client.call("AcquireLease", take=True)
-                client.call("Disarm")
-                client.call("Reset")
-                client.call("Arm")
+        if client.call("GetStatus")["status"]["state"] != "armed":
+            for method in ("AcquireLease", "Disarm", "Reset", "Arm"):
+                with suppress(CallError):
+                    client.call(method)
 
     def kill(self, phase: str) -> UnwatchedKill:
         """Reach the phase, kill at a random moment, look at the arm, start anew, look again."""
         kill = UnwatchedKill(phase, self.random.uniform(0.0, 1.5))
         with self.running.client() as client:
             arm(client, take=True)
+            self.goes_on = True
             move = self._stream if phase == "streaming" else self._swing
             worker = Thread(target=self._until_gone, args=(move, client))
             worker.start()
@@ -172,13 +174,19 @@ class UnwatchedKills:
 
     def _is_underway(self, phase: str) -> bool:
         """Return whether the joint moves now, or its goal leads the blocked joint."""
-        servo = next(each for each in self.virtual.servos() if each["id"] == self.id)
+        before = self._servo()
+        time.sleep(0.05)
+        servo = self._servo()
         led = abs(servo["goal"] - servo["position"]) / TICKS_PER_RAD
-        held = all(each["torque"] for each in self.virtual.servos())
-        return held and (led > LED if phase == "blocked" else abs(servo["velocity"]) > FAST)
+        moved = abs(servo["position"] - before["position"])
+        return bool(servo["torque"]) and (led > LED if phase == "blocked" else moved > UNDERWAY)
+
+    def _servo(self) -> dict[str, Any]:
+        return next(each for each in self.virtual.servos() if each["id"] == self.id)
 
     def _replug(self, kill: UnwatchedKill) -> None:
         """Unplug the adapter for a while; nothing moves further than its goal leads, nor at the replug."""
+        self.goes_on = False  # it would disarm
         self.virtual.order(fault="unplug", bus="main")
         self._came_to_rest(kill, self.virtual.servos())
         rest = self.places()
@@ -220,11 +228,17 @@ class UnwatchedKills:
         self.wait_identified()
 
     def lower(self) -> int:
-        """Kill the daemon and let the fail-safe take the arm over; its exit code."""
+        """Kill the daemon and let the fail-safe take the robot over; its exit code.
+
+        A busy machine may lose the last replies. Then it is started again.
+        """
         self.running.process.kill()
         self.running.process.wait(10)
         command = [sys.executable, "-m", "twind.cli", "--failsafe", *self.options]
-        code = subprocess.run(command, check=False, timeout=60).returncode
+        for _ in range(LOWERINGS):
+            if (code := subprocess.run(command, check=False, timeout=60).returncode) == 0:
+                break
+            print(f"fail-safe started again after exit code {code}")
         assert not any(servo["torque"] for servo in self.virtual.servos())
         return code
 
