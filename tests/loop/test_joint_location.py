@@ -107,8 +107,8 @@ def test_with_its_turn_known_it_arms_and_moves_from_end_to_end(waist: str, angle
         assert located(rig, angle + 0.1).error is None
         assert arms(rig) == []
         for place in (1.5, -1.5):
-            rig.submit(rig.path(WAIST, [place], [3.0]), more=True)
-            rig.seconds(3.3)
+            rig.submit(rig.path(WAIST, [place], [6.0]), more=True)
+            rig.seconds(6.5)
             assert rig.truth[rig.names.index(WAIST)] == pytest.approx(place, abs=NEAR)
         assert rig.loop.condition.latches == {}
 
