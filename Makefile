@@ -125,7 +125,7 @@ kills: $(VENV)/.ready
 	$(BIN)/python -m tests.support.sigkill_runs $(N) $(if $(SEED),--seed $(SEED))
 
 lead-kills: $(VENV)/.ready
-	$(BIN)/python -m tests.support.unwatched_kills $(N) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m tests.support.unwatched_kills $(N) $(if $(ROBOT),--robot $(ROBOT)) $(if $(SEED),--seed $(SEED))
 
 model: $(VENV)/.ready
 	$(BIN)/python -m tests.proof.model $(N) $(if $(SEED),--seed $(SEED))

@@ -20,6 +20,7 @@ from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_steps import STEPS
 from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_endstop_entry
+from twind_calibration.calibrating.turn_command import _turn
 
 ROBOT = load_robot("h24")
 MADE = make_spec(ROBOT)
@@ -89,12 +90,12 @@ def file(tmp_path: Path) -> Path:
     return save_calibration(FITTING, tmp_path, "one")
 
 
-def options(*words: str) -> argparse.Namespace:
+def options(*words: str, step: str = "endstop") -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--socket", default=None)
     parser.add_argument("--instance", default=None)
-    STEPS["endstop"].add_arguments(parser)
+    STEPS[step].add_arguments(parser)
     return parser.parse_args(words)
 
 
@@ -233,4 +234,34 @@ def test_a_negative_confirmation_moves_no_joint(file: Path, monkeypatch: pytest.
     daemon = Daemon(ROBOT, file, [0, 0])
     with pytest.raises(Rejected, match="nothing moved"):
         _endstop(options("head_yaw", "--side", "lower"), daemon)  # type: ignore[arg-type]
+    assert daemon.driven is None
+
+
+# ------------------------------------------------------------------------------- the turn alone
+
+
+def test_a_pose_or_an_endstop_tells_a_turn_and_writes_nothing(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = file.read_bytes()
+    daemon = Daemon(ROBOT, file, [0, 0])
+    by_pose = options("head_yaw", "l_knee", "--pose", "stand", "--at", "head_yaw=0.3", "--yes", step="turn")
+    assert _turn(by_pose, daemon) == DONE  # type: ignore[arg-type]
+    stands = {"joint_names": ["head_yaw", "l_knee"], "positions": [0.3, 0.6]}
+    assert ("LocateJoints", stands) in daemon.asked and daemon.driven is None
+    by_stop = options("head_yaw", "--endstop", "--side", "lower", "--yes", step="turn")
+    assert _turn(by_stop, daemon) == DONE  # type: ignore[arg-type]
+    assert daemon.driven == {"joint": "head_yaw", "side": "lower"}
+    assert "head_yaw: its turn is known, it stands at +0.000 rad" in capsys.readouterr().out
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [(("head_yaw",), "--pose NAME"), (("head_yaw", "l_knee", "--endstop"), "one joint at a time")],
+)
+def test_a_turn_without_a_stated_place_is_refused(file: Path, words: tuple[str, ...], why: str) -> None:
+    daemon = Daemon(ROBOT, file, [0, 0])
+    with pytest.raises(UsageError, match=why):
+        _turn(options(*words, "--yes", step="turn"), daemon)  # type: ignore[arg-type]
     assert daemon.driven is None

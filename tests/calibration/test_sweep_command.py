@@ -79,7 +79,7 @@ def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
     wide = replace(KNEE, joint=replace(KNEE.joint, stops=JointEndstops(-3.1, 3.1)))
     assert judge(wide, TURN - 1).is_acceptable
     judged = judge(wide, TURN)
-    assert "after a power-up its turn is unknown" in judged.wrong and not judged.wide
+    assert "which its goals reach after any power-up" in judged.wrong and not judged.wide
 
 
 def test_a_nan_range_is_refused() -> None:

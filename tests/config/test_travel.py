@@ -11,10 +11,11 @@ from twind.config.counts import tick_range
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
 from twind.config.travel import (
-    ASTRAY,
+    has_middle,
     is_long,
     longest_travel,
     most_turns,
+    slack,
     sweep_range,
     travel_refusal,
     zero_range,
@@ -34,12 +35,13 @@ def waist(
 
 
 def test_gears_of_a_waist_by_mode() -> None:
-    for ratio, long in ((1.0, False), (2.0, True), (2.5, True)):
+    for ratio, long in ((1.0, False), (2.0, True), (2.98, True), (10.0, True)):
         assert travel_refusal(waist(ratio)) is None
         assert is_long(waist(ratio)) == long
     assert travel_refusal(waist(1.0, "position")) is None
     assert "does not fit one turn of 4096" in (travel_refusal(waist(2.0, "position")) or "")
-    assert "no place would tell its turn: narrow limits_rad" in (travel_refusal(waist(3.0)) or "")
+    assert [has_middle(waist(ratio)) for ratio in (2.5, 2.98)] == [True, False]
+    assert "its goals reach on every turn" in (travel_refusal(waist(600.0)) or "")
     assert most_turns(JOINT.type, "position") == 1.0
     assert longest_travel(waist(1.0, "position")) == TURN - 1
 
@@ -49,22 +51,20 @@ def test_every_accepted_travel_has_a_zero_and_is_determined_in_its_middle(
     ratio: float, lower: float, span: float, off: int
 ) -> None:
     joint = waist(ratio, lower=lower, upper=lower + span)
-    if travel_refusal(joint) is not None:
-        assert span * ratio > 2.0, "a third of a turn fits"
-        return
+    assert travel_refusal(joint) is None
     zeros = zero_range(joint)
     assert zeros[0] <= zeros[1]
     for zero in zeros:
         first, last = tick_range(joint, zero, *sweep_range(joint))
         middle = (first + last) // 2
         assert 0 <= middle < TURN, "a servo that starts there reads a count of the calibration"
-        of = travel(first, last, round(ASTRAY * ratio * TURN / (2.0 * np.pi)))
+        of = travel(first, last, slack(joint))
         raw = np.array([middle + off * TURN])
         shift = chosen(raw, of)
         assert (raw + shift)[0] == middle
         assert is_long(joint) <= bool(of.ambiguous[0])
         if is_long(joint):
-            assert not unfit(raw, shift, of, np.array([False]))
+            assert (not unfit(raw, shift, of, np.array([False]))) == has_middle(joint)
 
 
 def travel(first: int, last: int, slack: int) -> MeasuredTravel:

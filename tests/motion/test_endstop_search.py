@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import nan
+from math import inf, nan
 
 import pytest
 from hypothesis import given
@@ -33,6 +33,7 @@ class Joint:
     fastest: float = 2000.0  # counts/s
     give: float = 0.0  # counts that the stop gives way with each touch
     load: float = 0.0  # raw effort along the way that something else pulls with
+    other: float = -inf  # along `way`: the other end of its travel
     effort: float = 0.0
 
     def follow(self, goal: float) -> None:
@@ -43,7 +44,7 @@ class Joint:
         step = max(-abs(error), min(abs(error), step)) if self.load == 0.0 else step
         wanted = self.place + step
         met = (wanted - self.stop) * self.way >= 0.0
-        self.place = self.stop if met else wanted
+        self.place = self.stop if met else self.way * max(self.other, self.way * wanted)
         self.effort = max(-self.cap, min(self.cap, self.gain * (goal - self.place)))
 
     def look(self, now: float) -> HomingSample:
@@ -85,6 +86,45 @@ def test_a_stop_is_found_so_often_wherever_it_begins(
     assert max(goal * way for goal in goals) <= end * way + 1e-6
     steps = [abs(b - a) for a, b in pairwise(goals)]
     assert max(steps) <= search.speed * TICK + 1e-6
+
+
+@given(
+    way=st.sampled_from((1, -1)),
+    travel=st.floats(1.02, 4.0),
+    start=st.floats(0.0, 1.0),
+    obstacle=st.one_of(st.just(0.0), st.floats(0.0, 0.9), st.integers(1, 3)),
+    nearer=st.integers(0, 3),
+)
+@examples(60)
+def test_over_turns_the_true_stop_is_found_or_none(
+    way: int, travel: float, start: float, obstacle: float, nearer: int
+) -> None:
+    """An obstacle that many turns before the stop, where the count looks the same, never passes for it."""
+    turn = 4096.0
+    margin = 0.2 * RAD
+    room = turn / 4
+    end = 5000.0 * way  # of the travel; the search may expect the stop turns further
+    away = travel * turn - turn + room + margin + SEARCH.back
+    search = replace(
+        SEARCH,
+        way=way,
+        expected=end + way * nearer * turn,
+        speed=1.0 * RAD,
+        turn=turn,
+        margin=margin,
+        away=away,
+    )
+    blocked = end * way - min(obstacle, travel - 0.05) * turn
+    other = end * way - travel * turn
+    joint = Joint(way * (other + start * (blocked - other)), way * blocked, way, other=other)
+    course = EndstopSearch(search, joint.place, 0.0)
+    run(course, joint, 600.0)
+    if obstacle == 0.0:
+        assert course.phase is HomingPhase.FOUND, course.failed
+    if course.phase is HomingPhase.FOUND:
+        assert obstacle * turn <= margin + 1.0
+        assert course.turns_off == -way * nearer * turn
+        assert abs(abs(joint.place - end) - away) <= search.back
 
 
 def test_the_search_starts_from_the_held_goal_and_not_from_the_reading() -> None:

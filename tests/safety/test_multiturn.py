@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
 from twind.robot.measured_travel import MeasuredTravel
-from twind.safety.multiturn import chosen, expected, inside, outside_travel, unfit
+from twind.safety.multiturn import KnownPlace, chosen, expected, inside, outside_travel, unfit
 
 WHOLE = 4096
 FIRST = 1500
@@ -74,7 +74,6 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
     if refusal_message(raw, of) == "":
         least = first - SLACK
         most = first + span + SLACK
-        assert span + 2 * SLACK < 2 * whole
         assert least <= count <= most
         assert not least <= count - whole <= most
         assert not least <= count + whole <= most
@@ -97,7 +96,7 @@ def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
 @pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
 def test_a_travel_that_leaves_no_unique_turn_is_refused_everywhere(raw: int) -> None:
     assert "is 4096 or more" in refusal_message(raw, turns(1500, 1500 + 4096, falls=True))
-    assert "is 8192 or more" in refusal_message(raw, turns(1500, 1500 + 2 * 4096 - 2 * SLACK))
+    assert "both fit its travel" in refusal_message(raw, turns(1500, 1500 + 2 * 4096 - 2 * SLACK))
 
 
 @given(st.integers(1, 2 * WHOLE), st.integers(-5 * WHOLE, 5 * WHOLE), st.data())
@@ -111,6 +110,23 @@ def test_a_long_travel_gives_the_true_count_or_none(span: int, first: int, data:
     middle = first + span // 2
     if span + 2 * SLACK < 2 * WHOLE - 2 and true == middle:
         assert refusal_message(raw, of) == "", "in its middle the turn is known"
+
+
+@given(st.integers(1, 9 * WHOLE), st.integers(-500, 500), st.integers(-9, 9), st.data())
+def test_a_known_place_gives_the_true_turn_or_none(
+    span: int, off: int, wound: int, data: st.DataObject
+) -> None:
+    of = turns(FIRST, FIRST + span)
+    true = data.draw(st.integers(FIRST, FIRST + span))
+    raw = true + wound * WHOLE
+    place = KnownPlace(true + off, WHOLE // 8, "an operator")
+    shift = np.array([place.shift(raw, WHOLE)])
+    assert raw + shift[0] == true
+    assert (place.contradiction(0, raw, WHOLE) is None) == (abs(off) <= WHOLE // 8)
+    on = np.array([False])
+    assert not unfit(np.array([raw]), shift, of, on, np.array([True]))
+    beyond = unfit(np.array([raw]), shift + (span // WHOLE + 2) * WHOLE, of, on, np.array([True]))
+    assert "neither that nor a turn beside it is in its travel" in beyond[0].message
 
 
 def test_a_waist_of_one_and_a_half_turns_is_known_in_its_middle_alone() -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+WAIST = "extended"  # the joint that is one in `waist_in`
 BODY = """\
 <mujoco model="arm">
   <compiler angle="radian" autolimits="true"/>
@@ -53,3 +54,16 @@ def arm_in(folder: Path) -> str:
     (folder / "arm.xml").write_text(BODY)
     (folder / "arm.yaml").write_text(ROBOT)
     return str(folder / "arm.yaml")
+
+
+def waist_in(folder: Path, ratio: float = 2.5, more: str = "") -> str:
+    """The robot file of the planar arm, its second joint a waist; `more`: keys of that joint."""
+    path = Path(arm_in(folder))
+    body = folder / "arm.xml"
+    body.write_text(body.read_text().replace('range="-1.1 1"', 'range="-1.7 1.7"'))
+    path.write_text(
+        path.read_text().replace(
+            "ratio: 1.5, limits_rad: [-0.9, 0.8]", f"ratio: {ratio:g}, limits_rad: [-1.57, 1.57]{more}"
+        )
+    )
+    return str(path)

@@ -33,7 +33,7 @@ class JointKeys(ConfigStruct, kw_only=True):
 
     limits_rad: tuple[float, float]
     """lower, upper | | accepted range, inclusive; at most one motor turn,
-    [in some modes](../calibration/README.md#more-than-a-turn) 1.37"""
+    [in some modes](../calibration/README.md#more-than-a-turn) more"""
     model_joint: Text | None = None
     """joint of the model | its own name |"""
     velocity_limit_rad_s: Speed = math.inf

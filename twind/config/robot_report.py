@@ -12,7 +12,7 @@ from twind.config.calibration_file import Calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.cycle_budget import budgets
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
-from twind.config.travel import is_long, travel_refusal
+from twind.config.travel import has_middle, is_long, travel_refusal
 
 HEADINGS = (
     "joint",
@@ -77,13 +77,18 @@ def _unfenced(robot: RobotFile) -> list[str]:
 
 def _long_travels(robot: RobotFile) -> list[str]:
     """Joints whose travel leaves one turn of their actuators, with the turns between their limits."""
-    named = [
-        f"{joint.name} ({(joint.span[1] - joint.span[0]) * joint.ratio / math.tau:.2f} turns)"
-        for joint in robot.joints
-        if is_long(joint)
-    ]
-    text = "travel beyond one turn, its turn determined after a power-up in the middle alone"
-    return [f"{text}: {', '.join(named)}"] if named else []
+    lines = []
+    for middle, by in ((True, "in the middle, else "), (False, "")):
+        named = [
+            f"{joint.name} ({(joint.span[1] - joint.span[0]) * joint.ratio / math.tau:.2f} turns)"
+            for joint in robot.joints
+            if is_long(joint) and has_middle(joint) == middle
+        ]
+        text = (
+            f"travel beyond one turn, its turn determined after a power-up {by}by `twindctl calibrate turn`"
+        )
+        lines += [f"{text}: {', '.join(named)}"] if named else []
+    return lines
 
 
 def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Travel of a joint in counts: does a sweep by hand fit the turns of its encoder?
 
-An actuator that reads one turn after a power-up, but takes goals beyond it, may travel almost two turns: in
-the middle of its travel only one turn fits. There its turn is determined (`twind/safety/multiturn.py`).
+An actuator that reads one turn after a power-up, but takes goals beyond it, may travel as far as its goals
+reach. `twind/safety/multiturn.py` determines its turn.
 """
 
 from twind.config.actuator_types import TypeSpec
@@ -11,13 +11,24 @@ from twind.config.robot_spec import JointSpec
 from twind.robot.measured_travel import ROOM
 
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
-MIDDLE = 0.125  # turns in the middle of a longer travel where only one turn fits, at least
 ASTRAY = 0.15  # rad, how far a limp joint may hang beyond its travel
 
 
 def most_turns(kind: TypeSpec, mode: str) -> float:
-    """Return the turns that limits of a joint may span in that mode of its actuator."""
-    return 2.0 - 2.0 / ROOM - MIDDLE if kind.winds and not kind.fenced(mode) else 1.0
+    """Return the turns that limits of a joint may span in that mode of its actuator.
+
+    It may start on any turn of its travel, so its goals must reach as far on either side of the first turn.
+    """
+    if not kind.winds or kind.fenced(mode):
+        return 1.0
+    least, most = kind.goals(mode, None)
+    return max(1.0, ((most - least) / kind.ticks_per_turn - 1.0) // 2.0)
+
+
+def has_middle(joint: JointSpec) -> bool:
+    """Return whether only one turn fits in the middle of the travel of a swept joint."""
+    low, high = tick_range(joint, 0, *sweep_range(joint))
+    return high - low < 2 * (joint.type.ticks_per_turn - max(slack(joint), joint.type.ticks_per_turn // ROOM))
 
 
 def sweep_range(joint: JointSpec) -> tuple[float, float]:
@@ -27,13 +38,15 @@ def sweep_range(joint: JointSpec) -> tuple[float, float]:
 
 
 def longest_travel(joint: JointSpec) -> int:
-    """Return the longest measured travel (ticks) after which a power-up leaves the turn known somewhere."""
+    """Return the longest measured travel (ticks) that the actuator can be sent through."""
     turn = joint.type.ticks_per_turn
     turns = most_turns(joint.type, joint.mode)
-    if turns <= 1.0:
-        return turn - 1
-    further = max(0.0, ASTRAY / abs(rad_per_tick(joint)) - turn / ROOM)
-    return int(turns * turn - 2.0 * further)
+    return turn - 1 if turns <= 1.0 else int(turns * turn)
+
+
+def slack(joint: JointSpec) -> int:
+    """Return the ticks that a limp joint may hang beyond its travel."""
+    return round(ASTRAY / abs(rad_per_tick(joint)))
 
 
 def zero_range(joint: JointSpec) -> tuple[int, int]:
@@ -58,8 +71,8 @@ def travel_refusal(joint: JointSpec) -> str | None:
         if high - low <= longest_travel(joint):
             return None
         return (
-            f"travel of {high - low} ticks with a sweep by hand exceeds {longest_travel(joint)} of its "
-            f"{turn} a turn: after a power-up no place would tell its turn: narrow limits_rad"
+            f"travel of {high - low} ticks with a sweep by hand exceeds {longest_travel(joint)}, which its "
+            "goals reach on every turn that it may start on: narrow limits_rad"
         )
     first, last = zero_range(joint)
     if first <= last:

@@ -153,6 +153,22 @@ def _find_stop(front: FrontServer, call: ClientCall) -> None:
         forward(front, call, link.FindStop, joint=joint, side=given["side"], more=call.more, **how)
 
 
+def _locate_joints(front: FrontServer, call: ClientCall) -> None:
+    names = call.parameters["joint_names"]
+    positions = call.parameters["positions"]
+    places = front.world.names.places
+    unknown = [name for name in names if name not in places]
+    if unknown:
+        _not_found(call, "joint", printable(unknown[0][:NAME]), front.world.names.joints)
+    elif not names or len(set(names)) != len(names):
+        call.invalid("joint_names", "no joint is named, or one twice")
+    elif len(positions) != len(names) or not all(map(isfinite, positions)):
+        call.invalid("positions", f"must be {len(names)} finite numbers, one for each joint")
+    else:
+        joints = [places[name] for name in names]
+        forward(front, call, link.LocateJoints, joints=joints, positions=positions)
+
+
 def _estop(front: FrontServer, call: ClientCall) -> None:
     level = call.parameters.get("level") or "settle"
     reason = call.parameters.get("reason") or ""
@@ -326,6 +342,7 @@ METHODS: dict[str, Method] = {
     "Arm": _arm,
     "EStop": _estop,
     "FindStop": _find_stop,
+    "LocateJoints": _locate_joints,
     "Check": partial(_trajectory, check_only=True),
     "SubmitTrajectory": partial(_trajectory, check_only=False),
     "Setpoint": _setpoint,

@@ -159,6 +159,13 @@ class FindStop(Command, frozen=True, kw_only=True):
     more: bool = False
 
 
+class LocateJoints(Command, frozen=True, kw_only=True):
+    """Choose the turns of joints that stand near these angles; only while calibrating. Reply: {positions}."""
+
+    joints: Sequence[int]
+    positions: Sequence[float]  # rad; of a joint of a transmission, that of its actuator
+
+
 class Annotation(msgspec.Struct, frozen=True):
     """Annotation by a client of what the robot does, as `Annotation` of the interface."""
 
@@ -235,6 +242,7 @@ Inward = (
     | Reset
     | Calibrate
     | FindStop
+    | LocateJoints
     | Submit
     | Cancel
     | Setpoint

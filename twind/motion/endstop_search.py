@@ -1,6 +1,8 @@
 """Search for a joint's endstop: slowly and weakly against it, back off, repeat. Pure: no clock.
 
-Counts are calibrated and continue over turns; efforts are raw. Goals begin at the servo's hold goal and go on
+Counts are calibrated and continue over turns; efforts are raw. Where the turn is unknown, the stop may lie
+whole turns nearer than expected. Then the joint must finally move further away from its stop than it could
+from any other place that looks the same. Goals begin at the servo's hold goal and go on
 from the last one commanded. A goal from the measured position would take away the error that carries the
 load, and the limb would dip.
 """
@@ -59,6 +61,8 @@ class HomingParameters:
     astray: float  # counts that the joint may go against the search direction
     still: float  # counts that a standing joint may flicker within `PRESSED`
     times: int  # captures
+    turn: float = 0.0  # counts of a turn where the turn is unknown, and the stop may lie turns nearer; else 0
+    away: float = 0.0  # counts that it backs off after the last capture; at least `back`
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +115,7 @@ class EndstopSearch:
         self._over = 0  # readings in a row over the cap
         self._farthest = -inf  # count in search direction, of this approach
         self._ended: float | None = None  # s, since when the goals of this phase are at their end
+        self.turns_off = 0.0  # counts, whole turns by which the stop lies off `expected`
         self._home = abs(self._end - start)
         self._patience = self._planned() * 2.0 + SPARE
 
@@ -164,7 +169,9 @@ class EndstopSearch:
         The joint must follow there; otherwise it is held.
         """
         search = self.search
-        place = self.captures[-1] - search.way * search.back
+        place = self.captures[-1] - search.way * (
+            max(search.back, search.away) if self._last else search.back
+        )
         left = (self.goal - place) * search.way
         self.goal -= search.way * min(search.speed * passed, max(0.0, left))
         if left > 0.0:
@@ -179,7 +186,12 @@ class EndstopSearch:
                 Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.back / 2.0, message=message)
             )
         else:
-            self._begin(HomingPhase.APPROACHING if len(self.captures) < search.times else HomingPhase.FOUND)
+            self._begin(HomingPhase.FOUND if self._last else HomingPhase.APPROACHING)
+
+    @property
+    def _last(self) -> bool:
+        """True from the last capture on."""
+        return len(self.captures) >= self.search.times
 
     def _begin(self, phase: HomingPhase) -> None:
         self.phase = phase
@@ -190,7 +202,9 @@ class EndstopSearch:
     def _capture(self, count: float) -> None:
         search = self.search
         self.captures.append(count)
-        off = abs(count - search.expected)
+        off = count - search.expected
+        self.turns_off = search.turn * round(off / search.turn) if search.turn else 0.0
+        off = abs(off - self.turns_off)
         spread = max(self.captures) - min(self.captures)
         if off > search.margin:
             message = (
@@ -225,7 +239,7 @@ class EndstopSearch:
         """Return the time (s) of the search at its speed over the longest way."""
         search = self.search
         again = search.times * (2.0 * (search.back + search.margin) / search.speed + PRESSED + SETTLE)
-        return self._home / search.speed + again
+        return (self._home + search.away) / search.speed + again
 
     def _keep(self, sample: HomingSample) -> None:
         if self._samples and sample.at <= self._samples[-1].at:
@@ -255,6 +269,12 @@ class EndstopSearch:
             )
         along = sample.count * search.way
         ahead = along - self.goal * search.way
+        if ahead > search.astray and self._last and search.turn:
+            message = (
+                "counts behind its goal on the way from its stop: something is in its way, or was in place "
+                "of its stop; its turn stays unknown"
+            )
+            return Finding(ReasonCode.STOP_NOT_FOUND, value=ahead, bound=search.astray, message=message)
         if ahead > search.astray:
             message = "counts ahead of its goal: it runs away, its load is more than the cap holds"
             return Finding(ReasonCode.STOP_NOT_FOUND, value=ahead, bound=search.astray, message=message)

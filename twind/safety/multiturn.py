@@ -2,11 +2,12 @@
 
 A count gives the angle within a turn; power-off loses the number of turns (field devices with one absolute
 turn). Exactly one of the count and its neighbours a turn away lies in the band around the travel. That one
-must lie in the travel, and no other, else arming is refused. A travel of more than a turn has such places in
-its middle; once its turn is known there, a joint keeps it wherever it goes.
+must lie in the travel, and no other, else arming is refused. A travel of more than a turn may have such
+places in its middle. Elsewhere a `KnownPlace` determines the turn. Once it is known, a joint keeps it.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +15,34 @@ from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.measured_travel import MeasuredTravel
 
+STATED_NEAR = 8  # part of a turn by which a joint may stand from where an operator states it
 _BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
+_SETTLE = "`twindctl calibrate turn`: by its endstop, or by a known pose"
 _REBOOT = "switch its power off and on"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPlace:
+    """Place of a joint as another source than its travel gives it, such as an operator."""
+
+    count: int  # calibrated ticks
+    near: int  # ticks that the joint may stand from it; less than half a turn
+    source: str  # in words, for messages
+
+    def shift(self, raw: int, whole: int) -> int:
+        """Return the whole turns, in ticks, that bring a count as read nearest to this place."""
+        return whole * round((self.count - raw) / whole)
+
+    def contradiction(self, joint: int, raw: int, whole: int) -> Finding | None:
+        """Return a finding where the joint stands too far from this place on every turn."""
+        count = raw + self.shift(raw, whole)
+        if abs(count - self.count) <= self.near:
+            return None
+        text = (
+            f"stands at {count}, a turn of {whole} aside, and not within {self.near} of {self.count}, where "
+            f"{self.source} puts it"
+        )
+        return Finding(ReasonCode.CALIB_MISMATCH, joint, value=count, bound=self.count, message=text)
 
 
 def chosen(raw: Ints, turns: MeasuredTravel) -> Ints:
@@ -34,17 +61,26 @@ def inside(count: Ints, turns: MeasuredTravel) -> Bools:
     return within | ~turns.known
 
 
-def unfit(raw: Ints, shift: Ints, turns: MeasuredTravel, energised: Bools) -> Sequence[Finding]:
-    """Return a finding for each joint whose turn is ambiguous, or not commandable, on the turn chosen.
-
-    `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on.
-    """
-    count = raw + shift
-    span = turns.last - turns.first
-    wide = np.where(turns.falls, span >= turns.whole, span + 2 * turns.room >= 2 * turns.whole - 1)
+def fits_twice(raw: Ints, turns: MeasuredTravel) -> Bools:
+    """Mark joints (n,) that could stand on more than one turn of their travel, as counts alone go."""
+    count = raw + chosen(raw, turns)
     another = (count - turns.whole >= turns.first - turns.room) | (
         count + turns.whole <= turns.last + turns.room
     )
+    return another & turns.known
+
+
+def unfit(
+    raw: Ints, shift: Ints, turns: MeasuredTravel, energised: Bools, placed: Bools | None = None
+) -> Sequence[Finding]:
+    """Return a finding for each joint whose turn is ambiguous, or not commandable, on the turn chosen.
+
+    `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on. `placed` (n,): a `KnownPlace`
+    determined the turn; None: of no joint.
+    """
+    count = raw + shift
+    wide = turns.falls & (turns.last - turns.first >= turns.whole)
+    another = fits_twice(raw, turns) if placed is None else fits_twice(raw, turns) & ~placed
     low = turns.lower - shift
     high = turns.upper - shift
     beyond = np.where(turns.falls, shift != 0, (low < turns.least) | (high > turns.most))
@@ -89,6 +125,8 @@ class _TurnRow:
         self.least = int(turns.least[joint])
         self.most = int(turns.most[joint])
         self.falls = bool(turns.falls[joint])
+        one = turns.last[joint] - turns.first[joint] + 2 * turns.room[joint] < 2 * self.whole - 1
+        self.middle = "move it to its middle by hand with torque off, or " if one else ""
         self.goals = (int(turns.lower[joint]), int(turns.upper[joint]))
 
     def lost(self) -> Finding:
@@ -109,18 +147,17 @@ class _TurnRow:
 
     def wide(self) -> Finding:
         span = self.high - self.low
-        most = self.whole if self.falls else 2 * self.whole
         text = (
-            f"its travel of {span} ticks is {most} or more, with a turn of {self.whole}: its turn cannot "
-            "be determined; it can only be driven with a smaller ratio, or narrower stops"
+            f"its travel of {span} ticks is {self.whole} or more, with a turn of {self.whole}: it can only "
+            "be driven in a mode of several turns, with a smaller ratio, or narrower stops"
         )
-        return self._finding(span, most, text)
+        return self._finding(span, self.whole, text)
 
     def another(self) -> Finding:
         other = self.count - self.whole if self.count - self.whole >= self.low else self.count + self.whole
         text = (
             f"{self.count} and {other}, a turn away, both fit its travel {self.low}..{self.high}: its "
-            "turn cannot be determined; move it to its middle by hand with torque off"
+            f"turn is unknown: {self.middle}{_SETTLE}"
         )
         return self._finding(self.count, other, text)
 

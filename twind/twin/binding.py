@@ -14,7 +14,7 @@ import numpy as np
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
-from twind.config.travel import ASTRAY
+from twind.config.travel import slack
 from twind.config.yaml_tree import place
 from twind.exceptions import InvalidInput
 from twind.robot.actuator_ratings import ActuatorRatings
@@ -244,7 +244,7 @@ def _turns(
         band=np.array([0 if entry is None else entry.turn_band_ticks[0] for entry in entries], np.int64),
         first=np.array([sweep[0] for sweep in sweeps], np.int64),
         last=np.array([sweep[1] for sweep in sweeps], np.int64),
-        slack=np.array([round(ASTRAY / abs(rad_per_tick(joint))) for joint in robot.joints], np.int64),
+        slack=np.array([slack(joint) for joint in robot.joints], np.int64),
         least=np.array([least for least, _ in goals], np.int64),
         most=np.array([most for _, most in goals], np.int64),
         lower=np.array([each.first for each in reach], np.int64),

@@ -55,14 +55,7 @@ def _zero_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="by the ends of the travel instead: `stop_rad`, else the limits; coarse",
     )
-    parser.add_argument(
-        "--at",
-        action="append",
-        default=[],
-        type=_angle,
-        metavar="JOINT=RAD",
-        help="angle of a joint that differs from the pose; may be repeated",
-    )
+    _add_angles(parser)
     parser.add_argument("--samples", type=_samples, default=50, metavar="N", help="readings (default 50)")
     parser.add_argument("--yes", action="store_true", help="it stands in the pose: do not ask, and write")
     parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
@@ -71,6 +64,27 @@ def _zero_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _endstop_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("joint", metavar="JOINT", help="the joint to drive")
+    _add_search(parser)
+    parser.add_argument(
+        "--yes", action="store_true", help="it may move now: do not ask, and write what was found"
+    )
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
+    _add_file(parser)
+
+
+def _add_angles(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--at",
+        action="append",
+        default=[],
+        type=_angle,
+        metavar="JOINT=RAD",
+        help="angle of a joint that differs from the pose; may be repeated",
+    )
+
+
+def _add_search(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a motion against a stop."""
     parser.add_argument(
         "--side",
         choices=("lower", "upper"),
@@ -81,9 +95,17 @@ def _endstop_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--speed", type=float, metavar="RAD/S", help="of the joint (default 0.2)")
     parser.add_argument("--times", type=int, metavar="N", help="touches of the stop, 2 to 10 (default 3)")
+
+
+def _turn_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("joints", nargs="+", metavar="JOINT", help="joints whose turn is unknown")
+    parser.add_argument("--pose", metavar="NAME", help="they stand in this pose of the robot file")
+    _add_angles(parser)
     parser.add_argument(
-        "--yes", action="store_true", help="it may move now: do not ask, and write what was found"
+        "--endstop", action="store_true", help="drive one joint against its stop instead, powered"
     )
+    _add_search(parser)
+    parser.add_argument("--yes", action="store_true", help="it stands so, or may move now: do not ask")
     parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     _add_file(parser)
 
@@ -216,6 +238,13 @@ stay clear of it. It needs a coarse calibration of the joint, `stop_rad` in the 
 serial servo that has current-based position, and the daemon in live. Ctrl-C, `twindctl estop` and `twindctl
 disarm` end it at once. Whatever ends it, torque goes off and the servo is set as it was."""
 
+_TURN = """\
+tell on which motor turn a joint stands
+
+For a joint that may travel more than a turn of its motor, where its count fits several turns. By a pose that
+you see, or with --endstop by a motion: that joint alone moves by itself against its stop and away from it, as
+`endstop` does and says. Nothing is written to the calibration file."""
+
 _PROVE = """\
 compare signs and zeros with the model by small moves against gravity
 
@@ -248,6 +277,7 @@ STEPS = {
     "sweep": VerbStep(_SWEEP, _sweep_arguments, "calibrating.sweep_command:sweep"),
     "zero": VerbStep(_ZERO, _zero_arguments, "calibrating.zero_command:zero"),
     "endstop": VerbStep(_ENDSTOP, _endstop_arguments, "calibrating.endstop_command:endstop"),
+    "turn": VerbStep(_TURN, _turn_arguments, "calibrating.turn_command:turn"),
     "prove": VerbStep(_PROVE, _prove_arguments, "proving.prove_command:prove"),
     "import": VerbStep(_IMPORT, _import_arguments, "calibrating.import_command:take"),
     "show": VerbStep(

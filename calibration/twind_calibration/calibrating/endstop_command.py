@@ -11,12 +11,11 @@ from statistics import fmean, pstdev
 from twind.client import Client
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, operator
-from twind.config.calibration_file import Calibration, JointCalibration, turn_band
+from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import angle_of
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
-from twind_calibration.calibrating.encoder_unwrap import on_turn
 from twind_calibration.calibrating.entry_writer import (
     agreed,
     next_steps,
@@ -65,29 +64,40 @@ def endstop(options: argparse.Namespace) -> int:
 
 def _endstop(options: argparse.Namespace, client: Client) -> int:
     place = ground(options, client)
-    touch = _touch(options, place)
+    touch = plan_endstop(options, place, options.joint)
     require_terminal(options)
     calibration = place.calibration()
     entry = None if calibration is None else calibration.by_name.get(touch.slot.name)
     if calibration is None or entry is None:
         first = "`twindctl calibrate sweep`, then `zero --from-sweep`"
         raise Rejected(f"{touch.slot.name} is not calibrated, not even coarsely: {first}, first")
+    counts = drive_to_stop(options, client, place, touch, entry)
+    fresh = make_endstop_entry(touch, entry, counts)
+    _show(options, touch, entry, fresh, counts)
+    return _write(options, place, calibration, fresh)
+
+
+def drive_to_stop(
+    options: argparse.Namespace,
+    client: Client,
+    place: CalibrationContext,
+    touch: EndstopPlan,
+    entry: JointCalibration,
+) -> list[int]:
+    """Announce the motion, ask, drive; return the captures. Raises Rejected: nothing moved, or no stop."""
     _require_ready(client, place, touch, entry)
     if not options.json:
         print(touch.describe(_position(client, touch.slot.joint.name)), flush=True)
     if not agreed(options, "are all persons clear of it: go?"):
         raise Rejected("nothing moved")
     with calibrating(client, take=options.take):
-        counts = _capture_stops(options, client, touch)
-    fresh = make_endstop_entry(touch, entry, counts)
-    _show(options, touch, entry, fresh, counts)
-    return _write(options, place, calibration, fresh)
+        return _capture_stops(options, client, touch)
 
 
-def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPlan:
+def plan_endstop(options: argparse.Namespace, place: CalibrationContext, joint_name: str) -> EndstopPlan:
     """Return the plan. Raises Rejected: no such joint or stop; UsageError: the side is not given."""
     every = {slot.name: slot for slot in slots(place.robot)}
-    [name] = place.select_actuators([options.joint], list(every))
+    [name] = place.select_actuators([joint_name], list(every))
     slot = every[name]
     joint = every[name].joint
     ends = joint.stops.endstops_by_side
@@ -171,7 +181,8 @@ def make_endstop_entry(
     slot = touch.slot
     turn = touch.slot.joint.type.ticks_per_turn
     mean = fmean(counts)
-    mean += on_turn(round(mean), turn_band(entry.sweep_ticks, turn)) - round(mean)
+    expected = entry.zero_ticks + touch.stop / slot.rad_per_tick
+    mean += turn * round((expected - mean) / turn)
     zero = ZeroOffset(round(mean - touch.stop / slot.rad_per_tick), pstdev(counts), len(counts), "endstop")
     low, high = entry.sweep_ticks
     downwards = (touch.side == "lower") == (slot.rad_per_tick > 0.0)

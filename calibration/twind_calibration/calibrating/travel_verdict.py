@@ -41,8 +41,8 @@ def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActu
     if span > most:
         turn = slot.joint.type.ticks_per_turn
         wrong = (
-            f"{span / turn:.2f} turns of its actuator, more than {most / turn:.2f}: after a power-up its "
-            "turn is unknown"
+            f"{span / turn:.2f} turns of its actuator, more than {most / turn:.2f}, which its goals reach "
+            "after any power-up"
         )
         slips = ("a horn or coupling that slips", "a joint without stops: give it some within its limits")
         return TravelVerdict(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))

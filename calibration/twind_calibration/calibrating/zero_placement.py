@@ -98,9 +98,10 @@ def _other_turn(slot: CalibrationActuator, sweep: Ticks, stands: int, spare: int
     last = sweep[0] - spare + turn
     if first < stands < last:
         return []
+    middle = f"hold it at {first}..{last}, in the middle, by `--at JOINT=RAD`; or "
     return [
-        f"it reads {stands} or a turn of {turn} away, both in its travel {sweep[0]}..{sweep[1]}: hold it at "
-        f"{first}..{last}, in the middle, by `--at JOINT=RAD`; or take `--from-sweep`"
+        f"it reads {stands} or a turn of {turn} away, both in its travel {sweep[0]}..{sweep[1]}: "
+        f"{middle if first < last else ''}take `--from-sweep`"
     ]
 
 

@@ -111,6 +111,25 @@ def test_find_stop_reaches_the_loop_by_joint_index_and_its_phases_return(loop: S
     assert command.current_share is None and command.more
 
 
+def test_stated_angles_reach_the_loop_by_joint_index_and_bad_ones_do_not(loop: StandIn) -> None:
+    loop.answers[link.LocateJoints] = lambda command: [
+        link.Reply(ticket=command.ticket, parameters={"positions": [0.5]})
+    ]
+    with Client(str(loop.directory)) as client:
+        for names, angles in (
+            (["nobody"], [0.5]),
+            ([NAMES[1]], [0.5, 0.6]),
+            ([], []),
+            ([NAMES[1]] * 2, [0.5] * 2),
+        ):
+            with pytest.raises(CallError):
+                client.call("LocateJoints", joint_names=names, positions=angles)
+        answer = client.call("LocateJoints", joint_names=[NAMES[1]], positions=[0.5])
+    command = loop.await_command(link.LocateJoints)
+    assert isinstance(command, link.LocateJoints)
+    assert (list(command.joints), list(command.positions), answer) == ([1], [0.5], {"positions": [0.5]})
+
+
 @pytest.mark.parametrize(
     ("how", "what"),
     [({"joint": "nobody", "side": "lower"}, "joint"), ({"joint": NAMES[0], "side": "left"}, "side")],

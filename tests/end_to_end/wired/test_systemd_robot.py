@@ -11,10 +11,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support.processes import arm, go
+from tests.support.processes import arm, go, patiently
 from tests.support.systemd.installed import REPOSITORY
 from tests.support.systemd.machine import Machine
 from tests.support.systemd.service import Robot, Service, Unit, settings
+from tests.support.unwatched_kills import LIMIT, TICKS_PER_RAD, hanging_arm
 from twind.client import Client
 
 INSTALL = REPOSITORY / "packaging/install.sh"
@@ -181,7 +182,7 @@ def test_hung_it_is_ended_by_the_watchdog_with_a_stack_and_the_robot_stands_stil
 
 def give_up(live: Service) -> Unit:
     """Kill it until the service manager gives it up; its fail-safe."""
-    safe = Unit(live.machine, "twind-failsafe@body.service")
+    safe = Unit(live.machine, live.unit.replace("twind@", "twind-failsafe@"))
     deadline = time.monotonic() + 30.0
     while live.show("ActiveState") != "failed":
         assert time.monotonic() < deadline, live.machine.diagnostics()
@@ -220,6 +221,68 @@ def test_given_up_while_unplugged_a_start_at_the_replug_does_not_end_the_fail_sa
     safe.until(60.0, ActiveState="inactive", Result="success")
     assert robot.torque() == {False}
     assert apart(away, robot.places()) > MOVED, "nothing was lowered"
+
+
+@pytest.fixture
+def unwatched(machine: Machine) -> Iterator[tuple[Service, Robot]]:
+    """`twind@arm`, which may write to six servos without a watchdog."""
+    folder = machine.inside("/run/robots/hanging")
+    folder.mkdir(parents=True)
+    hanging_arm(folder)
+    made = Robot(machine, "arm", "/run/robots/hanging/so101.yaml")
+    settings(machine, "arm", made.settings())
+    service = Service(machine, "twind@arm.service", "/run/twind/arm").start()
+    yield service, made
+    service.reset()
+    service.stop()
+    made.close()
+
+
+def test_killed_while_it_moves_an_arm_without_watchdogs_is_held_inherited_armed_and_lowered(
+    unwatched: tuple[Service, Robot],
+) -> None:
+    live, robot = unwatched
+    live.reach(state="connected")
+    motion = {"joint_names": ["wrist_roll"], "points": [{"positions": [2.0], "time_from_start": 4.0}]}
+    with live.client() as client:
+        arm(client)
+        begin = robot.places()
+        patiently(lambda: client.call("SubmitTrajectory", trajectory=motion))
+        time.sleep(1.0)
+        killed = time.monotonic()
+        live.signal(signal.SIGKILL)
+    at_kill = robot.servos()
+    live.machine.until(lambda: robot.arrived(), 5.0, "servos that stand at their last goals")
+    live.until(NRestarts="1", ActiveState="active")
+    restarted = int(live.show("ExecMainStartTimestampMonotonic")) * 1e-6 - killed
+    status = live.reach(state="connected", inherited=True)
+    print(f"restarted {restarted:.2f} s after SIGKILL, connected {time.monotonic() - killed:.2f} s after")
+    assert restarted < 1.0
+    assert (status["armed"], len(status["unwatched"])) == (False, 6)
+    held = robot.servos()
+    assert [each["goal"] for each in held] == [each["goal"] for each in at_kill]
+    assert all(each["torque"] for each in held)
+    then = [each["position"] for each in at_kill]
+    assert apart(begin, then) > MOVED, "it did not move before"
+    assert apart(then, robot.places()) <= LIMIT * TICKS_PER_RAD
+
+    def armed_by_hand() -> str | None:
+        asked = live.machine.try_run("twindctl", "--socket", live.sockets, "arm", user="pilot")
+        return asked.stdout + asked.stderr if asked.returncode == 0 else None
+
+    begin = robot.places()
+    said = live.machine.until(armed_by_hand, 30.0, "arming")
+    print(said)
+    assert "if the daemon dies, it drives on to its last goal" in said
+    assert live.reach(armed=True)["inherited"] is False
+    assert apart(begin, robot.places()) <= STILL
+    begun = time.monotonic()
+    safe = give_up(live)
+    safe.says(20.0, "that it lowers", lambda line: "FAILSAFE: the robot is lowered" in line["MESSAGE"])
+    safe.until(60.0, ActiveState="inactive", Result="success")
+    print(f"given up, lowered and let go {time.monotonic() - begun:.1f} s after the first of the last kills")
+    assert robot.torque() == {False}
+    assert apart(begin, robot.places()) > MOVED, "nothing was lowered"
 
 
 @pytest.fixture(scope="module")

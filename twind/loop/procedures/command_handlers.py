@@ -17,6 +17,7 @@ from twind.loop.procedures.gate_input import GateInput
 from twind.loop.procedures.homing_procedure import HomingProcedure
 from twind.loop.procedures.identification import IdentificationState
 from twind.loop.procedures.internal_faults import fail
+from twind.loop.procedures.joint_location import JointLocation
 from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Ending, Priority, Procedure
@@ -62,6 +63,7 @@ class CommandHandlers:
         self.submissions = TrajectorySubmissions(context, parts, self.gate_input, figures)
         self.homing = HomingProcedure(context, parts, self.gate_input, identity.verified)
         self.reloads = ReloadCoordinator(context, parts, self.gate_input, self.homing)
+        location = JointLocation(context, parts.lease, identity.verified)
         devices = DeviceCommands(context, self.homing, self._calibrating)
         self._handlers: dict[type, Callable[[Any, float], None]] = {
             link.ConnectionClosed: self._close_connection,
@@ -78,6 +80,7 @@ class CommandHandlers:
             link.Reset: self._reset,
             link.Calibrate: self._calibrating.ask,
             link.FindStop: self.homing.ask,
+            link.LocateJoints: location.ask,
             link.Mark: self._mark,
             link.Cancel: self._cancel,
             link.Setpoint: lambda command, now: self.submissions.setpoint(command, now),

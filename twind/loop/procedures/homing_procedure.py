@@ -22,6 +22,7 @@ from twind.loop.procedures.homing_restore import (
     EndstopSearchRecord,
     answer,
     clamped,
+    find_end_cause,
     give_back,
     report_pending_restore,
 )
@@ -118,10 +119,12 @@ class HomingProcedure:
         """Search, then switch torque off. The findings of `pending` are its result; `_end` processes it."""
         context = self._context
         self._lease.pin(pending.command.client, PIN)
-        pending.findings = yield from self._outcome(pending)
+        pending.findings = yield from self._outcome(pending, self._run_search(pending))
         context.hardware.clear()
         if context.torque.energising:
             pending.findings += yield from self._switch_torque_off(pending)
+        if pending.request.search.turn and not pending.findings:
+            pending.findings = yield from self._outcome(pending, self._come_to_rest(pending))
         return None
 
     def _end(self, pending: EndstopSearchRecord, outcome: CallOutcome | None) -> None:
@@ -130,7 +133,7 @@ class HomingProcedure:
         The procedure that takes over switches torque off, as `energising` is set.
         """
         if outcome is not None:
-            pending.findings = pending.findings or (_cause(self._context),)
+            pending.findings = pending.findings or (find_end_cause(self._context),)
             self._context.torque.abandon_switching()
             self._context.hardware.clear()
         self._finish(pending)
@@ -151,12 +154,14 @@ class HomingProcedure:
         self.unrestored = None
         self._verified.unrestored = None
 
-    def _outcome(self, pending: EndstopSearchRecord) -> Generator[None, float, tuple[Finding, ...]]:
-        """Run the search and return the findings of its failure; empty: the stop was found."""
+    def _outcome(
+        self, pending: EndstopSearchRecord, steps: Generator[None, float, None]
+    ) -> Generator[None, float, tuple[Finding, ...]]:
+        """Run these steps and return the findings of their failure."""
         context = self._context
         joint = pending.request.joint
         try:
-            yield from self._run_search(pending)
+            yield from steps
         except ProcedureFailed as ended:
             return (self._attach_joint(pending, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so small a current
@@ -204,7 +209,7 @@ class HomingProcedure:
         context.reports.event(
             "info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop"
         )
-        pending.shift = int(context.hardware.readings.shift[aim.joint])
+        pending.shift = aim.shift
         yield from self._quiet(pending)
         context.hardware.clear()  # no queued request may reach the servo between its checks and torque
         alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
@@ -216,7 +221,8 @@ class HomingProcedure:
         message = f"not restored after an end-stop search yet: it has {pending.left}"
         self._verified.unrestored = Finding(ReasonCode.CALIB_MISMATCH, aim.joint, message=message)
         pending.kept = kept
-        context.procedures.beside(give_back(context, pending, lambda: self._restored(pending)))
+        restoring = give_back(context, pending, self._verified, lambda: self._restored(pending))
+        context.procedures.beside(restoring)
         held = yield from self._pinned(pending, alone, kept)
         now = yield from self._energised(pending, alone, held)
         yield from self._course(pending, alone, EndstopSearch(aim.search, float(held), now), now)
@@ -232,6 +238,12 @@ class HomingProcedure:
             now = yield
             self._require(pending, now)
         pending.looked_after = True
+
+    def _come_to_rest(self, pending: EndstopSearchRecord) -> Generator[None, float, None]:
+        """Note where the limp joint rests: from there its turn is known once its mode is restored."""
+        pending.powered = None
+        yield from self._quiet(pending)
+        pending.rest = self._count(pending)
 
     def _newer(self, pending: EndstopSearchRecord) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
@@ -298,7 +310,8 @@ class HomingProcedure:
             if course.failed is not None:
                 raise ProcedureFailed(course.failed)
             if course.done:
-                pending.captures = course.captures
+                pending.captures = [count - course.turns_off for count in course.captures]
+                pending.shift -= round(course.turns_off)
                 return
             alone.goal(round(goal) - pending.shift)
             self._report(pending, course.phase.value, course.progress, now)
@@ -315,7 +328,7 @@ class HomingProcedure:
         context = self._context
         joint = pending.request.joint
         if context.condition.state is not RobotState.CALIBRATING or context.condition.latches:
-            yield _cause(context)
+            yield find_end_cause(context)
         if not self._lease.held_by(pending.command.client, now):
             yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
         yield from self._guard.bars
@@ -383,15 +396,3 @@ class HomingProcedure:
         raw = self._context.hardware.readings.raw
         joint = pending.request.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(pending), float(raw.effort[joint]))
-
-
-def _cause(context: ProcedureContext) -> Finding:
-    """Return the reason why it was ended from outside."""
-    for finding in context.condition.latches.values():
-        return finding
-    if context.condition.stop_wanted:
-        return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
-    return Finding(
-        ReasonCode.NOT_ARMED,
-        message=f"the robot went to {context.condition.state.value}: disarmed, or a bus lost",
-    )

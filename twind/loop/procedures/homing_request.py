@@ -5,7 +5,7 @@ Nothing here writes. The bounds are few and hard: a client may request less, nev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor, isfinite, tau
 
 import numpy as np
@@ -22,6 +22,7 @@ from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_map import JointBusMap
 from twind.safety import admission
+from twind.safety.multiturn import STATED_NEAR
 
 # Ranges of the request.
 SHARES = (0.03, 0.15)  # of the current limit
@@ -54,6 +55,7 @@ class HomingRequest:
     jump: float  # counts that it may move when torque comes on
     profile: int  # raw velocity
     cap: int  # raw current
+    shift: int  # counts: calibrated minus raw; of the turn furthest from the stop where it is unknown
 
 
 def resolve_request(
@@ -65,7 +67,8 @@ def resolve_request(
 ) -> HomingRequest | list[Finding]:
     """Return the request in counts, or all findings against it."""
     against = [*_check_request(command), *_allowed(context, gate_input, verified, command, now)]
-    return against if against else _counted(context, command)
+    unknown = verified.ambiguous_turn(command.joint) is not None
+    return against if against else _counted(context, command, unknown)
 
 
 def _check_request(command: link.FindStop) -> list[Finding]:
@@ -95,7 +98,8 @@ def _allowed(
     mine = np.arange(len(context.robot.joints)) == joint
     verdict = admission.arming(gate_input.snapshot(command.client, now), gate_input.thresholds, mine)
     found = [each for each in verdict.refusals if each.code is not ReasonCode.ARM_FAILED]
-    found = [each for each in found if each.joint in (None, joint)]
+    doubt = verified.ambiguous_turn(joint)
+    found = [each for each in found if each.joint in (None, joint) and each != doubt]
     spec = context.robot.bound.file.joints[joint]
     robot = context.robot.bound.file
 
@@ -104,7 +108,8 @@ def _allowed(
 
     if not context.hardware.connected:
         found.append(Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified"))
-    if context.robot.joints.calibrated[joint] and not verified.joints[joint] and not found:
+    verified_or_turn_unknown = verified.joints[joint] or doubt is not None
+    if context.robot.joints.calibrated[joint] and not verified_or_turn_unknown and not found:
         against("not verified since its bus was identified: `twindctl status`", ReasonCode.CALIB_MISMATCH)
     if torque_off(context) is not True:
         against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
@@ -125,23 +130,44 @@ def _allowed(
     return found
 
 
-def _counted(context: ProcedureContext, command: link.FindStop) -> HomingRequest | list[Finding]:
+def _counted(
+    context: ProcedureContext, command: link.FindStop, unknown: bool
+) -> HomingRequest | list[Finding]:
+    """Return the search in counts. `unknown`: several turns fit where the joint stands."""
     joint = command.joint
     spec = context.robot.bound.file.joints[command.joint]
-    number, row, bus = _place(context, joint)
+    number, row, bus = place_on_bus(context, joint)
     port = context.hardware.ports[number]
     scale = float(bus.scale[row])
-    count = int(context.hardware.readings.raw.ticks[joint] + context.hardware.readings.shift[joint])
+    raw = int(context.hardware.readings.raw.ticks[joint])
+    shift = int(context.hardware.readings.shift[joint])
     device = next((each for each in port.devices if each.id == bus.ids[row]), None)
     own = None if device is None else spec.type.own_current_limit(device)
     share = USUAL_SHARE if command.current_share is None else command.current_share
     search = _search(command, spec, int(bus.zero[row]), scale, _cap(share, spec, own))
+    nearer = 0
+    if unknown:
+        search, shift, nearer = _over_turns(search, raw, joint, context)
+        turns = context.robot.joints.turns
+        assert turns is not None
+        span = float(turns.last[joint] - turns.first[joint])
+        if search.away + search.margin > span:
+            message = (
+                "counts away from its stop that prove its turn, more than its travel leaves: state a pose, "
+                "`twindctl calibrate turn --pose`"
+            )
+            bound = span - search.margin
+            return [
+                Finding(ReasonCode.STOP_NOT_FOUND, joint, value=search.away, bound=bound, message=message)
+            ]
+    count = raw + shift
     end = search.expected + search.way * search.margin
     if (end - count) * search.way <= 0.0:
         beyond = (count - search.expected) * search.way
         message = "counts beyond where the stop should be already: wrong stop_rad, side or coarse zero?"
         return [Finding(ReasonCode.STOP_NOT_FOUND, joint, value=beyond, bound=search.margin, message=message)]
-    away = search.expected - search.way * (search.margin + search.back + search.still)
+    back = max(search.back, search.away)
+    away = search.expected - search.way * (nearer + search.margin + back + search.still)
     ends = (end, away, count - search.way * SLACK)
     rate = HASTE * search.speed * tau / spec.type.ticks_per_turn  # rad/s of the servo
     return HomingRequest(
@@ -155,7 +181,30 @@ def _counted(context: ProcedureContext, command: link.FindStop) -> HomingRequest
         jump=0.05 / abs(scale),
         profile=max(1, ceil(rate / spec.type.velocity_lsb_rad_s)),
         cap=int(search.cap),
+        shift=shift,
     )
+
+
+def _over_turns(
+    search: HomingParameters, raw: int, joint: int, context: ProcedureContext
+) -> tuple[HomingParameters, int, int]:
+    """Return the search of a joint whose turn is unknown.
+
+    Besides, the shift (counts) of the turn furthest from the stop, and the counts by which the stop may lie
+    nearer. At the end the joint moves so far away from its stop that no place a turn from there leaves room.
+    """
+    turns = context.robot.joints.turns
+    assert turns is not None
+    whole = int(turns.whole[joint])
+    first = int(turns.first[joint])
+    last = int(turns.last[joint])
+    room = int(turns.room[joint])
+    least = -((raw - (first - room)) // whole)
+    most = (last + room - raw) // whole
+    shift = (least if search.way > 0 else most) * whole
+    margin = min(search.margin, whole / STATED_NEAR)
+    away = max(0.0, last - first - whole + room + margin + search.back)
+    return replace(search, turn=float(whole), margin=margin, away=away), shift, (most - least) * whole
 
 
 def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, cap: float) -> HomingParameters:
@@ -187,7 +236,7 @@ def _cap(share: float, spec: JointSpec, own: int | None) -> float:
     return max(1.0, floor(share * full))
 
 
-def _place(context: ProcedureContext, joint: int) -> tuple[int, int, JointBusMap]:
+def place_on_bus(context: ProcedureContext, joint: int) -> tuple[int, int, JointBusMap]:
     """Return the joint's bus and its place there.
 
     Counts are calibrated: the maps are those of the file, not of the wire.

@@ -14,14 +14,17 @@ from twind import link
 from twind.config.calibrated_device import STAMPED
 from twind.loop.procedures.homing_request import HomingRequest
 from twind.loop.procedures.internal_faults import fail
+from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, ticks
 from twind.motion.endstop_search import HomingPhase
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
+from twind.safety.multiturn import KnownPlace
 from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
 
 REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
+RESTED = 32  # counts that a joint may move from its rest while its mode is restored, to keep its turn
 PAUSE = 25  # ticks between two attempts, so that other requests get bus time
 ANSWER = 3.0  # s after the end of the search by which the caller gets its reply, restored or not
 ITS_OWN = ("drive_mode", "homing_offset", STAMPED)  # settings that identify the servo
@@ -39,6 +42,7 @@ class EndstopSearchRecord:
     watchdog: int = 0  # value of its watchdog register while it has torque
     shift: int = 0  # counts: calibrated count minus raw, in the present mode
     looked_after: bool = False  # True from agreeing readings until the search begins: an old reading ends it
+    rest: int | None = None  # calibrated count at which it rests afterwards; None: its turn was known before
     powered: float | None = None  # s, when torque was read back on
     over: bool = False  # the search has ended, and its torque too, or another procedure takes it
     answered: bool = False
@@ -47,11 +51,15 @@ class EndstopSearchRecord:
 
 
 def give_back(
-    context: ProcedureContext, pending: EndstopSearchRecord, restored: Callable[[], None]
+    context: ProcedureContext,
+    pending: EndstopSearchRecord,
+    verified: JointVerificationState,
+    restored: Callable[[], None],
 ) -> Procedure:
     """Restore the servo once the search is over and torque is off, identify its bus anew, then reply.
 
-    `restored` is called when it is done, or will never be.
+    A turn that the search determined is given to `verified`. `restored` is called when it is done, or will
+    never be.
     """
     port = pending.request.port
     while not pending.over:
@@ -64,8 +72,31 @@ def give_back(
     port.identify()
     while not pending.answered and not context.hardware.connected and context.clock.now() < until:
         yield  # the client may go on at once after the reply
+    if pending.rest is not None and not pending.answered:
+        pending.findings += yield from _turn_kept(pending, pending.rest, verified)
     answer(context, pending)
     return None
+
+
+def _turn_kept(
+    pending: EndstopSearchRecord, rest: int, verified: JointVerificationState
+) -> Generator[None, float, tuple[Finding, ...]]:
+    """Choose the turn of a joint that still rests at the count `rest`; return the findings of a failure.
+
+    Its mode was changed meanwhile, which may have changed its count by whole turns.
+    """
+    joint = pending.request.joint
+    place = KnownPlace(rest, RESTED, "the end-stop search")
+    against = verified.locate(joint, place)
+    for _ in range(PAUSE):
+        if against is not None or verified.turn_known[joint]:
+            break
+        yield
+    verified.withdraw([joint])
+    if verified.turn_known[joint]:
+        return ()
+    message = "it moved while its mode was restored, or does not answer: its turn stays unknown"
+    return (against or Finding(ReasonCode.CALIB_MISMATCH, joint, message=message),)
 
 
 def _returned(
@@ -201,3 +232,15 @@ def clamped(context: ProcedureContext, pending: EndstopSearchRecord, error: Wire
     )
     fail(context, finding)
     return finding
+
+
+def find_end_cause(context: ProcedureContext) -> Finding:
+    """Return the reason why it was ended from outside."""
+    for finding in context.condition.latches.values():
+        return finding
+    if context.condition.stop_wanted:
+        return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
+    return Finding(
+        ReasonCode.NOT_ARMED,
+        message=f"the robot went to {context.condition.state.value}: disarmed, or a bus lost",
+    )

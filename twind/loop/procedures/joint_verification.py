@@ -23,7 +23,7 @@ from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
 from twind.safety.guard import Guard
-from twind.safety.multiturn import chosen, inside, outside_travel, unfit
+from twind.safety.multiturn import KnownPlace, chosen, fits_twice, inside, outside_travel, unfit
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 SILENT = 0.1  # s without readings in which a limp device may have restarted: a boot takes longer
@@ -47,6 +47,7 @@ class JointVerificationState:
         # ... and the number of readings in a row that agree with it
         self._agreeing: Ints = np.zeros(count, np.int64)
         self._astray: Floats = np.full(count, inf)  # s, since when
+        self._places: dict[int, KnownPlace] = {}  # places from which a turn is to be chosen
         self._links = [PortState.CLOSED] * len(context.hardware.ports)
         # bus -> findings on joints whose turn is unknown or unusable
         self._unfit: dict[str, Sequence[Finding]] = {}
@@ -105,6 +106,52 @@ class JointVerificationState:
         if turns is not None:
             found += outside_travel(readings.raw.ticks, readings.shift, turns, self._turn_known)
         return found
+
+    def locate(self, joint: int, place: KnownPlace) -> Finding | None:
+        """Let a place choose the turn of a joint some ticks later; return a finding where it contradicts.
+
+        A known turn is only compared with the place.
+        """
+        context = self._context
+        turns = context.robot.joints.turns
+        assert turns is not None
+        raw = int(context.hardware.readings.raw.ticks[joint])
+        whole = int(turns.whole[joint])
+        if (finding := place.contradiction(joint, raw, whole)) is not None:
+            return finding
+        if not self._turn_known[joint]:
+            self._places[joint] = place
+            self._agreeing[joint] = 0
+        elif place.shift(raw, whole) != context.hardware.readings.shift[joint]:
+            text = f"its turn is known, and {place.source} puts it on another one: nothing was changed"
+            return Finding(ReasonCode.CALIB_MISMATCH, joint, message=text)
+        return None
+
+    def withdraw(self, joints: Sequence[int]) -> list[int]:
+        """Forget places that have not chosen a turn yet; return their joints."""
+        return [joint for joint in joints if self._places.pop(joint, None) is not None]
+
+    def waiting(self, joints: Sequence[int]) -> bool:
+        """Return whether a place has not chosen the turn of one of these joints yet."""
+        return any(joint in self._places for joint in joints)
+
+    def refused_turns(self, joints: Sequence[int]) -> list[Finding]:
+        """Return the findings on these joints whose turn is unknown or unusable."""
+        found = [each for findings in self._unfit.values() for each in findings]
+        return [each for each in found if each.joint in joints]
+
+    def ambiguous_turn(self, joint: int) -> Finding | None:
+        """Return the finding on a joint whose turn is unknown only as several fit; None: another case."""
+        turns = self._context.robot.joints.turns
+        raw = self._context.hardware.readings.raw.ticks
+        if turns is None or self._turn_known[joint] or not fits_twice(raw, turns)[joint]:
+            return None
+        return next(iter(self.refused_turns([joint])), None)
+
+    @property
+    def turn_known(self) -> Bools:
+        """Mask (n,) of the joints whose turn is known."""
+        return self._turn_known.copy()
 
     def mar(self, findings: Sequence[Finding]) -> None:
         """Mark devices with a hardware error: not verified until identified anew."""
@@ -166,6 +213,8 @@ class JointVerificationState:
     def _doubt(self, joints: Ints) -> None:
         self._turn_known[joints] = False
         self._agreeing[joints] = 0
+        for joint in joints.tolist():
+            self._places.pop(joint, None)
 
     def _identify_healed(self) -> None:
         """Identify anew the buses of devices whose hardware error is gone.
@@ -205,7 +254,10 @@ class JointVerificationState:
 
     def _count(self, turns: MeasuredTravel) -> None:
         """Count the readings in a row that give the same turn."""
-        turn = chosen(self._context.hardware.readings.raw.ticks, turns)
+        raw = self._context.hardware.readings.raw.ticks
+        turn = chosen(raw, turns)
+        for joint, place in self._places.items():
+            turn[joint] = place.shift(int(raw[joint]), int(turns.whole[joint]))
         fresh = self._context.robot.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
         self._agreeing = np.where(fresh, again, self._agreeing)
@@ -221,7 +273,12 @@ class JointVerificationState:
         if not some(due):
             return
         shift = np.where(due, self._turn, before)
-        found = [each for each in unfit(raw, shift, turns, torque_known(context) == 1) if due[_joint(each)]]
+        placed = np.zeros_like(due)
+        placed[list(self._places)] = True
+        found = [
+            each for each in unfit(raw, shift, turns, torque_known(context) == 1, placed) if due[_joint(each)]
+        ]
+        self._places = {joint: place for joint, place in self._places.items() if not due[joint]}
         due[_joints(found)] = False
         shift = np.where(due, shift, before)
         held = port.holding or context.torque.energising

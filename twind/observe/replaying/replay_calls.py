@@ -29,7 +29,7 @@ def call(asked: RecordedCommand, names: Sequence[str]) -> tuple[str, dict[str, A
     match command:
         case link.Submit():
             return asked.method, {"trajectory": _trajectory(command, asked.data, names)}, more
-        case link.Setpoint():
+        case link.Setpoint() | link.LocateJoints():
             given = msgspec.to_builtins(command)
             given["joint_names"] = [names[joint] for joint in given.pop("joints")]
         case link.FindStop():
