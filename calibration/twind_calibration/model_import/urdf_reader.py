@@ -103,7 +103,7 @@ def _write_joint(into: ElementTree.Element, joint: XmlElement) -> None:
         values = {
             key: repr(mimic.number(key, default)) for key, default in (("multiplier", 1.0), ("offset", 0.0))
         }
-        ElementTree.SubElement(into, "mimic", joint=mimic.required("joint"), **values)
+        ElementTree.SubElement(into, "mimic", {"joint": mimic.required("joint"), **values})
 
 
 def _copy_numbers(into: ElementTree.Element, joint: XmlElement, tag: str, keys: tuple[str, ...]) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder
+from xml.parsers.expat import ErrorString, ExpatError
 
 import xacro
 import yaml  # noqa: F401 - `load_yaml` finds it loaded
@@ -95,7 +96,7 @@ class XacroExpansion:
             case ["optenv", _, *default]:
                 return " ".join(default)
             case ["dirname"]:
-                return os.path.dirname(os.path.abspath(xacro.filestack[-1]))
+                return str(Path(xacro.filestack[-1]).absolute().parent)
         self._failed = text
         if words[:1] == ["arg"]:
             remedy = f"give it: {words[1]}=VALUE" if len(words) == 2 else "name one"
@@ -124,8 +125,8 @@ class XacroExpansion:
         builder = _PlacingBuilder(filename, self.sources.index(filename))
         try:
             return builder.parseString(data)
-        except expatbuilder.expat.ExpatError as error:
-            reason = f"no well-formed XML: {expatbuilder.expat.ErrorString(error.code)}; correct it here"
+        except ExpatError as error:
+            reason = f"no well-formed XML: {ErrorString(error.code)}; correct it here"
             raise ImportRefused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
 
     def watch(self, event: str, details: tuple[Any, ...]) -> None:
@@ -166,8 +167,8 @@ class XacroExpansion:
                 for number, line in enumerate(lines, 1):
                     if text in line:
                         return f"{name}:{number}:{line.index(text) + 1}"
-        number, _, place = self._place.partition(":")
-        return f"{self.sources[int(number)]}:{place}" if place else self._file
+        source, _, place = self._place.partition(":")
+        return f"{self.sources[int(source)]}:{place}" if place else self._file
 
 
 class _PlacingBuilder(expatbuilder.ExpatBuilderNS):
