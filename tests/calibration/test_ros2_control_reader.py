@@ -1,4 +1,4 @@
-"""Records of `ros2_control` sections: both common drivers of Dynamixel servos, transmissions, wrong numbers."""
+"""Records of `ros2_control` sections: drivers of Dynamixel servos, transmissions, wrong numbers."""
 
 import pytest
 

@@ -101,8 +101,8 @@ def _complete_actuators(spec: mujoco.MjSpec, model: mujoco.MjModel, remarks: Rem
     mujoco.mj_fullM(model, data, inertia)
     followers = _followers(model)
     present = _driving(spec)
-    assumed = []
-    replaced = []
+    assumed: list[str] = []
+    replaced: list[str] = []
     for joint in spec.joints:
         servos = present.get(joint.name, [])
         if joint.type != HINGE or joint.name in followers or _is_position_servo(servos):
