@@ -137,7 +137,7 @@ def test_an_mjcf_keeps_its_masses_and_loses_what_is_only_seen(
     assert (imported.nmesh, imported.ngeom) == (1, own.ngeom - 1)
     assert [joint.name for joint in model.joints] == ["knuckle", "joint_1"]
     text = " ".join(remark.text for remark in model.remarks)
-    assert "'knuckle_motor' of 'knuckle' became a position servo" in text
+    assert "actuators of knuckle became position servos" in text
     assert "body 'proximal': meshes that collide with nothing were dropped" in text
 
 

@@ -21,7 +21,7 @@ from twind_calibration.model_import.imported_model import import_refused
 class ProcessBounds:
     """Bounds of one process."""
 
-    seconds: int  # of CPU; twice as much by the clock
+    seconds: int  # of CPU; four times as much by the clock
     memory: int  # MiB of address space
     output: int  # MiB of each file that it writes, also of its answer
 
@@ -56,7 +56,7 @@ def call_module(
                 stdout=answer,
                 stderr=errors,
                 env=None if environment is None else dict(environment),
-                timeout=2.0 * bounds.seconds,
+                timeout=4.0 * bounds.seconds,
                 check=False,
             )
         except subprocess.TimeoutExpired:

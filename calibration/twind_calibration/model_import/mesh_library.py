@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,8 @@ class MeshLibrary:
             text = f"stands up to {deviation * 1e3:.1f} mm out of its hull of {len(hull.corners)} corners"
             self.remarks.add(place, f"mesh {shown} {text}")
         stem = re.sub(r"[^A-Za-z0-9_-]", "_", stem)[:60] or "mesh"
-        name: str = next(name for name in _numbered(stem) if name not in self.hulls)
+        numbered = (f"{stem}_{number}" for number in count(2))
+        name = stem if stem not in self.hulls else next(name for name in numbered if name not in self.hulls)
         self.hulls[name] = hull
         return name
 
@@ -100,11 +102,6 @@ class MeshLibrary:
             spec.delete(mesh)
             vertices = hull.corners.astype(np.float32).ravel()
             spec.add_mesh(name=name, uservert=vertices, userface=hull.faces.astype(np.int32).ravel())
-
-
-def _numbered(stem: str) -> Any:
-    yield stem
-    yield from (f"{stem}_{number}" for number in range(2, 10_000))
 
 
 def load_vertices(path: Path, place: str) -> Vertices:

@@ -52,7 +52,8 @@ def _hinges(body: Any) -> list[Any]:
 
 
 def _name_parts(spec: mujoco.MjSpec, remarks: RemarkList, file: str) -> None:
-    """Give each body and joint a name, which exclusions and the robot file need."""
+    """Give each body and hinge a name, which exclusions and the robot file need."""
+    given: list[str] = []
     for kind, parts in (("body", spec.bodies[1:]), ("joint", _hinges(spec.worldbody))):
         taken = {part.name for part in parts}
         for number, part in enumerate(parts):
@@ -61,7 +62,9 @@ def _name_parts(spec: mujoco.MjSpec, remarks: RemarkList, file: str) -> None:
             names = (f"{kind}_{number}{'_' * extra}" for extra in range(len(taken) + 1))
             part.name = next(name for name in names if name not in taken)
             taken.add(part.name)
-            remarks.add(file, f"a {kind} without a name is now called {part.name!r}")
+            given.append(part.name)
+    if given:
+        remarks.add(file, f"parts without a name are now called {', '.join(given)}")
 
 
 def _support(spec: mujoco.MjSpec, base: Any, floating: bool | None, remarks: RemarkList, file: str) -> None:
@@ -99,30 +102,24 @@ def _complete_actuators(spec: mujoco.MjSpec, model: mujoco.MjModel, remarks: Rem
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     followers = _followers(model)
-    servos = _driving(model)
-    assumed = []
+    present = _driving(spec)
+    assumed: list[str] = []
+    replaced: list[str] = []
     for joint in spec.joints:
-        if joint.type != HINGE or joint.name in followers:
+        servos = present.get(joint.name, [])
+        if joint.type != HINGE or joint.name in followers or _is_position_servo(servos):
             continue
-        present = servos.get(joint.id, [])
-        if len(present) == 1 and _is_position_servo(model, present[0]):
-            continue
-        for number in present:
-            name = model.actuator(number).name
-            remarks.add(file, f"actuator {name or number!r} of {joint.name!r} became a position servo")
-        _remove(spec, present)
-        _add_servo(
-            spec, joint, model, data, float(inertia[joint_dof(model, joint.id), joint_dof(model, joint.id)])
-        )
-        assumed.append(joint.name)
+        for extra in servos[1:]:
+            spec.delete(extra)
+        dof = int(model.jnt_dofadr[joint.id])
+        kp, kv = _gains(joint, model, data, float(inertia[dof, dof]))
+        _make_servo(servos[0] if servos else _new_servo(spec, joint.name), joint, kp, kv)
+        (replaced if servos else assumed).append(joint.name)
+    rule = f"kp {HELD:g} times the gravity torque per rad, damping critical, armature kp / {FASTEST:g}²"
     if assumed:
-        rule = f"kp {HELD:g} times the gravity torque per rad, damping critical, armature kp / {FASTEST:g}²"
         remarks.add(file, f"position servos assumed for {len(assumed)} joints ({', '.join(assumed)}): {rule}")
-
-
-def joint_dof(model: mujoco.MjModel, joint: int) -> int:
-    """Number of the degree of freedom of a joint with one axis."""
-    return int(model.jnt_dofadr[joint])
+    if replaced:
+        remarks.add(file, f"actuators of {', '.join(replaced)} became position servos: {rule}")
 
 
 def _followers(model: mujoco.MjModel) -> set[str]:
@@ -130,48 +127,50 @@ def _followers(model: mujoco.MjModel) -> set[str]:
     return {model.joint(int(model.eq_obj1id[row])).name for row in rows}
 
 
-def _driving(model: mujoco.MjModel) -> dict[int, list[int]]:
+def _driving(spec: mujoco.MjSpec) -> dict[str, list[Any]]:
     """Actuators of each joint."""
-    found: dict[int, list[int]] = {}
-    for actuator in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT):
-        found.setdefault(int(model.actuator_trnid[actuator, 0]), []).append(int(actuator))
+    found: dict[str, list[Any]] = {}
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            found.setdefault(actuator.target, []).append(actuator)
     return found
 
 
-def _is_position_servo(model: mujoco.MjModel, actuator: int) -> bool:
-    pull = model.actuator_gainprm[actuator, 0]
-    return bool(pull > 0.0 and math.isclose(pull, -model.actuator_biasprm[actuator, 1]))
+def _is_position_servo(servos: list[Any]) -> bool:
+    pull = servos[0].gainprm[0] if len(servos) == 1 else 0.0
+    return bool(pull > 0.0 and math.isclose(pull, -servos[0].biasprm[1]))
 
 
-def _remove(spec: mujoco.MjSpec, actuators: list[int]) -> None:
-    """Remove actuators by the number that they were compiled with, and what refers to them."""
-    removed = [each for each in spec.actuators if each.id in actuators]
-    names = {each.name for each in removed if each.name}
-    for sensor in list(spec.sensors):
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname in names:
-            spec.delete(sensor)
-    for element in [*removed, *(spec.keys if removed else ())]:  # a key pose has a place for each actuator
-        spec.delete(element)
-
-
-def _add_servo(spec: mujoco.MjSpec, joint: Any, model: mujoco.MjModel, data: Any, inertia: float) -> None:
+def _gains(joint: Any, model: mujoco.MjModel, data: Any, inertia: float) -> tuple[float, float]:
+    """Return kp and kv of a servo; a joint without armature gets one. `inertia`: kg·m² about its axis."""
     body = int(model.jnt_bodyid[joint.id])
+    axis = data.xaxis[joint.id]
     arm = data.subtree_com[body] - data.xanchor[joint.id]
-    arm = arm - data.xaxis[joint.id] * float(arm @ data.xaxis[joint.id])
+    arm = arm - axis * float(arm @ axis)
     torque = float(model.body_subtreemass[body]) * GRAVITY * float(np.linalg.norm(arm))
     kp = max(HELD * torque, inertia * SLOWEST**2)
-    armature = float(model.dof_armature[joint_dof(model, joint.id)])
-    if armature == 0.0:
-        armature = kp / FASTEST**2
-        joint.armature = armature
-        inertia += armature
-    servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.set_to_position(kp=_rounded(kp), kv=_rounded(2.0 * math.sqrt(kp * inertia)))
-    if model.jnt_limited[joint.id]:
-        servo.inheritrange = 1.0
-    if model.jnt_actfrclimited[joint.id]:
-        servo.forcerange = model.jnt_actfrcrange[joint.id]
+    if model.dof_armature[model.jnt_dofadr[joint.id]] == 0.0:
+        joint.armature = _rounded(kp / FASTEST**2)
+        inertia += kp / FASTEST**2
+    return _rounded(kp), _rounded(2.0 * math.sqrt(kp * inertia))
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
+
+
+def _new_servo(spec: mujoco.MjSpec, joint: str) -> Any:
+    taken = {actuator.name for actuator in spec.actuators}
+    name = joint if joint not in taken else f"{joint}_servo"
+    return spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+
+
+def _make_servo(servo: Any, joint: Any, kp: float, kv: float) -> None:
+    """Turn an actuator of any kind into a position servo within the limits of its joint."""
+    servo.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    servo.ctrlrange = np.zeros(2)
+    servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_AUTO
+    is_limited = joint.range[0] < joint.range[1]
+    servo.set_to_position(kp=kp, kv=kv, inheritrange=is_limited)
+    if joint.actfrcrange[0] < joint.actfrcrange[1]:
+        servo.forcerange = joint.actfrcrange

@@ -100,10 +100,10 @@ def _write_joint(into: ElementTree.Element, joint: XmlElement) -> None:
     _copy_numbers(into, joint, "dynamics", ("damping", "friction"))
     mimic = joint.first("mimic")
     if mimic is not None:
-        values = {"joint": mimic.required("joint")}
-        for key, default in (("multiplier", 1.0), ("offset", 0.0)):
-            values[key] = repr(mimic.number(key, default))
-        ElementTree.SubElement(into, "mimic", values)
+        values = {
+            key: repr(mimic.number(key, default)) for key, default in (("multiplier", 1.0), ("offset", 0.0))
+        }
+        ElementTree.SubElement(into, "mimic", {"joint": mimic.required("joint"), **values})
 
 
 def _copy_numbers(into: ElementTree.Element, joint: XmlElement, tag: str, keys: tuple[str, ...]) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder
-from xml.parsers import expat
+from xml.parsers.expat import ErrorString, ExpatError
 
 import xacro
 import yaml  # noqa: F401 - `load_yaml` finds it loaded
@@ -97,7 +97,7 @@ class XacroExpansion:
             case ["optenv", _, *default]:
                 return " ".join(default)
             case ["dirname"]:
-                return os.path.dirname(os.path.abspath(str(xacro.filestack[-1])))
+                return str(Path(xacro.filestack[-1]).absolute().parent)
         self._failed = text
         if words[:1] == ["arg"]:
             remedy = f"give it: {words[1]}=VALUE" if len(words) == 2 else "name one"
@@ -126,9 +126,9 @@ class XacroExpansion:
         builder = _PlacingBuilder(filename, self.sources.index(filename))
         try:
             return builder.parseString(data)
-        except expat.ExpatError as error:
-            reason = f"no well-formed XML: {expat.ErrorString(error.code)}; correct it here"
-            raise import_refused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
+        except ExpatError as error:
+            reason = f"no well-formed XML: {ErrorString(error.code)}; correct it here"
+            raise ImportRefused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
 
     def watch(self, event: str, details: tuple[Any, ...]) -> None:
         """Audit hook. Raises PermissionError for all but reading of permitted files."""
