@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from twind_calibration.model_import.imported_model import ImportRefused, RemarkList
+from twind.exceptions import InvalidInput
+from twind_calibration.model_import.imported_model import RemarkList
 from twind_calibration.model_import.mesh_library import MAX_VERTICES, MeshLibrary, convex_hull, load_vertices
 from twind_calibration.model_import.package_paths import PackagePaths
 
@@ -52,9 +53,7 @@ def test_faces_of_a_hull_look_outwards(tmp_path: Path) -> None:
 
 
 def test_a_flat_mesh_is_refused() -> None:
-    with pytest.raises(
-        ImportRefused, match=r"^here: mesh plate: no convex hull: .*a flat mesh has no volume"
-    ):
+    with pytest.raises(InvalidInput, match=r"^here: mesh plate: no convex hull: .*a flat mesh has no volume"):
         convex_hull(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float), "plate", "here")
 
 
@@ -75,7 +74,7 @@ def test_a_mesh_is_read_once_for_each_scale(tmp_path: Path) -> None:
 def test_a_path_out_of_a_package_is_refused(tmp_path: Path, reference: str) -> None:
     paths = PackagePaths(tmp_path, {"bot": tmp_path / "bot"}, {})
     (tmp_path / "bot").mkdir()
-    with pytest.raises(ImportRefused, match=r"^here: "):
+    with pytest.raises(InvalidInput, match=r"^here: "):
         paths.resolve(reference, "here")
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from twind_calibration.model_import.imported_model import HardwareSystem, ImportRefused, RemarkList
+from twind.exceptions import InvalidInput
+from twind_calibration.model_import.imported_model import HardwareSystem, RemarkList
 from twind_calibration.model_import.ros2_control_reader import read_hardware
 from twind_calibration.model_import.xml_tree import parse_xml
 
@@ -61,5 +62,5 @@ def test_a_joint_of_two_servos_is_left_out_with_a_remark() -> None:
 
 @pytest.mark.parametrize("wrong", ["x", "-1", "1.5", "1" * 20])
 def test_an_id_that_is_no_number_is_refused(wrong: str) -> None:
-    with pytest.raises(ImportRefused, match=r"^r.urdf:6:5: id .* is no whole number from 0; correct it"):
+    with pytest.raises(InvalidInput, match=r"^r.urdf:6:5: id .* is no whole number from 0; correct it"):
         read_one(JOINT_IDS.replace(">7<", f">{wrong}<"))

@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.daemon_rig import Rig
 from tests.support.doc_pages_text import PROOF, REASON_CODES, ROOT, SAFETY, table
-from twind.config import daemon_settings
+from twind.config import daemon_settings, travel
 from twind.ctl.reasons import REASONS, write_reason_page
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
@@ -18,7 +18,7 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety import gate, guard, latency_alarm, lease, plausibility_filter, setpoint_gate
 from twind.safety.state_machine import TABLE, RobotEvent
-from twind.twin import binding, joint_range
+from twind.twin import joint_range
 from twind_drivers.dynamixel import damping as soft
 
 # ----------------------------------------------------------------------------------------------- reason codes
@@ -107,7 +107,7 @@ THRESHOLDS = {
     # arming
     "Arming: age of a reading": ms(arming.FRESH),
     "Arming: jump at torque-on": f"{arming.JUMP:g} rad",
-    "Turn: beyond the measured travel": f"{binding.ASTRAY:g} rad",
+    "Turn: beyond the measured travel": f"{travel.ASTRAY:g} rad",
     # joints
     "STATE_STALE: warning": f"{ms(GUARD.stale_warn)}; 1.5 ticks below 50 Hz",
     "STATE_STALE: HOLD; fault": f"{ms(GUARD.stale_hold)}; {ms(GUARD.stale_fault)}",

@@ -128,7 +128,7 @@ class XacroExpansion:
             return builder.parseString(data)
         except ExpatError as error:
             reason = f"no well-formed XML: {ErrorString(error.code)}; correct it here"
-            raise ImportRefused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
+            raise import_refused(reason, where=f"{filename}:{error.lineno}:{error.offset + 1}") from None
 
     def watch(self, event: str, details: tuple[Any, ...]) -> None:
         """Audit hook. Raises PermissionError for all but reading of permitted files."""
