@@ -82,7 +82,7 @@ def test_a_file_cut_at_any_byte_or_gone_on_with_is_refused(whole: Path) -> None:
 
 
 def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
-    """It means nothing in the last byte of a packed section, of which not every bit is used."""
+    """It means nothing in bits that deflate does not use: behind the last code, or of a code that never occurs."""
     data = whole.read_bytes()
     harmless = 0
     for place in range(len(data)):
@@ -90,11 +90,12 @@ def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
         turned[place] ^= 1 << place % 8
         whole.write_bytes(turned)
         try:
-            assert load(whole).contents == CONTENTS
+            flight = load(whole)
+            assert (flight.contents, msgspec.msgpack.encode(flight.briefing)) == (CONTENTS, BYTES)
             harmless += 1
         except InvalidInput:
             pass
-    assert harmless <= 2 + len(CONTENTS.kept)  # sections: briefing, entries, and one a bus
+    assert harmless <= len(data) // 100
 
 
 @pytest.mark.parametrize(
