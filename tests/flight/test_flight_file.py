@@ -82,7 +82,7 @@ def test_a_file_cut_at_any_byte_or_gone_on_with_is_refused(whole: Path) -> None:
 
 
 def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
-    """It means nothing in bits that deflate does not use: behind the last code, or of a code that never occurs."""
+    """Deflate ignores some bits: those behind the last code, and those of a code that never occurs."""
     data = whole.read_bytes()
     harmless = 0
     for place in range(len(data)):
