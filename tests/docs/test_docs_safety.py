@@ -20,6 +20,7 @@ from twind.safety import gate, guard, latency_alarm, lease, plausibility_filter,
 from twind.safety.state_machine import TABLE, RobotEvent
 from twind.twin import joint_range
 from twind_drivers.dynamixel import damping as soft
+from twind_drivers.half_duplex import soft_gain
 
 # ----------------------------------------------------------------------------------------------- reason codes
 
@@ -160,7 +161,7 @@ THRESHOLDS = {
     "At rest, `support: free`": f"{lowering.SLOW:g} rad/s for {lowering.SLOW_FOR:g} s, "
     f"within {lowering.NEAR:g} rad of the rest pose",
     "DAMP: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
-    "DAMP: PWM or current; P gain": f"{soft.SHARE * 100:g} %; 1/{soft.SOFT}",
+    "DAMP: PWM or current; P gain": f"{soft.SHARE * 100:g} %; 1/{soft_gain.SOFT}",
     # processes
     "Front process silent: restart": f"after {front_process.HEARTBEAT:g} s",
     "Fail-safe: wait for devices": f"{failsafe.WAIT:g} s",

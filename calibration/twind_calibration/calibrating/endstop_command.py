@@ -37,6 +37,7 @@ class EndstopPlan:
     share: float | None  # of the current limit; None: the daemon's own
     speed: float | None  # rad/s; None: the daemon's own
     times: int | None
+    proves_turn: bool = False  # its turn is unknown: it then moves across its travel
 
     def describe(self, at: float | None) -> str:
         """Describe the motion: joint, target and strength. `at`: present angle (rad)."""
@@ -48,6 +49,7 @@ class EndstopPlan:
         strength += f", about {pull:.2f} N·m" if isfinite(pull) else ""
         way = "" if at is None else f", {abs(self.stop - at):.2f} rad from where it is"
         speed = USUAL_SPEED if self.speed is None else self.speed
+        strength += ", then back across its travel to prove its turn" if self.proves_turn else ""
         return (
             f"{self.slot.name} will move by itself: to its {self.side} stop at {self.stop:+.3f} rad{way}, "
             f"no further than {MARGIN:g} rad beyond, at {speed:g} rad/s, with at most {strength}, "

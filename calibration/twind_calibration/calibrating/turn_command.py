@@ -3,6 +3,7 @@
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from twind.client import Client
 from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, operator
@@ -64,7 +65,7 @@ def _by_endstop(
     """Drive the joint against its stop, and away from it as far as proves its turn."""
     if len(chosen) != 1:
         raise UsageError(f"--endstop drives one joint at a time, not {len(chosen)}")
-    touch = plan_endstop(options, place, chosen[0].name)
+    touch = replace(plan_endstop(options, place, chosen[0].name), proves_turn=True)
     calibration = place.calibration()
     entry = None if calibration is None else calibration.by_name.get(touch.slot.name)
     if entry is None:

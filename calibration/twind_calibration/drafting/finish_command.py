@@ -17,6 +17,7 @@ from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.clock import MonotonicClock
 
 MOVED = 0.15  # rad by which a hand must move a joint to tell a direction
+MOST_MOVED = 0.375  # turns of a servo: its count may wrap once on the way, and half a turn is either way
 FRESH = 500.0  # ms; an older reading tells nothing of a hand
 WAIT = 2.0  # s for fresh readings of all joints
 MARGIN = 0.03  # rad between a measured end of the travel and the limit
@@ -118,6 +119,7 @@ class FinishTask:
         missing = [joint.name for joint in self.robot.joints if joint.actuator not in known]
         if missing:
             raise Rejected(f"{', '.join(missing[:5])}: not calibrated: {CALIBRATE}")
+        self._require_calibrated(client)
         self.ask("Lay the robot where nothing falls without torque, then press Enter ")
         positions = _positions(client)
         pose: dict[str, float] = {}
@@ -138,13 +140,17 @@ class FinishTask:
         while True:
             self.ask(f"{joint.name}: hold the robot still and press Enter ")
             before = _positions(client)
-            self.ask(f"{joint.name}: move it by a quarter turn in its positive direction, and press Enter ")
+            self.ask(f"{joint.name}: move it by 20 to 40 degrees in its positive direction, and press Enter ")
             after = _positions(client)
-            moves = {name: after[name] - before[name] for name in before if name in after}
+            moves = {
+                each.name: _shortest(after[each.name] - before[each.name], each) for each in self.robot.joints
+            }
             most = max(moves, key=lambda name: abs(moves[name]))
-            if most == joint.name and abs(moves[most]) >= MOVED:
+            if abs(moves[most]) > MOST_MOVED * _turn(self.robot.joints[self.robot.names.index(most)]):
+                print(f"{most} moved by more than {MOST_MOVED:g} of a turn of its servo: move it less")
+            elif most == joint.name and abs(moves[most]) >= MOVED:
                 return joint.sign if moves[most] > 0.0 else -joint.sign
-            if abs(moves[most]) < MOVED:
+            elif abs(moves[most]) < MOVED:
                 print(f"nothing moved by {MOVED} rad; {joint.name} by {moves.get(joint.name, 0.0):.3f}")
             else:
                 print(
@@ -157,6 +163,19 @@ class FinishTask:
             raise Rejected(
                 f"the daemon has read another robot file than {self.robot.path}: start it with "
                 f"`twind --mode mirror --robot {self.robot.path}` and its ports"
+            )
+
+    def _require_calibrated(self, client: Client) -> None:
+        answer = client.call("GetStatus", joints=True)
+        status = answer["status"]
+        raw = [each["name"] for each in answer["joints"] if not each["calibrated"]]
+        if status["robot"] != self.robot.name or status["mode"] == "sim" or raw:
+            lacks = (
+                f"{', '.join(raw[:5])} not calibrated" if raw else f"{status['robot']} in {status['mode']}"
+            )
+            raise Rejected(
+                f"the daemon has {lacks}: start it with `twind --mode mirror --robot {self.robot.path}`, "
+                "its ports and its calibration"
             )
 
     def _calibration(self) -> Calibration:
@@ -176,6 +195,17 @@ class FinishTask:
         self.robot = read_robot(self.robot.path)
         for key, value in values.items():
             print(f"settled: {key}: {value}", flush=True)
+
+
+def _turn(joint: JointSpec) -> float:
+    """Return one turn of the joint's servo, rad of the joint."""
+    return joint.type.ticks_per_turn * abs(rad_per_tick(joint))
+
+
+def _shortest(move: float, joint: JointSpec) -> float:
+    """Return a move as the shortest of those that a count which wraps may show."""
+    turn = _turn(joint)
+    return move - turn * round(move / turn)
 
 
 def _positions(client: Client) -> dict[str, float]:

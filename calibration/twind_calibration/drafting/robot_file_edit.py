@@ -1,6 +1,7 @@
 """Edits of a robot file that leave all else as it is: comments, order and spacing."""
 
 import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ class RobotFileEdit:
 
     def __init__(self, path: Path) -> None:
         """Read the file. Raises ConfigError."""
-        self.path = path
+        self.path = path.resolve()  # a link stays one
         self.text = read_text(path)
 
     def put(self, key: str, value: str) -> None:
@@ -29,14 +30,10 @@ class RobotFileEdit:
         above = self._find(parts[:-1])
         if not isinstance(above, yaml.MappingNode) or not above.value:
             raise Rejected(f"{self.path}: {key}: there is no section {'.'.join(parts[:-1])}")
-        last_key, last = above.value[-1]
-        at = last.end_mark.index
-        if above.flow_style:
-            self._replace(at, at, f", {parts[-1]}: {value}")
-        else:
-            end = self.text.find("\n", at)
-            end = len(self.text) if end < 0 else end
-            self._replace(end, end, f"\n{' ' * last_key.start_mark.column}{parts[-1]}: {value}")
+        first_key, _ = above.value[0]
+        begin = first_key.start_mark.index  # the end of a block of YAML is the beginning of what follows it
+        gap = ", " if above.flow_style else "\n" + " " * first_key.start_mark.column
+        self._replace(begin, begin, f"{parts[-1]}: {value}{gap}")
 
     def settle(self, item: str) -> None:
         """Remove an item of `todo`, and the key with its last item."""
@@ -61,6 +58,10 @@ class RobotFileEdit:
                 read_robot(fresh)
             except ConfigError as error:
                 raise Rejected(str(error).replace(fresh.name, self.path.name)) from None
+            status = self.path.stat()
+            fresh.chmod(stat.S_IMODE(status.st_mode))
+            if (status.st_uid, status.st_gid) != (fresh.stat().st_uid, fresh.stat().st_gid):
+                os.chown(fresh, status.st_uid, status.st_gid)
             os.replace(fresh, self.path)
         finally:
             fresh.unlink(missing_ok=True)

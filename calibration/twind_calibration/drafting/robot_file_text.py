@@ -167,7 +167,9 @@ def _limits(facts: FactSet, kind: TypeSpec) -> tuple[float, float, str, tuple[st
         ]
         low, high = sorted(ends)
         if high - low < SHARE * turn:
-            return _round(low), _round(high), facts.source("lower_count"), ()
+            # Without a sign nobody knows which end is the upper one.
+            todo = () if "sign" in facts.facts else ("limits_rad",)
+            return _round(low), _round(high), facts.source("lower_count"), todo
     half = SHARE * turn / 2.0
     return _round(-half), _round(half), "", ("limits_rad",)
 

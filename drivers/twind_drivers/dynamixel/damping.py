@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 from twind_drivers.bus import DeviceRefused, GroupWriteBatch, NoReply, Script
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSettings, groups, rows, writes
+from twind_drivers.half_duplex.soft_gain import soft_gain
 
 SHARE = 0.3  # share of the output, or of the current cap in mode 5, that is left; 1 would not sink slowly
-SOFT = 8  # divisor of the P gain; the gains alone would let a large error demand full output
 
 
 def damp(
@@ -53,7 +53,7 @@ def soft(servo: ServoCommandSettings) -> bytes:
     size = field.size
     d, _, p = (int.from_bytes(servo.gains[at : at + size], "little") for at in (0, size, 2 * size))
     braked = d if servo.table.facts.gear else min(field.bounds[1], max(d, p))
-    parts = (braked, 0, min(p, max(1, p // SOFT)))
+    parts = (braked, 0, soft_gain(p))
     return b"".join(part.to_bytes(size, "little") for part in parts)
 
 

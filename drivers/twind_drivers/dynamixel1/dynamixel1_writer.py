@@ -14,6 +14,7 @@ from twind_drivers.dynamixel1.dynamixel1_reader import Dynamixel1Reader
 from twind_drivers.dynamixel1.dynamixel1_registers import BLOCKS, CURRENT_MODE, GOAL, TORQUE
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_writer import SHARE, RegisterWriter, Row
+from twind_drivers.half_duplex.soft_gain import soft_gain
 
 ELSEWHERE = {
     "torque_enable": "torque is switched by arming and disarming",
@@ -26,7 +27,6 @@ ELSEWHERE = {
     "baud_rate": "it would answer at another baud rate than this bus has",
     "status_return_level": "below 2 it would confirm no write",
 }
-SOFT = 8  # divisor of the P gain that damping sets
 SOFTEST = 128  # compliance slope that damping sets
 PID = ("position_p_gain", "position_i_gain", "position_d_gain")
 SLOPES = ("cw_compliance_slope", "ccw_compliance_slope")
@@ -100,7 +100,7 @@ class Dynamixel1Writer(RegisterWriter):
         if SLOPES[0] in gains:
             return [(id, name, max(SOFTEST, gains[name])) for name in SLOPES]
         p, i, _ = PID
-        return [(id, p, gains[p] // SOFT), (id, i, 0)]
+        return [(id, p, soft_gain(gains[p])), (id, i, 0)]
 
     def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         if (yield from self._bus.read(id, "lock")).value:

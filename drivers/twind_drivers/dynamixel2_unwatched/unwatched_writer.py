@@ -30,6 +30,7 @@ from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.register_writer import SHARE, RegisterWriter, Row
+from twind_drivers.half_duplex.soft_gain import soft_gain
 
 PREPARED = "it is set by preparing for torque"
 OTHER_MODE = "other modes than position are not driven"
@@ -45,7 +46,6 @@ ELSEWHERE = {
     "baud_rate": "it would answer at another baud rate than this bus has",
     "status_return_level": "below 2 it would confirm no write",
 }
-SOFT = 8  # divisor of the P gain that damping sets
 FULL = 1023  # of `torque_limit` of the robot file: all
 
 
@@ -173,7 +173,7 @@ class UnwatchedWriter(RegisterWriter):
 
     def _soft_gains(self, id: int) -> list[Row]:
         p, *others = self._layout.gains
-        rows = [(id, p, self._gains[id][p] // SOFT)]
+        rows = [(id, p, soft_gain(self._gains[id][p]))]
         return rows + [(id, name, 0) for name in others if name == "position_i_gain"]
 
     def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:

@@ -19,6 +19,7 @@ from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.register_writer import RegisterWriter, Row
+from twind_drivers.half_duplex.soft_gain import soft_gain
 
 # Registers that `write` refuses, with the reason: other paths own them, or the device would be lost.
 ELSEWHERE = {
@@ -36,7 +37,6 @@ ELSEWHERE = {
 SOFT_START = 300  # torque limit (0.1 %) at torque on; then it rises
 TORQUE = 40  # address of the torque switch
 SHADOWED = (21, 22, 23)  # gains: while the lock is on, a write changes the RAM copy alone
-SOFT = 8  # divisor of the P gain that damping sets
 SPEED = {
     "sts": 6000,
     "smbl": 6000,
@@ -128,7 +128,7 @@ class FeetechWriter(RegisterWriter):
 
     def _soft_gains(self, id: int) -> list[Row]:
         p, d, _ = self._gains[id]
-        return [(id, name, value) for name, value in zip(GAINS, (p // SOFT, d, 0), strict=True)]
+        return [(id, name, value) for name, value in zip(GAINS, (soft_gain(p), d, 0), strict=True)]
 
     def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         lock = self._reader.maps[id]["lock"]

@@ -68,6 +68,13 @@ def test_counts_become_limits_about_the_middle_of_the_servo(tmp_path: Path) -> N
     assert joint.upper == pytest.approx((2048 - 800) * 6.283185 / 4096, abs=1e-3)
 
 
+def test_limits_in_counts_stay_open_until_the_sign_is_known(tmp_path: Path) -> None:
+    new(tmp_path, "reachy", REACHY.replace("4000", "3000"), "--device", "XL330-M288")
+    robot = read_robot(tmp_path / "reachy" / "reachy.yaml")
+    assert "joints.body_rotation.sign" in robot.todo
+    assert "joints.body_rotation.limits_rad" in robot.todo
+
+
 def test_a_scan_completes_a_file_and_must_not_contradict_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

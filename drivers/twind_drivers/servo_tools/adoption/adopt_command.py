@@ -22,6 +22,7 @@ from twind_drivers.ports.serial_port import SerialTransport
 from twind_drivers.servo_tools.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_drivers.servo_tools.adoption.calibration_entry_status import entry_of
 from twind_drivers.servo_tools.adoption.candidate_locations import (
+    AdoptionCandidate,
     choose,
     joint_of,
     look,
@@ -82,6 +83,7 @@ def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dic
         return DONE
     name = chosen.joint.name
     entry = entry_of(robot, described.calibration, chosen.joint.actuator, described.usual)
+    _refuse_calibrated_place(described, chosen)
     adoption = prepare(chosen, opened[chosen.bus.name], entry)
     if adoption.nothing:
         text = f"{name} has its servo, {chosen.home}, and that holds what it must; {adoption.entry}"
@@ -138,6 +140,22 @@ def _open_port(bus: BusSpec, port: str, stack: ExitStack) -> At:
 def _at(transport: SerialTransport, clock: Clock, protocol: ScanProtocol, baud: int) -> WritableProber:
     transport.set_baud(baud)
     return WritableProber(transport, clock, baud, protocol, timer=(transport.latency_ms or 0) * 1e-3)
+
+
+def _refuse_calibrated_place(described: RobotDescription, chosen: AdoptionCandidate) -> None:
+    """Raises Rejected for a servo at the place of another, calibrated joint: it may be that joint's own."""
+    robot = described.robot
+    for other in robot.joints:
+        here = (other.bus, other.id, robot.bus(other.bus).baud)
+        if other is chosen.joint or here != (chosen.bus.name, chosen.place.id, chosen.place.baud):
+            continue
+        entry = entry_of(robot, described.calibration, other.actuator, described.usual)
+        if entry.there:
+            raise Rejected(
+                f"the only servo is at the place of {other.name}, which is calibrated: with a cut cable it is "
+                f"that one. Mend the cable; if it is a new servo, take the entry of {other.name} out of "
+                f"{entry.path} first"
+            )
 
 
 def _require_no_daemon(options: argparse.Namespace, described: RobotDescription, port: str) -> None:

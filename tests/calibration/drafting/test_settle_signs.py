@@ -1,0 +1,55 @@
+"""Signs by hand: counts that wrap on the way, a joint that is not the one, and a hand that moved too far."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.robot_description_files import ROBOTIS
+from twind.config.robot_file import read_robot
+from twind.ctl.ctl_main import main
+from twind_calibration.drafting.finish_command import FinishTask
+from twind_calibration.drafting.robot_file_edit import RobotFileEdit
+from twind_calibration.robot_description import RobotDescription
+
+TURN = 6.283185307179586
+
+
+class Positions:
+    """Stand-in for a connection: the positions that the daemon tells, one after the other."""
+
+    def __init__(self, sha256: str, *places: float) -> None:
+        self.sha256 = sha256
+        self.places = list(places)
+
+    def call(self, method: str, **_: Any) -> dict[str, Any]:
+        if method == "GetRobot":
+            return {"robot": {"text_sha256": self.sha256}}
+        joint = {"name": "r_sho", "position": self.places.pop(0), "heard": True, "age_ms": 5.0}
+        return {"joints": [joint]}
+
+
+@pytest.mark.parametrize(
+    ("places", "sign", "words"),
+    [
+        ((0.0, 0.5), 1, ""),
+        ((0.0, -0.5), -1, ""),
+        ((3.0, 3.5 - TURN), 1, ""),  # its count wraps on the way
+        ((-3.0, -3.5 + TURN), -1, ""),
+        ((0.0, 3.0, 0.0, 0.4), 1, "moved by more than 0.375 of a turn"),
+        ((0.0, 0.01, 0.0, -0.4), -1, "nothing moved by 0.15 rad"),
+    ],
+)
+def test_the_sign_is_that_of_the_shortest_movement(
+    places: tuple[float, ...], sign: int, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "op.robot"
+    source.write_text(ROBOTIS)
+    assert main(["robot", "new", "op", "--folder", str(tmp_path / "op"), "--from", str(source)]) == 0
+    file = tmp_path / "op" / "op.yaml"
+    robot = read_robot(file)
+    described = RobotDescription(robot, {}, None, tmp_path / "none.yaml", tmp_path)
+    task = FinishTask(described, RobotFileEdit(file), lambda question: "")
+    task.settle_signs(Positions(robot.text_sha256, *places), task.open_joints("sign"))  # type: ignore[arg-type]
+    assert [joint.sign for joint in read_robot(file).joints] == [sign]
+    assert words in capsys.readouterr().out
