@@ -152,8 +152,8 @@ def _refuse_calibrated_place(described: RobotDescription, chosen: AdoptionCandid
         entry = entry_of(robot, described.calibration, other.actuator, described.usual)
         if entry.there:
             raise Rejected(
-                f"the only servo is at the place of {other.name}, which is calibrated: with a cut cable it is "
-                f"that one. Mend the cable; if it is a new servo, take the entry of {other.name} out of "
+                f"the only servo is at the place of {other.name}, which is calibrated; with a cut cable it "
+                f"is that one. Mend the cable; if it is a new servo, take the entry of {other.name} out of "
                 f"{entry.path} first"
             )
 
