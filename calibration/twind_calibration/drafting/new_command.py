@@ -70,6 +70,8 @@ def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
             raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
         draft.joints[joint].state("bus", bus, "--bus")
     for bus, port in _pairs(options.ports, "main").items():
+        if not options.json:
+            print(f"scanning {port}: this may take a minute", file=sys.stderr, flush=True)
         fill_from_scan(draft, bus, port, scan_port(port))
         sources.append(f"scan of {bus} at {port}")
     return sources

@@ -19,18 +19,27 @@ def scan_port(port: str) -> list[dict[str, Any]]:
     except subprocess.TimeoutExpired:
         raise Rejected(f"{port}: the scan did not end within {SECONDS:.0f} s") from None
     rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return devices_of(rows, port, done.stderr.strip())
+
+
+def devices_of(rows: list[dict[str, Any]], port: str, error: str = "") -> list[dict[str, Any]]:
+    """Return the devices among the lines of a scan. `error`: what the scan said where it found none.
+
+    A trouble of the line alone, such as replies of another protocol, counts only where no device is found.
+    Raises Rejected.
+    """
     devices = [row for row in rows if row.get("id") is not None]
     troubles = [
         f"{row.get('baud')} baud, id {row.get('id', '-')}: {row['trouble']}"
-        for row in rows
+        for row in (devices or rows)
         if row.get("trouble")
     ]
     if troubles:
         raise Rejected(
-            f"{port}: {'; '.join(troubles)}; mend it and scan again (`twindctl scan --port {port}`)"
+            f"{port}: {'; '.join(troubles)}; correct it and scan again (`twindctl scan --port {port}`)"
         )
     if not devices:
-        raise Rejected(done.stderr.strip() or f"{port}: no device answers")
+        raise Rejected(error or f"{port}: no device answers")
     return devices
 
 

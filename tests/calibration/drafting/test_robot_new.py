@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from tests.support.robot_description_files import INTERBOTIX, LEROBOT, POPPY, REACHY, ROBOTIS, TODDLER
+from twind.command_line.verb import Rejected
 from twind.config.config_files import ConfigSources, describe
 from twind.config.robot_file import read_robot
 from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
 from twind_calibration.drafting import new_command
+from twind_calibration.drafting.scan_source import devices_of
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 COMMANDS = {
@@ -170,3 +172,15 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
     assert "nearest: pan" in told
     assert main(["robot", "new", "bare", "--folder", str(tmp_path / "bare"), *words]) == 1
     assert "no source has ids" in capsys.readouterr().err
+
+
+def test_a_trouble_of_the_line_counts_where_no_device_is_found() -> None:
+    found = {"id": 1, "baud": 1_000_000, "model_name": "STS3215", "trouble": ""}
+    other = {"baud": 1_000_000, "trouble": "devices answer protocol 1.0"}
+    assert devices_of([other, found], "/dev/x") == [found]
+    with pytest.raises(Rejected, match=r"protocol 1\.0; correct it and scan again"):
+        devices_of([other], "/dev/x")
+    with pytest.raises(Rejected, match="id 1: two devices"):
+        devices_of([found | {"trouble": "two devices have this id"}], "/dev/x")
+    with pytest.raises(Rejected, match="no device answers"):
+        devices_of([], "/dev/x")
