@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tests.support.dynamixel_rig import SYNC, Bench
-from twind_drivers.dynamixel.damping import SHARE, SOFT
+from twind_drivers.dynamixel.damping import SHARE
+from twind_drivers.half_duplex.soft_gain import SOFT
 
 HERE = np.array([2000, 2100, 2200])
 P = 84

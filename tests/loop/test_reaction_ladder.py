@@ -11,7 +11,8 @@ from twind.loop.procedures.torque_readback import torque_off
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.guard_types import Reaction
-from twind_drivers.dynamixel.damping import SHARE, SOFT
+from twind_drivers.dynamixel.damping import SHARE
+from twind_drivers.half_duplex.soft_gain import SOFT
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 

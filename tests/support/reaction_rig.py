@@ -8,7 +8,8 @@ from typing import Any
 from tests.support.daemon_rig import Rig
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind_drivers.dynamixel.damping import SHARE, SOFT
+from twind_drivers.dynamixel.damping import SHARE
+from twind_drivers.half_duplex.soft_gain import SOFT
 
 WHY = (Finding(ReasonCode.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
 # of the h24
