@@ -27,7 +27,7 @@ from twind_calibration.drafting.robot_file_text import (
     robot_text,
 )
 from twind_calibration.drafting.robot_steps import SUPPORTS
-from twind_calibration.drafting.scan_source import fill_from_scan, scan_port
+from twind_calibration.drafting.scan_source import fill_from_scan, require_one_bus, scan_port
 from twind_calibration.model_import.imported_model import ImportedModel
 
 
@@ -69,11 +69,16 @@ def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
         if joint not in draft.joints:
             raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
         draft.joints[joint].state("bus", bus, "--bus")
-    for bus, port in _pairs(options.ports, "main").items():
+    ports = _pairs(options.ports, "main")
+    scans: dict[str, list[dict[str, Any]]] = {}
+    for bus, port in ports.items():
         if not options.json:
             print(f"scanning {port}: this may take a minute", file=sys.stderr, flush=True)
-        fill_from_scan(draft, bus, port, scan_port(port))
+        scans[bus] = scan_port(port)
         sources.append(f"scan of {bus} at {port}")
+    require_one_bus(draft, scans)
+    for bus, devices in scans.items():
+        fill_from_scan(draft, bus, ports[bus], devices)
     return sources
 
 

@@ -76,13 +76,16 @@ class RobotDraft:
         return self.buses.setdefault(name, FactSet(name))
 
     def joint_of(self, bus: str, number: int) -> FactSet | None:
-        """Return the joint with a device id: of that bus, or of none if no other joint has the id."""
-        holders = [each for each in self.joints.values() if each.get("id") == number]
-        exact = [each for each in holders if each.get("bus") == bus]
-        loose = [each for each in holders if each.get("bus") is None]
-        if exact or len(loose) != 1:
-            return exact[0] if len(exact) == 1 else None
-        return loose[0]
+        """Return the joint with a device id on a bus; None: no joint has that id there.
+
+        A joint whose bus no source states has its id on any bus. Raises Rejected: two joints may be meant.
+        """
+        found = [each for each in self.joints.values() if each.get("id") == number]
+        found = [each for each in found if each.get("bus") in (None, bus)]
+        if len(found) > 1:
+            names = " and ".join(each.name for each in found)
+            raise Rejected(f"id {number} on {bus} is that of {names}: say --bus JOINT=BUS")
+        return found[0] if found else None
 
     def rename(self, names: Mapping[str, str]) -> None:
         """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 from twind.command_line.verb import Rejected
@@ -41,6 +42,18 @@ def devices_of(rows: list[dict[str, Any]], port: str, error: str = "") -> list[d
     if not devices:
         raise Rejected(error or f"{port}: no device answers")
     return devices
+
+
+def require_one_bus(draft: RobotDraft, scans: Mapping[str, list[dict[str, Any]]]) -> None:
+    """Raises Rejected for a joint of unknown bus whose id answers on several buses."""
+    for joint in draft.joints.values():
+        number = joint.get("id")
+        buses = [bus for bus, devices in scans.items() if number in [int(each["id"]) for each in devices]]
+        if joint.get("bus") is None and len(buses) > 1:
+            raise Rejected(
+                f"joint {joint.name}: id {number} answers on {' and '.join(buses)}: say "
+                f"--bus {joint.name}=BUS"
+            )
 
 
 def fill_from_scan(draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]]) -> None:

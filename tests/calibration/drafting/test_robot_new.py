@@ -184,3 +184,16 @@ def test_a_trouble_of_the_line_counts_where_no_device_is_found() -> None:
         devices_of([found | {"trouble": "two devices have this id"}], "/dev/x")
     with pytest.raises(Rejected, match="no device answers"):
         devices_of([], "/dev/x")
+
+
+def test_an_id_that_answers_on_two_buses_is_given_to_no_joint_by_guess(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = [{"id": 1, "baud": 1_000_000, "model_name": "STS3215"}]
+    monkeypatch.setattr(new_command, "scan_port", lambda port: found)
+    ports = ["--port", "left=/dev/x", "--port", "right=/dev/y"]
+    assert new(tmp_path, "arm", json.dumps(LEROBOT), *ports) == 1
+    assert "joint pan: id 1 answers on left and right: say --bus pan=BUS" in capsys.readouterr().err
+    assert new(tmp_path, "arm", json.dumps(LEROBOT), *ports, "--bus", "pan=right") == 0
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    assert {joint.name: joint.bus for joint in robot.joints} == {"pan": "right", "left_1": "left"}
