@@ -139,6 +139,23 @@ def test_where_it_may_not_be_located_the_reason_is_given(waist: str) -> None:
         assert located(rig, 0.5).error == "WrongState"
 
 
+def test_a_joint_that_is_moved_while_it_is_silent_gets_no_turn_by_the_pose_before(waist: str) -> None:
+    with started(waist, 0.5) as rig:
+        place = rig.names.index(WAIST)
+        faults = rig.virtual["main"].faults
+        number = rig.robot.joints[place].id
+        faults.silence(number)
+        rig.ticks(3)
+        ticket = rig.send(link.LocateJoints, joints=[place], positions=[0.5])
+        rig.ticks(5)
+        faults.hand(pose={WAIST: 0.5 - 0.6 * TURN}, speed=20.0)
+        rig.seconds(0.5)
+        faults.silence(number, on=False)
+        rig.seconds(3.0)
+        assert rig.replies(ticket)[-1].error == "Refused", rig.replies(ticket)
+        assert np.isnan(stands(rig))
+
+
 # ------------------------------------------------------------------------------- against its stop
 
 

@@ -278,11 +278,13 @@ class JointVerificationState:
         found = [
             each for each in unfit(raw, shift, turns, torque_known(context) == 1, placed) if due[_joint(each)]
         ]
-        # Judged by the readings that choose: since the place was told, the limp joint may have been moved.
-        for joint, place in self._places.items():
-            contradiction = place.contradiction(joint, int(raw[joint]), int(turns.whole[joint]))
-            if due[joint] and contradiction is not None:
-                found.append(contradiction)
+        # By the readings that choose: the limp joint may have been moved since the place was compared.
+        against = [
+            place.contradiction(joint, int(raw[joint]), int(turns.whole[joint]))
+            for joint, place in self._places.items()
+            if due[joint]
+        ]
+        found += [each for each in against if each is not None]
         self._places = {joint: place for joint, place in self._places.items() if not due[joint]}
         due[_joints(found)] = False
         shift = np.where(due, shift, before)
