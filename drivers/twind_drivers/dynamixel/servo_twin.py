@@ -26,7 +26,7 @@ from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.packet import LAST_ID
 from twind_drivers.dynamixel.servo_type import ServoType
-from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_bus, serial_physics
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos
@@ -158,17 +158,7 @@ def virtual_bus(request: VirtualBusRequest) -> VirtualBus:
     set_to = request.devices[0].settings.get("baud_rate") if request.devices else None
     baud = (request.rate or FACTORY_BAUD) if set_to is None else BAUDS[set_to]
     try:
-        return VirtualBus(
-            request.name,
-            request.devices,
-            request.physics,
-            baud=baud,
-            wire_timing=request.line.wire_timing,
-            now=request.now,
-            adapter=request.line.adapter,
-            seed=request.line.seed,
-            sensor=request.sensor,
-        )
+        return serial_bus(VirtualBus, request, baud, sensor=request.sensor)
     except (KeyError, ValueError) as error:
         raise InvalidInput(f"bus {request.name}: {error.args[0]}") from None
 

@@ -28,7 +28,7 @@ from twind_drivers.dynamixel1.dynamixel1_type import Dynamixel1Type
 from twind_drivers.dynamixel1.virtual_dynamixel1_bus import VirtualDynamixel1Bus
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import FIRMWARE, Dynamixel1ServoSpec, factory_settings
 from twind_drivers.half_duplex.checksum_packet import LAST_ID
-from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_bus, serial_physics
 
 SPREAD = 200  # counts around the middle where servos of the command line stand
 
@@ -112,16 +112,7 @@ def virtual_bus(request: VirtualBusRequest) -> VirtualDynamixel1Bus:
     """Build one bus at the rate of its first servo. Raises InvalidInput for a model not simulated."""
     code = request.devices[0].settings.get("baud_rate") if request.devices else None
     baud = (request.rate or baud_of(1)) if code is None else baud_of(code)
-    return VirtualDynamixel1Bus(
-        request.name,
-        request.devices,
-        request.physics,
-        baud=baud,
-        wire_timing=request.line.wire_timing,
-        now=request.now,
-        adapter=request.line.adapter,
-        seed=request.line.seed,
-    )
+    return serial_bus(VirtualDynamixel1Bus, request, baud)
 
 
 TWIN = VirtualTwin(

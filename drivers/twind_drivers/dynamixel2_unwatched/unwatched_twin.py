@@ -28,7 +28,7 @@ from twind_drivers.dynamixel2_unwatched.unwatched_models import model
 from twind_drivers.dynamixel2_unwatched.unwatched_servo_type import UnwatchedServoType
 from twind_drivers.dynamixel2_unwatched.virtual_unwatched_bus import VirtualUnwatchedBus
 from twind_drivers.dynamixel2_unwatched.virtual_unwatched_servos import BAUDS, FIRMWARE, factory_settings
-from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_bus, serial_physics
 
 SPREAD = 0.16  # of a turn around the middle where servos of the command line stand
 
@@ -111,16 +111,7 @@ def virtual_bus(request: VirtualBusRequest) -> VirtualUnwatchedBus:
         raise InvalidInput(f"bus {request.name}: XL-320 and PRO -R have different registers")
     code = request.devices[0].settings.get("baud_rate") if request.devices else None
     baud = (request.rate or 1_000_000) if code is None else BAUDS[code]
-    return VirtualUnwatchedBus(
-        request.name,
-        request.devices,
-        request.physics,
-        baud=baud,
-        wire_timing=request.line.wire_timing,
-        now=request.now,
-        adapter=request.line.adapter,
-        seed=request.line.seed,
-    )
+    return serial_bus(VirtualUnwatchedBus, request, baud)
 
 
 TWIN = VirtualTwin(

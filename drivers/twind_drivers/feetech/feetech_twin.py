@@ -27,7 +27,7 @@ from twind_drivers.feetech.feetech_type import MANY, FeetechType
 from twind_drivers.feetech.virtual_feetech_bus import VirtualFeetechBus
 from twind_drivers.feetech.virtual_feetech_spec import FIRMWARE, FeetechServoSpec
 from twind_drivers.half_duplex.checksum_packet import LAST_ID
-from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_physics
+from twind_drivers.virtual.serial_twin import SERIAL_FAULTS, serial_bus, serial_physics
 
 SPREAD = 200  # counts around the middle where servos of the command line stand
 MULTI_TURN = {"phase": 12 | 0x10, "min_position_limit": 0, "max_position_limit": 0}
@@ -110,16 +110,7 @@ def virtual_bus(request: VirtualBusRequest) -> VirtualFeetechBus:
     """Build one bus at the rate of its first servo. Raises InvalidInput for a model not simulated."""
     code = request.devices[0].settings.get("baud_rate") if request.devices else None
     baud = (request.rate or BAUDS[0]) if code is None else BAUDS[code]
-    return VirtualFeetechBus(
-        request.name,
-        request.devices,
-        request.physics,
-        baud=baud,
-        wire_timing=request.line.wire_timing,
-        now=request.now,
-        adapter=request.line.adapter,
-        seed=request.line.seed,
-    )
+    return serial_bus(VirtualFeetechBus, request, baud)
 
 
 TWIN = VirtualTwin(

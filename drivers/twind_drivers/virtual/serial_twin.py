@@ -1,11 +1,16 @@
 """Parts of a virtual twin that all families of serial servos share: fault orders, and physics of a bus."""
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import numpy as np
 
 from twind.virtual.fault_commands import REAL, SHARED_FAULTS, FaultArguments
 from twind.virtual.joint_actuators import fence
-from twind.virtual.virtual_twin import PhysicsRequest
+from twind.virtual.virtual_twin import PhysicsRequest, VirtualBusRequest
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
+
+B = TypeVar("B")
 
 SERIAL_FAULTS: FaultArguments = {
     **SHARED_FAULTS,
@@ -21,6 +26,21 @@ SERIAL_FAULTS: FaultArguments = {
     "collide": {"on?": bool},
     "power": {"on": bool},
 }
+
+
+def serial_bus(make: Callable[..., B], request: VirtualBusRequest, baud: int, **more: Any) -> B:
+    """Build one bus of serial servos. `make`: its class; `more`: arguments that only this class has."""
+    return make(
+        request.name,
+        request.devices,
+        request.physics,
+        baud=baud,
+        wire_timing=request.line.wire_timing,
+        now=request.now,
+        adapter=request.line.adapter,
+        seed=request.line.seed,
+        **more,
+    )
 
 
 def serial_physics(request: PhysicsRequest) -> ServoPhysics:
