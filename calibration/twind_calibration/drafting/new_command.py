@@ -52,7 +52,7 @@ def write_new(options: argparse.Namespace) -> int:
         "robot": str(folder / robot.path.name),
         "sources": sources,
         "joints": {
-            joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.device} for joint in joints
+            joint.name: {"id": joint.id, "bus": joint.bus, "device": joint.kind.device} for joint in joints
         },
         "rate_hz": robot.rate_hz,
         "todo": list(robot.todo),

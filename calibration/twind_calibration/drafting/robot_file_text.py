@@ -27,7 +27,7 @@ class DraftedJoint:
     bus: str
     id: int
     type_name: str
-    device: str
+    kind: TypeSpec
     family: DriverFamily
     sign: int
     ratio: float
@@ -112,7 +112,7 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
         bus=_bus(draft, facts),
         id=number,
         type_name=re.sub(r"[^a-z0-9]+", "_", device.casefold()).strip("_"),
-        device=device,
+        kind=kind,
         family=driver,
         sign=facts.get("sign", 1),
         ratio=facts.get("ratio", 1.0),
@@ -210,8 +210,8 @@ def _lines(
     yield "types:   # speeds and gains are cautious defaults: docs/configuration.md has all keys"
     for name, joint in types.items():
         yield f"  {name}:"
-        yield f"    device: {joint.device}"
-        if answers.no_watchdog and not _is_watched(joint):
+        yield f"    device: {joint.kind.device}"
+        if answers.no_watchdog and not joint.kind.watched:
             yield "    watchdog: none   # it holds its last goal when the daemon dies"
     yield ""
     yield "joints:"
@@ -242,12 +242,8 @@ def _todo(
     if answers.support is None:
         yield "support"
     for name, joint in types.items():
-        if not answers.no_watchdog and not _is_watched(joint):
+        if not answers.no_watchdog and not joint.kind.watched:
             yield f"types.{name}.watchdog"
     for joint in joints:
         yield from (f"joints.{joint.name}.{key}" for key in joint.todo)
     yield "poses.rest"
-
-
-def _is_watched(joint: DraftedJoint) -> bool:
-    return _read_type(joint.family, joint.device).watched
