@@ -23,6 +23,11 @@ the limp robot as it lies. Each answer is written at once; the same command goes
 """
 
 
+def _add_list(parser: argparse.ArgumentParser, option: str, name: str, metavar: str, text: str) -> None:
+    """Add an option that may be repeated; its values are the list `name`."""
+    parser.add_argument(option, dest=name, action="append", default=[], metavar=metavar, help=text)
+
+
 def _answer_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--support", choices=SUPPORTS, help="what carries the robot")
     parser.add_argument(
@@ -35,59 +40,33 @@ def _answer_arguments(parser: argparse.ArgumentParser) -> None:
 def _new_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="name of the robot: letters a to z, digits, _ and -")
     parser.add_argument("--folder", metavar="DIR", help="where to write (default: ./NAME); must not exist")
-    parser.add_argument(
+    _add_list(
+        parser,
         "--from",
-        dest="files",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="file of other software with ids, models, limits or signs; may be repeated",
+        "files",
+        "FILE",
+        "file of other software with ids, models, limits or signs; may be repeated",
     )
     parser.add_argument("--model", metavar="FILE", help="MJCF, URDF or xacro; without one: joints alone")
-    parser.add_argument(
-        "--package",
-        dest="packages",
-        action="append",
-        default=[],
-        metavar="NAME=DIR",
-        help="folder of a ROS package that the model names",
-    )
-    parser.add_argument(
-        "--argument",
-        dest="arguments",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="of a xacro file",
-    )
+    _add_list(parser, "--package", "packages", "NAME=DIR", "folder of a ROS package that the model names")
+    _add_list(parser, "--argument", "arguments", "NAME=VALUE", "of a xacro file")
     parser.add_argument("--mapping", metavar="FILE", help="how to read --from files of an unknown format")
-    parser.add_argument(
-        "--port",
-        dest="ports",
-        action="append",
-        default=[],
-        metavar="BUS=PORT",
-        help="scan a port as this bus",
-    )
-    parser.add_argument(
+    _add_list(parser, "--port", "ports", "BUS=PORT", "scan a port as this bus")
+    _add_list(
+        parser,
         "--device",
-        dest="devices",
-        action="append",
-        default=[],
-        metavar="[NAME=]MODEL",
-        help="model of a joint, of another software's name of a model, or of all joints without one",
+        "devices",
+        "[NAME=]MODEL",
+        "model of a joint, of another software's name of a model, or of all joints without one",
     )
-    parser.add_argument(
+    _add_list(
+        parser,
         "--joint",
-        dest="names",
-        action="append",
-        default=[],
-        metavar="OLD=NAME",
-        help="name of a joint in place of that of a source; scanned devices are BUS_ID, such as main_3",
+        "names",
+        "OLD=NAME",
+        "name of a joint in place of that of a source; scanned devices are BUS_ID, such as main_3",
     )
-    parser.add_argument(
-        "--bus", dest="buses", action="append", default=[], metavar="JOINT=BUS", help="bus of a joint"
-    )
+    _add_list(parser, "--bus", "buses", "JOINT=BUS", "bus of a joint")
     _answer_arguments(parser)
 
 
