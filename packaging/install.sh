@@ -39,9 +39,10 @@ fail() { printf 'twind: %s\n' "$*" >&2; exit 1; }
 unfit() {
     "$1" -c '
 import sys
+prefix = sys.base_prefix.split("/")[1:]
 if sys.version_info < (3, 11):
     print("it is Python %d.%d, and twind needs 3.11 or newer" % sys.version_info[:2])
-elif sys.base_prefix.startswith(("/home/", "/root/", "/run/user/")):  # what ProtectHome= hides: systemd.exec(5)
+elif prefix[:1] in (["home"], ["root"]) or prefix[:2] == ["run", "user"]:  # ProtectHome= hides it: systemd.exec(5)
     print("it stands in %s, which the service does not see" % sys.base_prefix)
 else:
     try:
