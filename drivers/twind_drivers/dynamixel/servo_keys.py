@@ -24,6 +24,7 @@ from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.operating_modes import mode_of
 from twind_drivers.dynamixel.servo_limits import heat_limit, usual_supply
 from twind_drivers.dynamixel.servo_type import KIND, OPERATING_MODES, GainSettings, ServoType
+from twind_drivers.half_duplex.servo_type_keys import make_slot, require_even_delay
 
 CURRENT_BASED = "current_based_position"
 # Modes that the driver has, and no robot: what the executor sends are positions.
@@ -111,18 +112,15 @@ def servo_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
     given = entry.section.read(ServoSlotKeys, *entry.beside)
     mode = read_mode(entry.section, kind.mode)
     require_mode(entry.section, mode, kind, entry.type_section)
-    registers = {**kind.registers, **read_registers(given.registers, table(number_of(kind.device)))}
-    return ActuatorSlot(
-        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, registers, mode, feedback_id=None
-    )
+    registers = read_registers(given.registers, table(number_of(kind.device)))
+    return make_slot(entry, given, given.id, kind, mode, registers)
 
 
 def servo_type(name: str, section: ConfigReader) -> ServoType:
     """One kind of servo. Raises ConfigError."""
     given = section.read(ServoTypeKeys)
     delay = given.return_delay_us
-    if delay % 2:
-        raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
+    require_even_delay(section, delay)
     device = given.device
     known = _find_table(section, device)
     if given.watchdog and known.facts.watchdog_from is not None:

@@ -17,6 +17,12 @@ from twind_drivers.dynamixel1.dynamixel1_models import models
 from twind_drivers.dynamixel1.dynamixel1_registers import table_of
 from twind_drivers.dynamixel1.dynamixel1_type import KIND, POSITION, Dynamixel1Gains, Dynamixel1Type
 from twind_drivers.half_duplex.register_table import RegisterTable
+from twind_drivers.half_duplex.servo_type_keys import (
+    make_slot,
+    read_choice,
+    read_required,
+    require_even_delay,
+)
 
 HEAT = ThermalLimits(warn=55.0, slow=60.0, settle=65.0, cool=50.0)
 
@@ -74,9 +80,7 @@ def dynamixel1_type(name: str, section: ConfigReader) -> Dynamixel1Type:
     if known is None:
         text = f"{given.device} is no model of Protocol 1.0: {', '.join(sorted(models()))}"
         raise section.refuse("device", text)
-    if given.return_delay_us % 2:
-        text = f"{given.return_delay_us} is odd: the register counts in steps of 2 µs"
-        raise section.refuse("return_delay_us", text)
+    require_even_delay(section, given.return_delay_us)
     strange = [
         each
         for each in (("slope",) if known.bulk_read else ("p", "i", "d"))
@@ -88,7 +92,7 @@ def dynamixel1_type(name: str, section: ConfigReader) -> Dynamixel1Type:
     return Dynamixel1Type(
         name=name,
         device=given.device,
-        mode=_mode(section, POSITION),
+        mode=read_choice(section, (POSITION,), POSITION),
         ticks_per_turn=round(known.turn),
         velocity_lsb_rad_s=known.rpm * 2.0 * math.pi / 60.0,
         velocity_limit_rad_s=given.velocity_limit_rad_s,
@@ -109,23 +113,13 @@ def dynamixel1_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
     """The servo of a joint, or of an actuator beside the joints. Raises ConfigError."""
     assert isinstance(kind, Dynamixel1Type)
     given = entry.section.read(Dynamixel1SlotKeys, *entry.beside)
-    registers = {**kind.registers, **_registers(given.registers, kind.table)}
-    mode = _mode(entry.section, kind.mode)
-    return ActuatorSlot(
-        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, registers, mode, feedback_id=None
-    )
-
-
-def _mode(section: ConfigReader, usual: str) -> str:
-    return section.choice("mode", (POSITION,)) if section.has("mode") else usual
+    mode = read_choice(entry.section, (POSITION,), kind.mode)
+    return make_slot(entry, given, given.id, kind, mode, _registers(given.registers, kind.table))
 
 
 def _registers(section: ConfigReader, own: RegisterTable) -> dict[str, int]:
     """Return the required register values by name. Raises ConfigError."""
-    for key in section:
-        if key not in own:
-            raise section.refuse(key, f"{own.title} has no {key}: {', '.join(own.registers)}")
-    return {key: section.value(key, Annotated[int, Meta(ge=-1023, le=65535)]) for key in section}
+    return read_required(section, own.title, own.registers, -1023, 65535)
 
 
 class Dynamixel1Budget:

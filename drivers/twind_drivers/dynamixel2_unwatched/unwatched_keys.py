@@ -24,6 +24,12 @@ from twind_drivers.dynamixel2_unwatched.unwatched_servo_type import (
     UnwatchedServoType,
 )
 from twind_drivers.half_duplex.register_table import RegisterTable
+from twind_drivers.half_duplex.servo_type_keys import (
+    make_slot,
+    read_choice,
+    read_required,
+    require_even_delay,
+)
 
 POSITION = "position"
 # °C below the temperature limit of an XL-320, 65, and of a PRO -R, 80
@@ -66,9 +72,7 @@ def unwatched_servo_type(name: str, section: ConfigReader) -> UnwatchedServoType
     if known is None:
         text = f"{given.device} is not driven: known are {', '.join(sorted(models()))}"
         raise section.refuse("device", text)
-    if given.return_delay_us % 2:
-        text = f"{given.return_delay_us} is odd: the register counts in steps of 2 µs"
-        raise section.refuse("return_delay_us", text)
+    require_even_delay(section, given.return_delay_us)
     layout = layout_of(known.table)
     for register, value in given.gains.registers().items():
         if register not in layout.gains:
@@ -81,7 +85,7 @@ def unwatched_servo_type(name: str, section: ConfigReader) -> UnwatchedServoType
     return UnwatchedServoType(
         name=name,
         device=known.name,
-        mode=_mode(section, POSITION),
+        mode=read_choice(section, (POSITION,), POSITION),
         ticks_per_turn=round(known.turn),
         velocity_lsb_rad_s=known.velocity,
         velocity_limit_rad_s=given.velocity_limit_rad_s,
@@ -103,11 +107,8 @@ def unwatched_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
     """The servo of a joint, or of an actuator beside the joints. Raises ConfigError."""
     assert isinstance(kind, UnwatchedServoType)
     given = entry.section.read(ServoSlotKeys, *entry.beside)
-    registers = {**kind.registers, **_registers(given.registers, kind.layout.table)}
-    mode = _mode(entry.section, kind.mode)
-    return ActuatorSlot(
-        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, registers, mode, feedback_id=None
-    )
+    mode = read_choice(entry.section, (POSITION,), kind.mode)
+    return make_slot(entry, given, given.id, kind, mode, _registers(given.registers, kind.layout.table))
 
 
 def refuse_other_table(slot: ActuatorSlot, others: Sequence[ActuatorSlot], section: ConfigReader) -> None:
@@ -120,13 +121,6 @@ def refuse_other_table(slot: ActuatorSlot, others: Sequence[ActuatorSlot], secti
             raise section.refuse("type", f"{text}: use a bus for each")
 
 
-def _mode(section: ConfigReader, usual: str) -> str:
-    return section.choice("mode", (POSITION,)) if section.has("mode") else usual
-
-
 def _registers(section: ConfigReader, own: RegisterTable) -> dict[str, int]:
     """Return the required register values by name. Raises ConfigError."""
-    for key in section:
-        if key not in own:
-            raise section.refuse(key, f"{own.title} has no {key}: {', '.join(own.registers)}")
-    return {key: section.value(key, Annotated[int, Meta(ge=-(2**31), le=2**32 - 1)]) for key in section}
+    return read_required(section, own.title, own.registers, -(2**31), 2**32 - 1)

@@ -16,6 +16,7 @@ from twind_drivers.feetech.feetech_budget import FeetechCycle, cycle
 from twind_drivers.feetech.feetech_models import models
 from twind_drivers.feetech.feetech_registers import RegisterMap, register_map
 from twind_drivers.feetech.feetech_type import KIND, MANY, POSITION, FeetechGains, FeetechType
+from twind_drivers.half_duplex.servo_type_keys import make_slot, read_choice, read_required
 
 HOTTEST = 70.0  # °C, register 13 as delivered; a servo was seen at 71 without switching off
 HEAT = ThermalLimits(warn=55.0, slow=60.0, settle=65.0, cool=50.0)
@@ -94,24 +95,18 @@ def feetech_slot(entry: SlotEntry, kind: TypeSpec) -> ActuatorSlot:
     """The servo of a joint, or of an actuator beside the joints. Raises ConfigError."""
     assert isinstance(kind, FeetechType)
     given = entry.section.read(FeetechSlotKeys, *entry.beside)
-    registers = {**kind.registers, **_registers(given.registers, kind.map)}
     mode = _mode(entry.section, kind.mode, kind.map)
-    return ActuatorSlot(
-        entry.name, entry.bus, given.id, kind, given.sign, given.ratio, registers, mode, feedback_id=None
-    )
+    return make_slot(entry, given, given.id, kind, mode, _registers(given.registers, kind.map))
 
 
 def _mode(section: ConfigReader, usual: str, own: RegisterMap) -> str:
     choices = (POSITION,) if own.big_endian else (POSITION, MANY)
-    return section.choice("mode", choices) if section.has("mode") else usual
+    return read_choice(section, choices, usual)
 
 
 def _registers(section: ConfigReader, own: RegisterMap) -> dict[str, int]:
     """Return the required register values by name. Raises ConfigError."""
-    for key in section:
-        if key not in own:
-            raise section.refuse(key, f"an {own.name.upper()} has no {key}: {', '.join(own.registers)}")
-    return {key: section.value(key, Annotated[int, Meta(ge=-32767, le=65535)]) for key in section}
+    return read_required(section, f"an {own.name.upper()}", own.registers, -32767, 65535)
 
 
 class FeetechBudget:
