@@ -119,6 +119,11 @@ class ControlTable:
         """Capabilities of the model. Raises KeyError for a model whose manual page has not been read."""
         return facts(self.stem)
 
+    @property
+    def codes_errors(self) -> bool:
+        """True: its hardware error register holds one code; False: it holds a bit for each error."""
+        return self["hardware_error_status"].rule.codes is not None
+
     def __contains__(self, name: str) -> bool:
         """Return True if there is a register of that name."""
         return snake(name) in self.fields

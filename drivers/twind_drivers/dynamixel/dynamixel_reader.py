@@ -116,15 +116,17 @@ class DynamixelReader(SerialReader):
         self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.slow: DynamixelSlowRegisters = DynamixelSlowRegisters(self.ids, tables, layouts)
-        coded = np.array([each["hardware_error_status"].rule.codes is not None for each in tables])
-        self.cyclic: DynamixelCyclicRead = (
-            CodedAlertRead(self.ids, layouts, coded, self.slow.registers)
-            if coded.any()
-            else DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
-        )
+        self.cyclic: DynamixelCyclicRead = self._cyclic_read(layouts, fast=bool(fast))
         self.registers: SlowRegisterValues = self.slow.registers
         self._schedule()
         self._query = None
+
+    def _cyclic_read(self, layouts: Sequence[DeviceLayout], *, fast: bool) -> DynamixelCyclicRead:
+        """Make the reading of each cycle. Devices that code their errors have no fast reads."""
+        coded = np.array([self.tables[id].codes_errors for id in self.ids])
+        if coded.any():
+            return CodedAlertRead(self.ids, tuple(layouts), coded, self.slow.registers)
+        return DynamixelCyclicRead(self.ids, tuple(layouts), fast=fast)
 
     @property
     def fast(self) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.error_codes import CODE_BY_BIT, WATCHDOG
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.virtual.backlash import Backlash
@@ -61,6 +61,13 @@ class ServoSpec:
     backlash: float = 0.0
 
 
+def _simulated_table(spec: ServoSpec) -> ControlTable:
+    found = table(number_of(spec.model), spec.firmware)
+    if found.facts.undriven:
+        raise ValueError(f"{found.model}: not simulated: {found.facts.undriven}")
+    return found
+
+
 class VirtualServos:
     """m servos and their rules. `epoch` counts the changes that make a remembered request void."""
 
@@ -71,10 +78,7 @@ class VirtualServos:
 
         Raises KeyError for an unknown model and ValueError for one without the registers simulated here.
         """
-        tables = [table(number_of(spec.model), spec.firmware) for spec in specs]
-        for each in tables:
-            if each.facts.undriven:
-                raise ValueError(f"{each.model}: not simulated: {each.facts.undriven}")
+        tables = [_simulated_table(spec) for spec in specs]
         if any(spec.backlash for spec in specs):
             muscles = Backlash(muscles, np.array([spec.backlash for spec in specs]))
         self.memory = memory = RegisterMemory(tables, [spec.firmware for spec in specs])
@@ -97,7 +101,7 @@ class VirtualServos:
         self._tripped_word = np.array(
             [TRIPPED if each["bus_watchdog"].size == 1 else 0xFFFF for each in tables]
         )
-        self._coded = np.array([each["hardware_error_status"].rule.codes is not None for each in tables])
+        self._coded = np.array([each.codes_errors for each in tables])
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
         # shut: by a hardware error, until reboot; silenced: connector pulled, it receives and sends nothing
         # s, the last time, and how long after the last received packet before that
