@@ -115,8 +115,8 @@ class ServoType(TypeSpec):
 
     @property
     def finds_endstops(self) -> bool:
-        """True: its output is capped by a register."""
-        return True
+        """True: it has the mode in which its current is capped (register 11, value 5)."""
+        return 5 in self._facts.modes
 
     @property
     def full_current_a(self) -> float:

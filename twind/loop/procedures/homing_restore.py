@@ -72,7 +72,7 @@ def give_back(
     port.identify()
     while not pending.answered and not context.hardware.connected and context.clock.now() < until:
         yield  # the client may go on at once after the reply
-    if pending.rest is not None and not pending.answered:
+    if pending.rest is not None and not why and not pending.answered:
         pending.findings += yield from _turn_kept(pending, pending.rest, verified)
     answer(context, pending)
     return None
