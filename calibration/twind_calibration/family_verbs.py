@@ -1,4 +1,4 @@
-"""Verbs whose work on a port is a driver family's: `twindctl scan --port` and `twindctl adopt`."""
+"""Verbs whose work on a port is a driver family's: `twindctl scan --port`, `adopt` and `robot servo`."""
 
 import argparse
 import sys
@@ -50,5 +50,15 @@ def adopt(options: argparse.Namespace) -> int:
     able = [each for each in reversed(families()) if each.adopt is not None]
     chosen: DriverFamily | None = next((each for kind in kinds for each in able if each.kind == kind), None)
     part = (chosen or able[0]).adopt
+    assert part is not None
+    return part.load()(options)
+
+
+def relocate(options: argparse.Namespace) -> int:
+    """Give servos of a port other ids or rates; which family they are of, a scan finds.
+
+    Raises Rejected, UsageError.
+    """
+    part = next(each.relocate for each in families() if each.relocate is not None)
     assert part is not None
     return part.load()(options)

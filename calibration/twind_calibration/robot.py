@@ -1,7 +1,7 @@
-"""Make a robot file: new, finish.
+"""Make a robot file: servo, new, finish.
 
-`new` writes one from scans, files of other software and a model; `finish` settles what no source states,
-joint by joint.
+`servo` gives servos ids and a rate; `new` writes the file from scans, files of other software and a model;
+`finish` settles what no source states, joint by joint.
 """
 
 import argparse

@@ -45,13 +45,24 @@ def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> N
 
 
 def test_the_command_line_wins_over_the_settings_and_they_over_the_robot_file() -> None:
-    described = {"legs": "robot", "arms": "robot"}
+    described = {"legs": "/dev/robot", "arms": "/dev/robot"}
     assert bus_ports(settings(), TWO, described) == described
-    of_file = settings(file={"arms": "file", "legs": "file"})
-    assert bus_ports(of_file, TWO, described) == {"legs": "file", "arms": "file"}
-    both = settings("legs=line", file={"arms": "file", "legs": "file"})
-    assert bus_ports(both, TWO, described) == {"legs": "line", "arms": "file"}
-    assert bus_ports(settings("line", file={"main": "file"}), ["main"], {"main": "robot"}) == {"main": "line"}
+    of_file = settings(file={"arms": "/dev/file", "legs": "/dev/file"})
+    assert bus_ports(of_file, TWO, described) == {"legs": "/dev/file", "arms": "/dev/file"}
+    both = settings("legs=/dev/line", file={"arms": "/dev/file", "legs": "/dev/file"})
+    assert bus_ports(both, TWO, described) == {"legs": "/dev/line", "arms": "/dev/file"}
+    assert bus_ports(settings("/dev/line", file={"main": "/dev/file"}), ["main"], {"main": None}) == {
+        "main": "/dev/line"
+    }
+
+
+def test_a_relative_port_becomes_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert bus_ports(settings("ports/main"), ["main"], {"main": None}) == {
+        "main": str(tmp_path / "ports/main")
+    }
+    can = {"main": "can:socketcan:can0"}
+    assert bus_ports(settings(), ["main"], can) == can
 
 
 def test_a_bus_without_a_port_stays_without() -> None:

@@ -9,6 +9,16 @@ from twind_drivers.virtual.shown_position_log import ShownPositionLog
 IDS = [1, 2, 3, 4]
 
 
+def test_one_of_two_servos_with_one_id_is_silenced_by_its_number() -> None:
+    host = Host([1, 1, 2])
+    host.bus.faults.silence(1, number=2)
+    assert [each.id for each in host.ask(packet.ping(1))] == [1]
+    host.bus.faults.silence(1, number=1)
+    assert host.ask(packet.ping(1)) == []
+    with pytest.raises(KeyError, match="id 1 has 2"):
+        host.bus.faults.silence(1, number=3)
+
+
 @pytest.mark.parametrize("short_way", [False, True])
 def test_drop_loses_exactly_that_many_answers(short_way: bool) -> None:
     host = Host(IDS)

@@ -4,6 +4,7 @@ Used at start, and again by the process that checks the files for changes.
 """
 
 import hashlib
+import os
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.driver_family import family
 from twind.config.file_changes import fingerprints
-from twind.config.port_names import wrong_port
+from twind.config.port_names import SCHEME, wrong_port
 from twind.config.robot_file import RobotFile, load_robot
 from twind.exceptions import InvalidInput
 from twind.robot.finding import Finding, ReasonCode
@@ -124,7 +125,12 @@ def bus_ports(
             named = " ".join(f"--port {bus}=PORT" for bus in buses)
             raise InvalidInput(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
         ports[buses[0]] = bare
-    return ports
+    return {name: _absolute(port) for name, port in ports.items()}
+
+
+def _absolute(port: str | None) -> str | None:
+    """Return a serial port by its absolute path, valid in every folder; links such as by-id names stay."""
+    return port if not port or port.startswith(SCHEME) else os.path.abspath(port)
 
 
 def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:

@@ -135,9 +135,10 @@ class DriverFamily:
     driver: FamilyPart[BusDriver]
     virtual: FamilyPart[Any]  # a `twind.virtual.virtual_twin.VirtualTwin`
     doctor: FamilyPart[Any] | None = None  # a `twind.doctor.family_doctor.FamilyDoctor`
-    # Of `twindctl scan --port` and `twindctl adopt`: the verb's options in, its exit code out.
+    # Of `twindctl scan --port`, `adopt` and `robot servo`: the verb's options in, its exit code out.
     scan: FamilyPart[Callable[[Namespace], int]] | None = None
     adopt: FamilyPart[Callable[[Namespace], int]] | None = None
+    relocate: FamilyPart[Callable[[Namespace], int]] | None = None
     # A `twind_drivers.servo_tools.family_tools.FamilyTools`, of serial servos, for scan, adoption, doctor.
     tools: FamilyPart[Any] | None = None
     takes_imu: bool = False  # an IMU with the family's protocol may be on its bus

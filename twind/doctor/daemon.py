@@ -7,6 +7,7 @@ from pathlib import Path
 
 from twind.client.find_socket import socket_path
 from twind.ctl.instance_paths import stop
+from twind.ctl.reasons import remedy
 from twind.doctor import service
 from twind.doctor.check import (
     MANY,
@@ -22,6 +23,7 @@ from twind.doctor.host_inspector import would_start
 from twind.doctor.inspectors import PATIENCE
 from twind.exceptions import OperationFailed
 from twind.listening_sockets import GROUPS, NAMES
+from twind.protocol.messages import FindingMessage
 from twind.protocol.socket_paths import SYSTEM
 from twind.version import __version__
 
@@ -235,17 +237,19 @@ def check_ticks(context: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def check_faults(context: CheckContext) -> Iterator[DoctorFinding]:
-    """DAEMON_FAULT: each message of the daemon once, with its joints."""
+    """DAEMON_FAULT: each code once, with its joints and messages."""
     daemon = context.need_daemon()
-    faults: dict[tuple[str, str], list[str]] = {}
+    faults: dict[str, list[FindingMessage]] = {}
     for each in daemon.status["faults"]:
-        joints = faults.setdefault((each["code"], each["message"]), [])
-        joints += [each["joint"]] if each["joint"] else []
-    for (code, message), joints in faults.items():
+        faults.setdefault(each["code"], []).append(each)
+    for code, several in faults.items():
+        joints = dict.fromkeys(each["joint"] for each in several if each["joint"])
         count = f", {len(joints)} joints" if len(joints) > MANY else ""
         thing = f"{code}{count}: {', '.join(joints)}" if joints else code
-        advice = TWINS.format(stop(daemon.path)) if code in SHARED else ""
-        yield DoctorFinding("DAEMON_FAULT", thing, message, advice=advice)
+        messages = list(dict.fromkeys(each["message"] for each in several))
+        more = [f"and {len(messages) - MANY} more"] if len(messages) > MANY else []
+        advice = TWINS.format(stop(daemon.path)) if code in SHARED else remedy(code)
+        yield DoctorFinding("DAEMON_FAULT", thing, "; ".join([*messages[:MANY], *more]), advice=advice)
 
 
 CHECKS = (

@@ -132,7 +132,8 @@ class FinishTask:
                     f"{joint.upper:g}: lay it inside, or widen limits_rad"
                 )
             pose[joint.name] = inside
-        text = ", ".join(f"{name}: {place:.3f}" for name, place in pose.items())
+        # `+ 0.0` after rounding: -0.000 becomes 0.000
+        text = ", ".join(f"{name}: {round(place, 3) + 0.0:.3f}" for name, place in pose.items())
         self._write({"poses.rest": f"{{{text}}}"})
 
     def _sign(self, client: Client, joint: JointSpec) -> int:

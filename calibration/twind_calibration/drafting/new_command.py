@@ -27,7 +27,7 @@ from twind_calibration.drafting.robot_file_text import (
     robot_text,
 )
 from twind_calibration.drafting.robot_steps import SUPPORTS
-from twind_calibration.drafting.scan_source import fill_from_scan, require_one_bus, scan_port
+from twind_calibration.drafting.scan_source import announce, fill_from_scan, require_one_bus, scan_port
 from twind_calibration.model_import.imported_model import ImportedModel
 
 
@@ -72,13 +72,13 @@ def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
     ports = _pairs(options.ports, "main")
     scans: dict[str, list[dict[str, Any]]] = {}
     for bus, port in ports.items():
-        if not options.json:
-            print(f"scanning {port}: this may take a minute", file=sys.stderr, flush=True)
+        announce(options, port)
         scans[bus] = scan_port(port)
         sources.append(f"scan of {bus} at {port}")
     require_one_bus(draft, scans)
+    named = bool(draft.joints)
     for bus, devices in scans.items():
-        fill_from_scan(draft, bus, ports[bus], devices)
+        fill_from_scan(draft, bus, ports[bus], devices, named=named)
     return sources
 
 

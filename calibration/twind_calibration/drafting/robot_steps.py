@@ -14,6 +14,12 @@ Sources are --from, --port and --model. Of limits the tighter one stays; sources
 otherwise are refused. Known formats: LeRobot, Poppy and pypot, ROBOTIS framework, Interbotix, Reachy Mini,
 ToddlerBot; --mapping describes any other. What no source states is written to the key `todo` of the file.
 """
+_SERVO = """\
+give servos on a port an id or a baud rate, before a robot file exists
+
+Connect a new servo alone to give it its id: servos are delivered with the same one. Every write is read back;
+torque must be off.
+"""
 _FINISH = """\
 settle the open items of a robot file, one by one
 
@@ -70,6 +76,16 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
     _answer_arguments(parser)
 
 
+def _servo_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--port", required=True, metavar="PORT", help="serial port that no daemon holds")
+    parser.add_argument(
+        "--id", type=int, metavar="N", help="present id of the servo (default: all that answer)"
+    )
+    parser.add_argument("--new-id", type=int, metavar="N", help="its new id")
+    parser.add_argument("--baud", type=int, metavar="RATE", help="new baud rate")
+    parser.add_argument("--yes", action="store_true", help="do not ask before writing")
+
+
 def _finish_arguments(parser: argparse.ArgumentParser) -> None:
     _answer_arguments(parser)
     add_files(parser)
@@ -77,5 +93,6 @@ def _finish_arguments(parser: argparse.ArgumentParser) -> None:
 
 STEPS = {
     "new": VerbStep(_NEW, _new_arguments, "drafting.new_command:write_new"),
+    "servo": VerbStep(_SERVO, _servo_arguments, "family_verbs:relocate"),
     "finish": VerbStep(_FINISH, _finish_arguments, "drafting.finish_command:finish"),
 }

@@ -1,5 +1,6 @@
 """Facts from the scan of a port: ids, models and the baud rate of a bus."""
 
+import argparse
 import json
 import subprocess
 import sys
@@ -12,35 +13,54 @@ from twind_calibration.drafting.robot_draft import RobotDraft
 SECONDS = 300.0  # of a scan of all ids at all rates
 
 
+def announce(options: argparse.Namespace, port: str) -> None:
+    """Say that a scan begins: a search of all ids at all rates is long."""
+    if not options.json:
+        print(f"scanning {port}: this may take a minute", file=sys.stderr, flush=True)
+
+
 def scan_port(port: str) -> list[dict[str, Any]]:
     """Return the devices that `twindctl scan --port` finds. Raises Rejected: none, or a fault of the line."""
+    return devices_of(*scan_rows(port), port)
+
+
+def scan_rows(port: str) -> tuple[list[dict[str, Any]], str]:
+    """Return the lines of `twindctl scan --port`, and what it said. Raises Rejected where it does not end."""
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--json", "scan", "--port", port]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
         raise Rejected(f"{port}: the scan did not end within {SECONDS:.0f} s") from None
     rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-    return devices_of(rows, port, done.stderr.strip())
+    refused = [row["parameters"]["message"] for row in rows if "error" in row]
+    return rows, "; ".join(refused) or done.stderr.strip()
 
 
-def devices_of(rows: list[dict[str, Any]], port: str, error: str = "") -> list[dict[str, Any]]:
+def require_devices(rows: list[dict[str, Any]], error: str, port: str) -> list[dict[str, Any]]:
+    """Return the devices among the lines of a scan, faulty ones too. Raises Rejected where there is none."""
+    devices = [row for row in rows if row.get("id") is not None]
+    if not devices:
+        said = [f"{row.get('baud')} baud: {row['trouble']}" for row in rows if row.get("trouble")]
+        why = f"{port}: {'; '.join(said)}; correct it and scan again" if said else error
+        raise Rejected(why or f"{port}: no device answers")
+    return devices
+
+
+def devices_of(rows: list[dict[str, Any]], error: str, port: str) -> list[dict[str, Any]]:
     """Return the devices among the lines of a scan. `error`: what the scan said where it found none.
 
     A trouble of the line alone, such as replies of another protocol, counts only where no device is found.
     Raises Rejected.
     """
-    devices = [row for row in rows if row.get("id") is not None]
+    devices = require_devices(rows, error, port)
     troubles = [
-        f"{row.get('baud')} baud, id {row.get('id', '-')}: {row['trouble']}"
-        for row in (devices or rows)
-        if row.get("trouble")
+        f"{row['baud']} baud, id {row['id']}: {row['trouble']}" for row in devices if row.get("trouble")
     ]
     if troubles:
         raise Rejected(
-            f"{port}: {'; '.join(troubles)}; correct it and scan again (`twindctl scan --port {port}`)"
+            f"{port}: {'; '.join(troubles)}; correct it, ids with `twindctl robot servo --port {port}`, and "
+            "try again"
         )
-    if not devices:
-        raise Rejected(error or f"{port}: no device answers")
     return devices
 
 
@@ -56,21 +76,24 @@ def require_one_bus(draft: RobotDraft, scans: Mapping[str, list[dict[str, Any]]]
             )
 
 
-def fill_from_scan(draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]]) -> None:
+def fill_from_scan(
+    draft: RobotDraft, bus: str, port: str, devices: list[dict[str, Any]], *, named: bool
+) -> None:
     """State what the devices of a bus tell. A device without a joint becomes joint `BUS_ID`.
+
+    `named`: other sources name the joints, so that such a device is worth a remark.
 
     Raises Rejected: two baud rates on one bus, or a device of an unknown model.
     """
     source = f"scan of {bus}"
-    named = bool(draft.joints)
     rates = sorted({int(each["baud"]) for each in devices})
     if len(rates) > 1:
         slow = ", ".join(
             f"id {each['id']} at {each['baud']}" for each in devices if each["baud"] != rates[-1]
         )
         raise Rejected(
-            f"{port}: two baud rates on one bus: {slow}, others at {rates[-1]}; set one rate, such as with "
-            "`twindctl register` or the maker's tool, and scan again"
+            f"{port}: two baud rates on one bus: {slow}, others at {rates[-1]}; set one with "
+            f"`twindctl robot servo --port {port} --baud {rates[-1]}`"
         )
     draft.bus(bus).state("port", port, source)
     draft.bus(bus).state("baud", rates[0], source)

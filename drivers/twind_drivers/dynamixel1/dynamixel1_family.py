@@ -23,6 +23,7 @@ DYNAMIXEL1 = DriverFamily(
     doctor=FamilyPart("twind_drivers.servo_tools.doctor.servo_doctor:DOCTOR"),
     scan=FamilyPart("twind_drivers.dynamixel1.dynamixel1_tools:scan"),
     adopt=FamilyPart("twind_drivers.servo_tools.adoption.adopt_command:adopt"),
+    relocate=FamilyPart("twind_drivers.servo_tools.adoption.relocate_command:relocate"),
     tools=FamilyPart("twind_drivers.dynamixel1.dynamixel1_tools:TOOLS"),
     alert_register="hardware_error_status",
 )

@@ -27,7 +27,7 @@ NOISY = 3  # garbled replies of unique ids from which the line counts as noisy: 
 GARBAGE = 8  # garbled single pings in a row from which the line, not an id, is at fault
 PATIENCE = 0.03  # s: longer than any latency timer that adapters have as delivered
 DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
-REMEDY = "disconnect one, give the other a free id, then connect the first again"
+REMEDY = "disconnect one, give the other a free id (`twindctl robot servo`), then connect the first again"
 
 
 class ScanFaultKind(Enum):

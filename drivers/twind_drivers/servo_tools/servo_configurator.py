@@ -5,14 +5,23 @@ every write is judged by what is read afterwards, where the servo then stands.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 
 from twind.command_line.verb import Rejected
 from twind_drivers.bus import PortError
+from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.ports.serial_port import SerialTransport
 from twind_drivers.servo_tools.bus_scan import PROBES, REMEDY
 from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation
 from twind_drivers.servo_tools.prober import PortProber, ProbeWindow
-from twind_drivers.servo_tools.scan_protocol import ScanStatus, ServoIdentity, ServoRegister, ServoTable
+from twind_drivers.servo_tools.scan_protocol import (
+    ScanProtocol,
+    ScanStatus,
+    ServoIdentity,
+    ServoRegister,
+    ServoTable,
+)
 
 TRIES = 3  # writes of one register
 LOCK = "lock"  # register: 0 while settings are stored
@@ -26,12 +35,27 @@ class WritableProber(PortProber):
         return self._exchange(self.protocol.write(id, address, data), 0)
 
 
+ProberAtRate = Callable[[int], WritableProber]  # sets the port to a rate in bit/s
+
+
+def open_writable(port: str, protocol: ScanProtocol, stack: ExitStack) -> ProberAtRate:
+    """Open a port exclusively until `stack` ends; nothing is sent. Raises PortError."""
+    transport = SerialTransport(port, 57_600)  # which every adapter has
+    stack.callback(transport.close)
+    return partial(_at_rate, transport, MonotonicClock(), protocol)
+
+
+def _at_rate(transport: SerialTransport, clock: Clock, protocol: ScanProtocol, baud: int) -> WritableProber:
+    transport.set_baud(baud)
+    return WritableProber(transport, clock, baud, protocol, timer=(transport.latency_ms or 0) * 1e-3)
+
+
 class ServoConfigurator:
     """One servo of a known model. Every method may raise PortError; Rejected: it did not do it."""
 
     def __init__(
         self,
-        at: Callable[[int], WritableProber],
+        at: ProberAtRate,
         tools: FamilyTools,
         model: int,
         table: ServoTable,

@@ -67,12 +67,12 @@ class ChecksumBusFaults(SerialLineFaults, ShaftFaults):
         """Raise KeyError, listing the ids, if no device has this id."""
         self.rows(id)
 
-    def silence(self, id: int | None = None, on: bool = True) -> None:
+    def silence(self, id: int | None = None, on: bool = True, number: int | None = None) -> None:
         """Pull the connector of one servo or (None) of all: it receives and sends nothing, keeps its power.
 
-        `clear` plugs all in. Raises KeyError.
+        `number`: of several with that id, from 1. `clear` plugs all in. Raises KeyError.
         """
-        for row in range(len(self._servos.silenced)) if id is None else self.rows(id):
+        for row in range(len(self._servos.silenced)) if id is None else self.rows(id, number):
             self._servos.silenced[row] = on
 
     def damage(self, id: int, bits: int) -> None:

@@ -23,15 +23,15 @@ class SerialBusFaults(SerialLineFaults, ServoFaults):
         ServoFaults.__init__(self, bus, servos)
         SerialLineFaults.__init__(self, wire, stream)
 
-    def silence(self, id: int | None = None, on: bool = True) -> None:
+    def silence(self, id: int | None = None, on: bool = True, number: int | None = None) -> None:
         """Pull the connector of one device or (None) of all: it receives and sends nothing, keeps its power.
 
-        `clear` plugs all in. Raises KeyError.
+        `number`: of several with that id, from 1. `clear` plugs all in. Raises KeyError.
         """
         if self._sensor is not None and id in (None, self._sensor.id):
             self._sensor.silenced = on
         if self._sensor is None or id != self._sensor.id:
-            ServoFaults.silence(self, id, on)
+            ServoFaults.silence(self, id, on, number)
 
     def power(self, on: bool) -> None:
         """The supply of the bus. Off: no servo replies or holds. On: all boot, RAM and turns are lost."""
@@ -44,9 +44,9 @@ class SerialBusFaults(SerialLineFaults, ServoFaults):
         if self._sensor is None or id != self._sensor.id:
             self.rows(id)
 
-    def rows(self, id: int) -> list[int]:
+    def rows(self, id: int, number: int | None = None) -> list[int]:
         """Places of the servos with this id. Raises KeyError that names the ids there are."""
-        return ServoFaults.rows(self, id)
+        return ServoFaults.rows(self, id, number)
 
     def clear(self) -> None:
         """Heal every fault of the line; hardware errors, lost turns, power and an unplugged port stay."""

@@ -14,6 +14,7 @@ B = TypeVar("B")
 
 SERIAL_FAULTS: FaultArguments = {
     **SHARED_FAULTS,
+    "silence": {"id?": int, "on?": bool, "number?": int},
     "corrupt": {"count": int, "id?": int, "bits?": int},
     "forge": {"count": int, "id?": int},
     "cut": {"count": int, "bytes": int, "id?": int},

@@ -19,12 +19,12 @@ class ServoFaults(ShaftFaults):
         )
         self._servos = servos
 
-    def silence(self, id: int | None = None, on: bool = True) -> None:
+    def silence(self, id: int | None = None, on: bool = True, number: int | None = None) -> None:
         """Pull the connector of one servo or (None) of all: it receives and sends nothing, keeps its power.
 
-        `clear` plugs all in. Raises KeyError.
+        `number`: of several with that id, from 1. `clear` plugs all in. Raises KeyError.
         """
-        self._servos.silenced[slice(None) if id is None else self.rows(id)] = on
+        self._servos.silenced[slice(None) if id is None else self.rows(id, number)] = on
         self._servos.invalidate_cache()
 
     def damage(self, id: int, bits: int) -> None:

@@ -51,13 +51,18 @@ class ShaftFaults:
         for row in self.rows(id):
             self._freeze(row, on)
 
-    def rows(self, id: int) -> list[int]:
-        """Rows of the devices with this id. Raises KeyError that names the ids there are."""
+    def rows(self, id: int, number: int | None = None) -> list[int]:
+        """Rows of the devices with this id, or of its `number`th one, from 1.
+
+        Raises KeyError that names the ids there are.
+        """
         ids = self._ids()
         found = [row for row, each in enumerate(ids) if each == id]
         if not found:
             raise KeyError(f"{self._unknown} with id {id}; ids are {sorted(ids)}")
-        return found
+        if number is not None and not 0 < number <= len(found):
+            raise KeyError(f"number {number}: id {id} has {len(found)}")
+        return found if number is None else [found[number - 1]]
 
     def _block(self, row: int, held: bool) -> None:
         raise NotImplementedError

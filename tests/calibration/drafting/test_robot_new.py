@@ -177,13 +177,13 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
 def test_a_trouble_of_the_line_counts_where_no_device_is_found() -> None:
     found = {"id": 1, "baud": 1_000_000, "model_name": "STS3215", "trouble": ""}
     other = {"baud": 1_000_000, "trouble": "devices answer protocol 1.0"}
-    assert devices_of([other, found], "/dev/x") == [found]
+    assert devices_of([other, found], "", "/dev/x") == [found]
     with pytest.raises(Rejected, match=r"protocol 1\.0; correct it and scan again"):
-        devices_of([other], "/dev/x")
+        devices_of([other], "", "/dev/x")
     with pytest.raises(Rejected, match="id 1: two devices"):
-        devices_of([found | {"trouble": "two devices have this id"}], "/dev/x")
+        devices_of([found | {"trouble": "two devices have this id"}], "", "/dev/x")
     with pytest.raises(Rejected, match="no device answers"):
-        devices_of([], "/dev/x")
+        devices_of([], "", "/dev/x")
 
 
 def test_an_id_that_answers_on_two_buses_is_given_to_no_joint_by_guess(

@@ -3,22 +3,17 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 from twind.client import Client, ClientError, NoDaemon
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
-from twind.config.robot_spec import BusSpec
 from twind.ctl.command_hint import command_hint
 from twind.ctl.instance_paths import stop
 from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortErrorCause
-from twind_drivers.clock import Clock, MonotonicClock
-from twind_drivers.ports.serial_port import SerialTransport
 from twind_drivers.servo_tools.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_drivers.servo_tools.adoption.calibration_entry_status import entry_of
 from twind_drivers.servo_tools.adoption.candidate_locations import (
@@ -30,8 +25,7 @@ from twind_drivers.servo_tools.adoption.candidate_locations import (
     serial_buses,
 )
 from twind_drivers.servo_tools.family_tools import need_tools
-from twind_drivers.servo_tools.scan_protocol import ScanProtocol
-from twind_drivers.servo_tools.servo_configurator import WritableProber
+from twind_drivers.servo_tools.servo_configurator import ProberAtRate, open_writable
 
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
 PATIENCE = 5.0  # s for an answer of a daemon
@@ -40,7 +34,6 @@ CALIBRATE = (
     "`twindctl calibrate sweep {0}`, then `twindctl calibrate zero {0}` ({1}); mirror shows it already, "
     "marked uncalibrated"
 )
-At = Callable[[int], WritableProber]
 
 
 @with_hints
@@ -61,7 +54,10 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
         _require_no_daemon(options, described, port)
     try:
         with ExitStack() as stack:
-            opened = {bus.name: _open_port(bus, port, stack) for bus, port in named.items()}
+            opened = {
+                bus.name: open_writable(port, need_tools(bus.kind).protocol, stack)
+                for bus, port in named.items()
+            }
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
@@ -69,7 +65,7 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
         raise Rejected(f"{error}{hint}") from error
 
 
-def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dict[str, At]) -> int:
+def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dict[str, ProberAtRate]) -> int:
     robot = described.robot
     heard = {}
     for bus, at in opened.items():
@@ -128,18 +124,6 @@ def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
 def _print_line(options: argparse.Namespace, line: str) -> None:
     if not options.json:
         print(command_hint(options).prose(line), file=sys.stderr, flush=True)
-
-
-def _open_port(bus: BusSpec, port: str, stack: ExitStack) -> At:
-    """The port, alone; the result sets its rate. Raises PortError."""
-    transport = SerialTransport(port, 57_600)  # which every adapter has; nothing is sent yet
-    stack.callback(transport.close)
-    return partial(_at, transport, MonotonicClock(), need_tools(bus.kind).protocol)
-
-
-def _at(transport: SerialTransport, clock: Clock, protocol: ScanProtocol, baud: int) -> WritableProber:
-    transport.set_baud(baud)
-    return WritableProber(transport, clock, baud, protocol, timer=(transport.latency_ms or 0) * 1e-3)
 
 
 def _refuse_calibrated_place(described: RobotDescription, chosen: AdoptionCandidate) -> None:

@@ -1,13 +1,12 @@
 """Assigns a chosen servo to a joint: the steps in their order, and their description. Blocks."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from twind.command_line.verb import Rejected
 from twind_drivers.servo_tools.adoption.calibration_entry_status import CalibrationEntryStatus
 from twind_drivers.servo_tools.adoption.candidate_locations import AdoptionCandidate
 from twind_drivers.servo_tools.adoption.register_plan import RegisterStep, different, plan
-from twind_drivers.servo_tools.servo_configurator import LOCK, ServoConfigurator, WritableProber
+from twind_drivers.servo_tools.servo_configurator import LOCK, ProberAtRate, ServoConfigurator
 
 TORQUE = "torque_enable"
 
@@ -81,9 +80,7 @@ class AdoptionPlan:
             raise Rejected(f"{joint.name}, {self.hand.place}: after all was written, {why}")
 
 
-def prepare(
-    chosen: AdoptionCandidate, at: Callable[[int], WritableProber], entry: CalibrationEntryStatus
-) -> AdoptionPlan:
+def prepare(chosen: AdoptionCandidate, at: ProberAtRate, entry: CalibrationEntryStatus) -> AdoptionPlan:
     """Read the servo and compute the necessary writes; writes nothing. Raises Rejected, PortError.
 
     Also rejected: a servo at the final id and rate whose joint is calibrated. It is presumably the servo of
