@@ -153,11 +153,20 @@ def test_the_file_is_for_owner_and_group(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o640
 
 
-@pytest.mark.parametrize("name", ["", "../h24", "H24", "a/b", "a" * 65, ".h24", "h24\n"])
+@pytest.mark.parametrize(
+    "name", ["", "../h24", "H24", "a/b", "a" * 65, ".h24", "h24\n", "h24.0001", "h24.", "a..b"]
+)
 def test_a_name_that_is_no_file_name_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="is no name for a file"):
         save_text(tmp_path, name, NEW, 20)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_with_a_dot_keeps_its_own_history(tmp_path: Path) -> None:
+    save_text(tmp_path, "my_robot.calibration", OLD, 20)
+    save_text(tmp_path, "my_robot.calibration", NEW, 20)
+    assert (tmp_path / "my_robot.calibration.yaml").read_text() == NEW
+    assert (tmp_path / "my_robot.calibration.0001.yaml").read_text() == OLD
 
 
 def test_a_link_planted_in_the_folder_is_not_followed(tmp_path: Path) -> None:

@@ -19,7 +19,8 @@ from twind_drivers.clock import MonotonicClock
 PATIENCE = 30.0  # s to wait for another program that saves there
 PAUSE = 0.02  # s between two looks
 
-_NAME = re.compile(r"[a-z0-9_-]{1,64}")
+# A dot is followed by no digit: numbered history is NAME.0001.yaml.
+_NAME = re.compile(r"(?=.{1,64}$)[a-z0-9_-]+(\.[a-z_-][a-z0-9_-]*)*")
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -44,8 +45,9 @@ class LockedFolder:
 
         A power cut at any point leaves the old or the new file, and none of the earlier ones less, but for
         the oldest beyond `history` once the new one is safe. `rights` None: mode 0640, less what the umask
-        takes. Raises ConfigError (a name that is not 1 to 64 of a-z 0-9 _ -, bytes that read back
-        differently), OSError (disk full, no permission): then the old file stands, whatever is beside it.
+        takes. Raises ConfigError (a name that is not 1 to 64 of a-z 0-9 _ -, with dots before letters; bytes
+        that read back differently), OSError (disk full, no permission): then the old file stands, whatever is
+        beside it.
         """
         _require_name(self.path, name)
         current = f"{name}.yaml"
@@ -112,7 +114,10 @@ def _lock(directory: int) -> None:
 
 def _require_name(folder: Path, name: str) -> None:
     if not _NAME.fullmatch(name):
-        raise file_error(str(folder), f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -")
+        raise file_error(
+            str(folder),
+            f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -, with dots before letters",
+        )
 
 
 def _write(directory: int, name: str, data: bytes, rights: FileOwnership | None) -> None:

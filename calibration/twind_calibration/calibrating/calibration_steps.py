@@ -41,6 +41,14 @@ def _sweep_arguments(parser: argparse.ArgumentParser) -> None:
     _add_file(parser)
 
 
+def _seal_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help="calibration file; written anew")
+    parser.add_argument("--config", metavar="FILE", help="settings of the daemon (default: its usual place)")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="instead of the robot of the settings")
+    parser.add_argument("--yes", action="store_true", help="do not ask before writing")
+    parser.set_defaults(port=[], calibration=None)
+
+
 def _zero_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "joints", nargs="*", metavar="JOINT", help="default: all that were swept and have no zero since"
@@ -271,6 +279,13 @@ For joints in mode position: the limit registers become the joint's limits in co
 inwards. Shown, asked for, written with torque off, read back, and recorded in the calibration file. Needs the
 daemon in mode live, disarmed."""
 
+_SEAL = """\
+complete and hash a calibration file that was written or edited by hand
+
+Each joint needs `zero_ticks` and `sweep_ticks`; the rest follows from the robot file, and a missing `device`
+from the running daemon. The earlier file is kept. Nothing proves a zero written by hand; `prove` proves the
+sign."""
+
 
 STEPS = {
     "scan": VerbStep(_SCAN, add_files, "calibrating.calibrate_scan_command:scan"),
@@ -293,5 +308,6 @@ STEPS = {
         _rollback_arguments,
         "calibrating.history_command:rollback",
     ),
+    "seal": VerbStep(_SEAL, _seal_arguments, "calibrating.seal_command:seal"),
     "limits": VerbStep(_LIMITS, _limits_arguments, "calibrating.limits_command:limits"),
 }
