@@ -175,6 +175,7 @@ $(VENV)/.ready: pyproject.toml $(if $(COPIED),FORCE)
 	$(if $(COPIED),@echo '$(VENV) has a twind that is not this folder: it is installed editable again')
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "twind needs Python 3.11 or newer; set PYTHON=")'
 	$(PYTHON) -m venv $(VENV)
+	@$(BIN)/pip uninstall --quiet --yes twind 2>/dev/null # the earlier name of the distribution
 	$(ADD) '.[dev]'
 	touch $@
 

@@ -78,7 +78,7 @@ wheels() {
     scratch
     # Our own first and alone: it is the only one that is built, from Python alone.
     pip wheel --no-deps --wheel-dir "$1" "$SOURCE" || fail "the wheel of twind was not built; its own words are above"
-    pip download --only-binary :all: --dest "$1" "$(extended "$1"/twind-*.whl)" ||
+    pip download --only-binary :all: --dest "$1" "$(extended "$1"/twind_robot-*.whl)" ||
         fail "a wheel is missing: without a way to the index, give a folder that has them with WHEELS="
 }
 
@@ -105,7 +105,7 @@ foreign() {
     scratch
     # shellcheck disable=SC2086  # one word each
     pip download --only-binary :all: --dest "$1" --find-links "$1" --python-version "$2" --implementation cp \
-        --abi "$3" --abi abi3 --abi none $platforms "$(extended "$1"/twind-*.whl)" ||
+        --abi "$3" --abi abi3 --abi none $platforms "$(extended "$1"/twind_robot-*.whl)" ||
         fail "a wheel for Python $2 is missing; its own words are above"
 }
 
@@ -193,7 +193,7 @@ environment() {
     python=$(python)
     top=$DESTDIR$HOME_OF_TWIND
     [ ! -e "$top/pyvenv.cfg" ] || fail "$top is a virtual environment made by hand: remove it (rm -r $top), then again"
-    own=$(cd "$1" && ls twind-*.whl) || fail "$1: no wheel of twind in it"
+    own=$(cd "$1" && ls twind_robot-*.whl) || fail "$1: no wheel of twind in it"
     version=$(say "$own" | cut -d- -f2)
     digest=$({
         "$python" -c 'import sys; print(sys.version_info[:2], sys.base_prefix)'

@@ -88,9 +88,9 @@ def test_the_command_for_an_extra_is_that_of_the_environment_at_hand(
 
 def test_the_clone_is_the_folder_that_pip_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "my twind"
-    info = tmp_path / "site" / "twind-1.dist-info"
+    info = tmp_path / "site" / "twind_robot-1.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: twind\nVersion: 1\n")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: twind-robot\nVersion: 1\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "site")])
     assert clone() is None
     (info / "direct_url.json").write_text(json.dumps({"url": folder.as_uri(), "dir_info": {}}))

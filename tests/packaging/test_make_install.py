@@ -252,7 +252,7 @@ def test_an_environment_is_switched_when_it_is_whole_and_what_still_runs_keeps_i
     assert contents(tree) == before
     broken = tmp_path / "broken"
     broken.mkdir()
-    (broken / "twind-3.0.0-py3-none-any.whl").write_text("no archive")
+    (broken / "twind_robot-3.0.0-py3-none-any.whl").write_text("no archive")
     install(tree, "install", fails=True, WHEELS=str(broken))
     assert bin_.readlink() == first
     assert [path.name for path in versions.iterdir()] == [first.parent.name]

@@ -1,4 +1,4 @@
-"""Wheels of a stand-in for twind."""
+"""Wheels of a stand-in for twind-robot."""
 
 import zipfile
 from collections.abc import Mapping
@@ -6,10 +6,10 @@ from pathlib import Path
 
 
 def wheel(folder: Path, version: str, *, code: str = "def main():\n    print('here')\n") -> Path:
-    """A folder with one small wheel that calls itself twind, and brings a command; and one of its extra."""
+    """A folder with a small wheel called twind-robot that brings a command, and one of its extra."""
     more = "Provides-Extra: more\nRequires-Dist: twind-more; extra == 'more'\n"
     commands = {"entry_points.txt": "[console_scripts]\ntwind = twind_stand_in:main\n"}
-    _pack(folder, "twind", version, {"twind_stand_in.py": code}, more, commands)
+    _pack(folder, "twind_robot", version, {"twind_stand_in.py": code}, more, commands)
     _pack(folder, "twind_more", "1.0.0", {"twind_more.py": ""}, "", {})
     return folder
 

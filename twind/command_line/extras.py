@@ -37,7 +37,7 @@ def command(extra: str, prefix: Path, python: str, source: Path | None) -> str:
 def clone() -> Path | None:
     """The folder that twind was installed from, as pip recorded it; None: a wheel, or it is gone."""
     try:
-        recorded = distribution("twind").read_text("direct_url.json")
+        recorded = distribution("twind-robot").read_text("direct_url.json")
     except PackageNotFoundError:
         return None
     folder = Path(unquote(urlsplit(json.loads(recorded)["url"]).path)) if recorded else None

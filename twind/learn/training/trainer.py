@@ -22,8 +22,9 @@ from twind.learn.training.ppo_learner import THREADS, PpoLearner, export
 from twind.learn.training.training_folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
 from twind.learn.training.training_reporter import TrainingReporter, bar
 from twind.learn.training.training_settings import TrainingSettings
+from twind.version import __version__
 
-PACKAGES = ("twind", "torch", "stable-baselines3", "gymnasium", "mujoco-core", "numpy", "onnx")
+PACKAGES = ("torch", "stable-baselines3", "gymnasium", "mujoco-core", "numpy", "onnx")
 
 
 @dataclass(slots=True)
@@ -51,7 +52,11 @@ class TrainingFigures:
             "zero": self.zero.to_json(),
             "evaluations": [{"steps": at, **score.to_json()} for at, score in self.points],
             "torch_threads": THREADS,
-            "versions": {"python": python_version(), **{name: version(name) for name in PACKAGES}},
+            "versions": {
+                "python": python_version(),
+                "twind": __version__,
+                **{name: version(name) for name in PACKAGES},
+            },
         }
 
 
