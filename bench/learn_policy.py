@@ -122,10 +122,10 @@ def _p99(act: Callable[[Any], Any]) -> Callable[[], float]:
 def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
     from twind.learn.live.base_estimator import BaseEstimator
-    from twind.learn.live.state_message import decode_state_message
     from twind.learn.policy.policy_controller import PolicyController
     from twind.learn.task.learning_tasks import task_of
     from twind.learn.task.reward import RewardFunction
+    from twind.robot_client.state_message import decode_state_message
 
     task = task_of("Stand")
     names = plant.layout.joints

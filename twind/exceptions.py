@@ -20,6 +20,7 @@ Programming errors are built-in exceptions.
     │   ├── Disconnected      the daemon closed the connection
     │   ├── NoAnswer          no answer in time; also a TimeoutError
     │   ├── NotCarried        the connection to this daemon does not carry such a call
+    │   ├── MotionFailed      a motion was stopped, replaced or aborted
     │   └── CallError         the daemon answered with an error
     │       └── Refused       the gate or the daemon refused; `findings` gives the reasons
     ├── UsageError            twind.command_line.verb: a command line that cannot be understood; exit code 2

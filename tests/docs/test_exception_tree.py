@@ -9,7 +9,7 @@ from twind import exceptions
 
 HOME = Path(__file__).parents[2]
 PACKAGES = ("twind", "drivers/twind_drivers", "calibration/twind_calibration")
-MOST = 20
+MOST = 21
 STEP = 4  # characters of one level in the drawn tree
 
 

@@ -7,11 +7,11 @@ import pytest
 from twind.config.robot_file import load_robot
 from twind.learn.environment.sim_body import SimBody
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.state_message import ImuReading, StateMessage
 from twind.learn.randomise.randomisation_ranges import load_ranges
 from twind.learn.task.action_shaping import ActionShaper, ActionShaping
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import plant_of
+from twind.robot_client.state_message import ImuReading, StateMessage
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 

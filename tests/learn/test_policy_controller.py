@@ -8,7 +8,6 @@ import pytest
 
 from tests.support.policy_world import CARD, PERIOD, POSE, World
 from twind.exceptions import InvalidInput
-from twind.learn.live.state_message import STALE
 from twind.learn.policy.policy_controller import (
     PATIENCE,
     PolicyEnd,
@@ -17,6 +16,7 @@ from twind.learn.policy.policy_controller import (
 )
 from twind.learn.task.action_shaping import ActionShaper
 from twind.learn.task.observation_layout import ObservationLayout
+from twind.robot_client.state_message import STALE
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from tests.support.policy_files import TWO
-from twind.learn.live.state_message import ImuReading, StateMessage
 from twind.learn.policy.policy_card import entries
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.observation_layout import ObservationLayout
+from twind.robot_client.state_message import ImuReading, StateMessage
 
 CARD = replace(TWO, layout=entries(ObservationLayout(TWO.joints)))
 POSE = np.array(CARD.default)

@@ -14,7 +14,6 @@ from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.state_message import ImuReading, StateMessage
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 from twind.learn.task.learning_tasks import task_of
 from twind.learn.task.observation import BodyReading
@@ -22,6 +21,7 @@ from twind.learn.task.plant_model import plant_of
 from twind.learn.task.reward import RewardFunction
 from twind.link import Tick
 from twind.robot.modes import Mode
+from twind.robot_client.state_message import ImuReading, StateMessage
 from twind.twin.mujoco_physics import MujocoPhysics
 from twind.virtual.virtual_robot_spec import body_for, buses
 

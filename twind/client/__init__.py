@@ -7,7 +7,16 @@ with Client() as robot:
 """
 
 from twind.client.connection import Client, first_open
-from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
+from twind.client.errors import (
+    CallError,
+    ClientError,
+    Disconnected,
+    MotionFailed,
+    NoAnswer,
+    NoDaemon,
+    NotCarried,
+    Refused,
+)
 from twind.client.find_socket import socket_path
 
 __all__ = [
@@ -15,6 +24,7 @@ __all__ = [
     "Client",
     "ClientError",
     "Disconnected",
+    "MotionFailed",
     "NoAnswer",
     "NoDaemon",
     "NotCarried",

@@ -1,8 +1,10 @@
 """Transports of a client's messages: the daemon's socket, or another connection. Standard library only."""
 
 import contextlib
+import select
 import socket
 import struct
+import threading
 import time
 from typing import Protocol
 
@@ -44,12 +46,13 @@ class ClientLine(Protocol):
 
 
 class SocketLine:
-    """A connection to a socket of the daemon. `where` is its path."""
+    """A connection to a socket of the daemon. `where` is its path. `send` may be called from any thread."""
 
     def __init__(self, path: str) -> None:
         self.where = path
         self._socket: socket.socket | None = None
         self._buffer = bytearray()
+        self._sending = threading.Lock()  # messages of several threads are not mixed
 
     @property
     def is_open(self) -> bool:
@@ -67,7 +70,7 @@ class SocketLine:
             bound = struct.pack("ll", int(patience), int(patience % 1.0 * 1e6))
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, bound)
             sock.connect(self.where)
-            sock.settimeout(patience)
+            sock.setblocking(False)  # a time-out of the socket would be shared by all threads
         except OSError as error:
             sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
@@ -94,14 +97,29 @@ class SocketLine:
 
         A closed connection is no error yet: messages that the daemon sent before explain why.
         """
-        assert self._socket is not None
+        sock = self._socket
+        assert sock is not None
+        deadline = time.monotonic() + patience
+        rest = memoryview(message + b"\0")
+        with self._sending:
+            while rest:
+                try:
+                    rest = rest[sock.send(rest) :]
+                except BlockingIOError:
+                    _wait(sock, select.POLLOUT, deadline)
+                except OSError:
+                    return
+
+    def is_hung_up(self) -> bool:
+        """Return True if the daemon has closed the connection, and everything that it sent was read."""
+        if self._socket is None or self._buffer:
+            return False
         try:
-            self._socket.settimeout(patience)
-            self._socket.sendall(message + b"\0")
-        except TimeoutError:
-            raise
+            return self._socket.recv(1, socket.MSG_PEEK) == b""
+        except BlockingIOError:
+            return False
         except OSError:
-            pass
+            return True
 
     def receive(self, patience: float) -> bytes:
         """Return the next message. Raises TimeoutError; EOFError: connection closed, or message too long."""
@@ -111,10 +129,10 @@ class SocketLine:
         while (end := self._buffer.find(b"\0", searched)) < 0:
             searched = len(self._buffer)
             try:
-                self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
                 data = self._socket.recv(1 << 18)
-            except TimeoutError:
-                raise
+            except BlockingIOError:
+                _wait(self._socket, select.POLLIN, deadline)
+                continue
             except OSError:
                 data = b""
             if not data or searched > LONGEST:
@@ -130,6 +148,15 @@ class SocketLine:
         messages = bytes(self._buffer[: max(end, 0)])
         del self._buffer[: end + 1]
         return messages.split(b"\0") if end >= 0 else []
+
+
+def _wait(sock: socket.socket, event: int, deadline: float) -> None:
+    """Wait until the socket is ready. Raises TimeoutError at `deadline` (s, monotonic)."""
+    poll = select.poll()
+    poll.register(sock, event)
+    left = deadline - time.monotonic()
+    if left <= 0.0 or not poll.poll(left * 1e3):
+        raise TimeoutError
 
 
 def _explain_error(error: OSError) -> str:

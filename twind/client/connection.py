@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Any
 
 from twind.client.client_line import ClientLine, SocketLine
-from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
+from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, NotCarried, as_error
 from twind.client.find_socket import socket_path
 
 INTERFACE = "io.twind.Control"
@@ -20,8 +20,8 @@ class Client:
     """One connection, made at the first call. The lease belongs to it and ends with it.
 
     `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`. `line`,
-    instead of both: the transport of the messages. `timeout` is the longest wait for one answer, s. Only
-    `cut` may be called from another thread.
+    instead of both: the transport of the messages. `timeout` is the longest wait for one answer, s. `cut` and
+    `notify` may be called from any thread.
     """
 
     def __init__(
@@ -94,6 +94,26 @@ class Client:
         self._begun = ""
         return self._receive(method)[0] if method else None
 
+    def notify(self, method: str, **parameters: Any) -> None:
+        """Call `oneway`: without an answer, at once, also while another call of this connection waits.
+
+        May be called from any thread; on a closed connection it does nothing. A refusal is not reported.
+        Raises NotCarried: only a socket carries it; NoAnswer: the daemon does not read.
+        """
+        if not isinstance(self._line, SocketLine):
+            raise NotCarried(f"{method}: a call without an answer needs a socket; {self.path} is none")
+        if not self._line.is_open:
+            return
+        message = _message(method, parameters, {"oneway": True})
+        try:
+            self._line.send(message, self.timeout)
+        except TimeoutError:
+            raise NoAnswer(f"{method}: the daemon did not read the call within {self.timeout:g} s") from None
+
+    def is_hung_up(self) -> bool:
+        """Return True if the daemon has ended the connection since the last call."""
+        return isinstance(self._line, SocketLine) and self._line.is_hung_up()
+
     def stream(self, method: str, **parameters: Any) -> Generator[Answer, None, None]:
         """Call with `more`; yield the parameters of each answer. The call is sent at once.
 
@@ -139,18 +159,7 @@ class Client:
             raise RuntimeError(f"{method}: a stream is open on this connection; use another Client")
         if self._begun:
             raise RuntimeError(f"{method}: {self._begun} is not answered yet on this connection: finish it")
-        message: dict[str, object] = {
-            "method": method if "." in method else f"{INTERFACE}.{method}",
-            "parameters": {key: value for key, value in parameters.items() if value is not None},
-        }
-        if more:
-            message["more"] = True
-        try:
-            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
-        except ValueError:
-            raise ClientError(
-                f"{method}: a number is NaN or infinite; only finite ones can be sent"
-            ) from None
+        data = _message(method, parameters, {"more": True} if more else {})
         self.connect()
         try:
             self._line.send(data, self.timeout)
@@ -203,6 +212,30 @@ def first_open(path: str | os.PathLike[str] | None, *names: str, timeout: float 
         else:
             return client
     raise failure
+
+
+def _message(method: str, parameters: Mapping[str, object], flags: Mapping[str, object]) -> bytes:
+    """Return a call as bytes; numbers of numpy and its arrays are taken. Raises ClientError."""
+    message: dict[str, object] = {
+        "method": method if "." in method else f"{INTERFACE}.{method}",
+        "parameters": {key: value for key, value in parameters.items() if value is not None},
+        **flags,
+    }
+    try:
+        return json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain).encode()
+    except ValueError:
+        raise ClientError(f"{method}: a number is NaN or infinite; only finite ones can be sent") from None
+    except TypeError as error:
+        raise ClientError(f"{method}: {error}") from None
+
+
+def _plain(value: object) -> object:
+    """Return a value of numpy, or of another array library, as numbers and lists. Raises TypeError."""
+    tolist = getattr(value, "tolist", None)
+    if tolist is None:
+        raise TypeError(f"{type(value).__name__} is no number, text, list or mapping")
+    found: object = tolist()
+    return found
 
 
 def _understood(data: bytes) -> Answer:

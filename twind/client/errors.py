@@ -5,6 +5,7 @@ ClientError
 ├── Disconnected    the daemon closed the connection
 ├── NoAnswer        no answer in time; also a TimeoutError
 ├── NotCarried      the connection does not carry such a call: a remote robot is not armed
+├── MotionFailed    a motion began and did not reach its end
 └── CallError       the daemon answered with an error
     └── Refused     the gate or the daemon refused; `findings` has the reasons
 """
@@ -69,6 +70,16 @@ class Refused(CallError):
         """All reasons of the refusal."""
         findings: Sequence[FindingMessage] = self.parameters.get("findings") or ()
         return findings
+
+
+class MotionFailed(ClientError):
+    """A motion began and did not reach its end. `phase`: cancelled, replaced or aborted."""
+
+    def __init__(self, phase: str, findings: Sequence[FindingMessage]) -> None:
+        reasons = "; ".join(line.strip() for line in finding_lines(findings, ""))
+        super().__init__(f"the motion was {phase}" + (f": {reasons}" if reasons else ""))
+        self.phase = phase
+        self.findings = findings
 
 
 def as_error(error: str, parameters: Mapping[str, Any]) -> CallError:

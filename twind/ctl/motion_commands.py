@@ -14,6 +14,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.client.errors import finding_lines
+from twind.client.move_duration import move_duration
 from twind.command_line.progress import ProgressLine
 from twind.command_line.trajectory_files import load_motion, read_trajectory
 from twind.command_line.verb import (
@@ -27,8 +28,6 @@ from twind.command_line.verb import (
     show,
 )
 
-SHORTEST = 1.0  # s, of a move without --time
-PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
 # why a motion takes longer than its path; other codes are shown alone
 CAUSES = {
     "LOOKAHEAD_COLLISION": "slowed near other bodies",
@@ -81,8 +80,7 @@ def _duration(client: Client, goals: dict[str, float]) -> float:
     """Duration (s) that is slow enough for the longest way, from each joint's goal or else its position."""
     joints = client.call("GetStatus", joints=True)["joints"]
     now = {joint["name"]: joint["position"] if joint["goal"] is None else joint["goal"] for joint in joints}
-    ways: list[float] = [abs(goal - now[name]) for name, goal in goals.items() if now.get(name) is not None]
-    return max([SHORTEST, *(way * PACE for way in ways)])
+    return move_duration(goal - now[name] for name, goal in goals.items() if now.get(name) is not None)
 
 
 def _play_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,1 +1,1 @@
-"""A running twind as learners and policies have it: its states, and setpoints through the gate."""
+"""A running twind as learners and policies have it: setpoints through the gate, and an estimated base."""

@@ -7,10 +7,10 @@ is wrong by as much; its height is that above the lower sole in any case.
 import mujoco
 import numpy as np
 
-from twind.learn.live.state_message import StateMessage
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
+from twind.robot_client.state_message import StateMessage
 
 BOTH = 0.01  # m: within this of the lower sole the other one stands too, the less the higher it is
 

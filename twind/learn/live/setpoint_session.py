@@ -9,14 +9,12 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.errors import finding_text
+from twind.client.move_duration import move_duration
 from twind.exceptions import OperationFailed
 from twind.robot.arrays import Floats
 
 PATIENCE = 1.0  # s for an answer to a setpoint: the loop gives it within a tick
 WAY = 130.0  # s for reports of a way
-# s; s per rad, as `twindctl move`
-SHORTEST = 1.0
-PACE = 2.0
 PERIODS = 3.0  # that a setpoint may be followed without the next
 LONGEST = 0.1  # s, the gate's bound for that
 ROUNDING = 1e-6  # s
@@ -45,11 +43,11 @@ class SetpointSession:
         """
         rows = self._client.call("GetStatus", joints=True)["joints"]
         now = [row["position"] if row["goal"] is None else row["goal"] for row in rows]
-        ways = [abs(goal - at) for goal, at in zip(pose.tolist(), now, strict=True) if at is not None]
+        ways = [goal - at for goal, at in zip(pose.tolist(), now, strict=True) if at is not None]
         point = {
             "positions": pose.tolist(),
             "velocities": [0.0] * len(pose),
-            "time_from_start": max(SHORTEST, PACE * max(ways, default=0.0)),
+            "time_from_start": move_duration(ways),
         }
         last: Mapping[str, Any] = {}
         self._client.timeout = WAY

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.exceptions import InvalidInput
-from twind.learn.live.state_message import STALE, StateMessage
 from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.task.action_shaping import ActionShaper
 from twind.learn.task.observation import BodyReading, ObservationBuilder
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats
+from twind.robot_client.state_message import STALE, StateMessage
 
 LATE = 0.5  # of a period after its deadline an action is too late
 PATIENCE = 1.0  # s of a hold after which the drive ends

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError, Refused
-from twind.learn.live.control_timing import RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
-from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.robot_client.control_timing import RateTimer, in_step
+from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import Clock
 
 SHOWN = 0.5  # s between two reports of the figures

@@ -29,7 +29,6 @@ from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
-from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.onnx_session import limit_memory
 from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
@@ -39,6 +38,7 @@ from twind.learn.task.learning_tasks import LearningTask, task_of
 from twind.learn.task.plant_model import Plant
 from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
+from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import MonotonicClock
 
 AXES = ("forward", "left", "turn")

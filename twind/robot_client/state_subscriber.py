@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.learn.live.state_message import StateMessage, decode_state_message
+from twind.robot_client.state_message import StateMessage, decode_state_message
 
 SILENCE = 2.0  # s without a message after which the daemon counts as gone
 TOPICS = ("state", "status")

@@ -5,7 +5,7 @@ from math import floor
 
 import numpy as np
 
-from twind.learn.live.state_message import StateMessage
+from twind.robot_client.state_message import StateMessage
 
 MARGIN = 3e-4  # s after which a state that comes as usual is there
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind.learn.live.state_message import STALE, StateMessage, decode_state_message
+from twind.robot_client.state_message import STALE, StateMessage, decode_state_message
 
 JOINTS = ("hip", "knee")
 IMU = {"gyro": [0.1, 0.2, 0.3], "acceleration": [0, 0, 9.8], "quaternion": [1, 0, 0, 0], "age_ms": 4.0}

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.learn.live.control_timing import MARGIN, RateTimer, in_step
-from twind.learn.live.state_message import StateMessage
+from twind.robot_client.control_timing import MARGIN, RateTimer, in_step
+from twind.robot_client.state_message import StateMessage
 
 EMPTY = np.zeros(0)
 STATE = StateMessage(0.0, 0.0, 0, EMPTY, EMPTY, EMPTY, EMPTY, None)

@@ -37,6 +37,7 @@ class StateMessage:
     goal: Floats  # rad, what the loop commands now; NaN: nothing
     age: Floats  # s, when the state was sent
     inertial: ImuReading | None
+    rows: Sequence[Mapping[str, Any]] = ()  # each joint as the daemon sent it
 
     def stale(self, now: float, bound: float, joints: Sequence[str]) -> str | None:
         """Return a text on what is older than `bound` s, or unknown, at time `now`; None: all is fresh."""
@@ -81,6 +82,7 @@ def decode_state_message(answer: Mapping[str, Any], arrived: float, joints: Sequ
         goal=_row(rows, "goal", _NAN),
         age=_row(rows, "age_ms", _INF) / 1e3,
         inertial=_inertial(answer.get("imu")),
+        rows=rows,
     )
 
 

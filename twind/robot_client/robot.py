@@ -1,0 +1,352 @@
+"""`twind.Robot`: one robot, driven through its daemon in a few lines."""
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from math import radians
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twind.client import Client, ClientError, NoAnswer
+from twind.client.move_duration import move_duration
+from twind.command_line.trajectory_files import load_motion
+from twind.command_line.verb import Rejected, UsageError
+from twind.exceptions import InvalidInput
+from twind.robot_client.goal_stream import GoalStream
+from twind.robot_client.lease_renewal import LeaseRenewal
+from twind.robot_client.motion_outcome import MotionOutcome, outcome_of
+from twind.robot_client.snapshot import JointReading, RobotSnapshot
+from twind.robot_client.state_subscriber import StateSubscriber
+
+FIRST = 2.0  # s for the first state
+MOTION = 130.0  # s without a report of a motion: its start may lie 60 s ahead
+
+
+class Robot:
+    """A robot and its daemon.
+
+    with Robot() as robot:
+        robot.arm()
+        robot.move({"head_yaw": 0.5}, time=2)
+        robot.play("wave")
+
+    Angles are radians, or degrees where `degrees=True` is given; speeds are per second. Methods that move
+    raise `Refused` with all reasons where the gate refuses. The lease is taken by the first call that needs
+    it, kept until `close`, and taken again after a restart of the daemon, which leaves the robot disarmed.
+    Leaving the context gives the lease back: a motion holds, and torque stays as it is. `stop` and `estop`
+    may be called from any thread; other calls wait for the one under way.
+    """
+
+    def __init__(
+        self,
+        socket: str | os.PathLike[str] | None = None,
+        *,
+        read_only: bool = False,
+        take: bool = False,
+        disarm: bool = False,
+        state_rate: float = 50.0,
+    ) -> None:
+        """Connect. Raises NoDaemon.
+
+        `socket`: folder of the daemon's sockets; None: the usual places. `read_only`: as an observer, who
+        needs no operator's rights. `take`: take the lease from another holder. `disarm`: disarm in `close`.
+        `state_rate`: Hz of `state`.
+        """
+        self._socket = socket
+        self._role = "observe" if read_only else "control"
+        self._take = take
+        self._disarm = disarm
+        self._state_rate = state_rate
+        self._client = Client(socket, name=self._role)
+        self._calling = threading.RLock()
+        self._renewal = LeaseRenewal(self._client)
+        self._leased = False
+        self._subscriber: StateSubscriber | None = None
+        self._description: Mapping[str, Any] = self._client.call("GetRobot")["robot"]
+
+    def __enter__(self) -> "Robot":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disarm if asked for, give the lease back and disconnect. May be called twice."""
+        try:
+            if self._disarm and self._leased:
+                self.disarm()
+        finally:
+            self._renewal.stop()
+            with self._calling:
+                if self._leased and self._client.connected:
+                    with contextlib.suppress(ClientError, RuntimeError):
+                        self._client.call("ReleaseLease")
+                self._leased = False
+                self._client.close()
+            if self._subscriber is not None:
+                self._subscriber.close()
+                self._subscriber = None
+
+    # ------------------------------------------------------------------------------------------ reading
+
+    @property
+    def name(self) -> str:
+        """Name in the robot file."""
+        return str(self._description["name"])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints, in the robot's order."""
+        return tuple(each["name"] for each in self._description["joints"])
+
+    @property
+    def poses(self) -> Mapping[str, Mapping[str, float]]:
+        """Poses of the robot file: joint to rad; joints that are not named are 0."""
+        return MappingProxyType(self._description["poses"])
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        """Limits of each joint, rad."""
+        return {each["name"]: (each["lower"], each["upper"]) for each in self._description["joints"]}
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        """Mode, state, faults, buses, loop: `Status` of the interface. Raises ClientError."""
+        answer: Mapping[str, Any] = self._call("GetStatus")["status"]
+        return answer
+
+    @property
+    def armed(self) -> bool:
+        """True while torque is on and motions are taken. Raises ClientError."""
+        return bool(self.status["armed"])
+
+    @property
+    def state(self) -> RobotSnapshot:
+        """Newest state, with the age of each value. Raises NoAnswer: none within 2 s; ClientError."""
+        subscriber = self._listening()
+        if subscriber.newest is not None:
+            return RobotSnapshot(self.names, subscriber.newest)
+        return self._state_after(-1)
+
+    @property
+    def joints(self) -> Mapping[str, JointReading]:
+        """The newest state by joint. Raises as `state`."""
+        return self.state.joints
+
+    def states(self) -> Iterator[RobotSnapshot]:
+        """Yield each new state, without end. Raises ClientError when the daemon ends."""
+        sequence = -1
+        while True:
+            snapshot = self._state_after(sequence)
+            sequence = snapshot.message.sequence
+            yield snapshot
+
+    def _state_after(self, sequence: int) -> RobotSnapshot:
+        subscriber = self._listening()
+        message = subscriber.after(sequence, time.monotonic() + FIRST)
+        if message is None:
+            why = subscriber.ended or "is the machine busy?"
+            raise NoAnswer(f"{self.name}: no state within {FIRST:g} s; {why}")
+        return RobotSnapshot(self.names, message)
+
+    def _listening(self) -> StateSubscriber:
+        if self._subscriber is not None and self._subscriber.ended:
+            self._subscriber.close()
+            self._subscriber = None
+        if self._subscriber is None:
+            self._subscriber = StateSubscriber(
+                Client(self._socket, name=self._role), self.names, self._state_rate
+            )
+        return self._subscriber
+
+    # ------------------------------------------------------------------------------------------ torque
+
+    def arm(self) -> None:
+        """Switch torque on where the robot is; nothing moves. Raises Refused, ClientError."""
+        self._command("Arm")
+
+    def disarm(self) -> None:
+        """Move slowly to the rest pose, then switch torque off. Raises ClientError."""
+        self._call("Disarm")
+
+    def estop(self, *, cut: bool = False, reason: str = "") -> None:
+        """Lower the robot, then switch torque off; `cut`: torque off now. Raises ClientError."""
+        with Client(self._socket, name="observe") as client:  # every client may, whatever else is under way
+            client.call("EStop", level="cut" if cut else None, reason=reason or None)
+
+    def reset(self) -> None:
+        """Acknowledge faults and e-stops; never arms. Raises Refused, ClientError."""
+        self._call("Reset")
+
+    # ------------------------------------------------------------------------------------------ motion
+
+    def move(
+        self,
+        goals: Mapping[str, float],
+        *,
+        time: float | None = None,
+        degrees: bool = False,
+        retime: bool = False,
+    ) -> MotionOutcome:
+        """Move joints to goals along a smooth path and stop there; return when they are there.
+
+        `time`: s; without it slow, by the longest way. `retime`: slow down what is too fast, instead of
+        refusing it. Raises Refused: the gate refused; MotionFailed: it was stopped or replaced; ClientError.
+        """
+        if not goals:
+            raise InvalidInput("move: no goals")
+        scale = radians(1.0) if degrees else 1.0
+        wanted = {name: float(goal) * scale for name, goal in goals.items()}
+        seconds = self._duration(wanted) if time is None else float(time)
+        return self.follow(list(wanted), [list(wanted.values())], [seconds], retime=retime)
+
+    def pose(self, name: str, *, time: float | None = None, retime: bool = False) -> MotionOutcome:
+        """Move to a pose of the robot file. Raises InvalidInput: there is no such pose; else as `move`."""
+        if name not in self.poses:
+            raise InvalidInput(f"no pose {name!r}; there are {', '.join(self.poses)}")
+        goals = dict.fromkeys(self.names, 0.0) | dict(self.poses[name])
+        return self.move(goals, time=time, retime=retime)
+
+    def follow(
+        self,
+        joints: Sequence[str],
+        positions: ArrayLike,
+        times: ArrayLike,
+        *,
+        degrees: bool = False,
+        retime: bool = False,
+    ) -> MotionOutcome:
+        """Follow points (k, n) at times (k,), s from the start, at rest at the last; return at its end.
+
+        A smooth path leads through the points. Raises InvalidInput: shapes that do not fit; else as `move`.
+        """
+        rows = np.array(positions, np.float64) * (radians(1.0) if degrees else 1.0)
+        stamps = np.array(times, np.float64)
+        if rows.ndim != 2 or rows.shape != (len(stamps), len(joints)):
+            raise InvalidInput(
+                f"follow: positions have the shape {rows.shape}; {len(stamps)} times and {len(joints)} "
+                f"joints need {(len(stamps), len(joints))}"
+            )
+        velocities = np.zeros_like(rows)
+        if len(rows) > 2:
+            velocities[:-1] = np.gradient(rows, stamps, axis=0)[:-1]
+        elif len(rows) == 2:
+            velocities[0] = (rows[1] - rows[0]) / (stamps[1] - stamps[0])
+        points = [
+            {"positions": at.tolist(), "velocities": speed.tolist(), "time_from_start": float(stamp)}
+            for at, speed, stamp in zip(rows, velocities, stamps, strict=True)
+        ]
+        return self.submit({"joint_names": list(joints), "points": points}, retime=retime)
+
+    def play(self, motion: str, *, retime: bool = False) -> MotionOutcome:
+        """Play a motion of the robot by its name, or a trajectory file by its path; return at its end.
+
+        Raises InvalidInput: there is no such motion; else as `move`.
+        """
+        folder = self._description.get("motions")
+        try:
+            trajectory = load_motion(motion, None if folder is None else Path(folder), self.names)
+        except (UsageError, Rejected) as error:
+            raise InvalidInput(str(error)) from None
+        return self.submit(trajectory, retime=retime)
+
+    def submit(self, trajectory: Mapping[str, Any], *, retime: bool = False) -> MotionOutcome:
+        """Run a `Trajectory` of the interface to its end. KeyboardInterrupt stops it. Raises as `move`."""
+        given = {**trajectory, "policy": "retime"} if retime else dict(trajectory)
+        with self._calling:
+            self._lease()
+            usual = self._client.timeout
+            self._client.timeout = MOTION
+            last: Mapping[str, Any] = {}
+            try:
+                for report in self._client.stream("SubmitTrajectory", trajectory=given):
+                    last = report
+            except KeyboardInterrupt:
+                self.stop()
+                self._client.close()  # the reports that are left are nobody's
+                self._leased = False
+                raise
+            finally:
+                self._client.timeout = usual
+        return outcome_of(last)
+
+    def stop(self) -> None:
+        """Decelerate and hold, at once and from any thread. A motion under way raises MotionFailed."""
+        self._client.notify("Cancel")
+
+    def stream(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        rate: float = 100.0,
+        degrees: bool = False,
+        clamp: bool = False,
+        strict: bool = True,
+    ) -> GoalStream:
+        """Return a stream of goals for joints (None: all), to be used as a context.
+
+        with robot.stream(["head_yaw"], rate=100) as stream:
+            for t in stream:
+                stream.send({"head_yaw": 0.3 * sin(t)})
+
+        `clamp`: goals beyond a limit are clipped and reported, instead of refused. `strict`: a refusal is
+        raised by the next `send`; else it is counted in `report`. Raises InvalidInput: a
+        joint that the robot does not have.
+        """
+        named = self.names if joints is None else tuple(joints)
+        known = {each["name"]: each for each in self._description["joints"]}
+        unknown = [name for name in named if name not in known]
+        if unknown:
+            raise InvalidInput(f"no joint {unknown[0]}; there are {', '.join(known)}")
+        limits = np.array([known[name]["velocity_limit"] for name in named], np.float64)
+        scale = radians(1.0) if degrees else 1.0
+        return GoalStream(self._command, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
+
+    def _duration(self, goals: Mapping[str, float]) -> float:
+        rows = {each["name"]: each for each in self._call("GetStatus", joints=True)["joints"]}
+        now = {name: row["position"] if row["goal"] is None else row["goal"] for name, row in rows.items()}
+        return move_duration(goal - now[name] for name, goal in goals.items() if now.get(name) is not None)
+
+    # ------------------------------------------------------------------------------------------ calls
+
+    def _call(self, method: str, **parameters: Any) -> Mapping[str, Any]:
+        """Call on a connection that is open. Raises ClientError."""
+        with self._calling:
+            self._connect()
+            return self._client.call(method, **parameters)
+
+    def _command(self, method: str, **parameters: Any) -> Mapping[str, Any]:
+        """Call with the lease. Raises ClientError."""
+        with self._calling:
+            self._lease()
+            return self._client.call(method, **parameters)
+
+    def _connect(self) -> None:
+        """Reconnect after a restart of the daemon, whose new process knows no lease of ours."""
+        if self._client.is_hung_up():
+            self._client.close()
+        if not self._client.connected:
+            self._client.connect()
+            self._leased = False
+
+    def _lease(self) -> None:
+        self._connect()
+        if not self._leased:
+            self._client.call("AcquireLease", take=self._take or None)
+            self._leased = True
+            self._renewal.start()
+
+    def _repr_html_(self) -> str:
+        """Return the table of the newest state that a notebook shows."""
+        return self.state.to_html()
+
+    def __repr__(self) -> str:
+        return f"<twind.Robot {self.name} at {self._client.path}>"
