@@ -1,11 +1,12 @@
 """A hand's path becomes few points that stay within a bound of every sample."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twind.motion.hand_path import RAMP, REST, HandPath, deviation, simplify, stretched
+from twind.motion.hand_path import BLEND, RAMP, REST, HandPath, deviation, excess, simplify
 from twind.robot.arrays import Floats
 
 TICK = 2.0 * np.pi / 4096  # rad
@@ -49,10 +50,30 @@ def test_both_ends_are_kept_and_are_at_rest(path: HandPath) -> None:
     assert points.time[0] in (0.0, -RAMP)
 
 
-@given(paths(), st.floats(1.0, 5.0))
-def test_a_stretched_path_is_the_same_path(path: HandPath, factor: float) -> None:
-    points = simplify(path, 0.01)
-    assert deviation(stretched(points, factor), path, factor).size <= 0.01 + 1e-9
+@given(paths(), st.floats(1.0, 5.0), st.integers(0, 80))
+def test_a_slower_path_has_the_same_samples_later(path: HandPath, pace: float, place: int) -> None:
+    paces = np.ones(len(path.time))
+    paces[place % len(paces)] = pace
+    slower = path.slowed(paces)
+    assert (slower.position == path.position).all()
+    assert slower.time[0] == path.time[0]
+    ratio = np.diff(slower.time) / np.diff(path.time)
+    assert (ratio >= 1.0 - 1e-9).all()
+    assert (ratio <= pace + 1e-9).all()
+    far = np.abs(path.time - path.time[place % len(paces)]) > BLEND
+    assert ratio[far[1:] & far[:-1]] == pytest.approx(1.0)
+
+
+def test_a_path_slowed_by_its_excess_comes_within_the_limits() -> None:
+    path = guided()
+    velocity = np.full(3, 0.5)
+    acceleration = np.full(3, 2.0)
+    assert excess(simplify(path, 0.01), path, velocity, acceleration).max() > 1.3
+    for _ in range(12):
+        pace = excess(simplify(path, 0.01), path, velocity, acceleration)
+        path = path.slowed(np.where(pace > 1.0, 1.01 * pace, 1.0))
+    assert excess(simplify(path, 0.01), path, velocity, acceleration).max() <= 1.0
+    assert path.time[-1] - path.time[0] < 1.5 * 6.0  # slow places take longer, not all
 
 
 def test_a_smooth_guidance_needs_few_points() -> None:

@@ -1,11 +1,13 @@
 """Path of a hand at the joints, and its simplification to few points of a trajectory. Pure.
 
 The simplification is Ramer-Douglas-Peucker with a cubic in place of the chord: a segment whose samples are
-further than a bound from its cubic is split at the furthest one. Distances are taken at equal time.
+further than a bound from its cubic is split at the furthest one. Distances are taken at equal time. A path
+that is too fast somewhere gets later times there: the samples, and so the way, stay the same.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from math import perm
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,9 +16,10 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.splines import Knots, Spline
 
 WINDOW = 0.08  # s, each side of a sample: its speed is the slope of a line through the samples within
-# s of a ramp to rest where the hand was moving at the first or last sample, and rad/s that still count as rest
+# s of a ramp to rest where the hand was moving at an end, and rad/s that still count as rest
 RAMP = 0.3
 REST = 0.05
+BLEND = 0.3  # s, over which a path slows down before a place that is too fast, and returns to its speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,12 @@ class HandPath:
     def clipped(self, lower: Floats, upper: Floats) -> "HandPath":
         """Return the path with every joint within `lower` and `upper` (m,), rad."""
         return HandPath(self.time, np.clip(self.position, lower, upper))
+
+    def slowed(self, pace: Floats) -> "HandPath":
+        """Return the path with the steps around each sample `pace` (k,) times as long, blended over BLEND."""
+        blended = _blended(self.time, pace)
+        steps = np.diff(self.time) * np.maximum(blended[1:], blended[:-1])
+        return HandPath(self.time[0] + np.concatenate([[0.0], np.cumsum(steps)]), self.position)
 
 
 class Deviation(NamedTuple):
@@ -53,17 +62,20 @@ def simplify(path: HandPath, bound: float) -> Knots:
     return Knots(*_ramped(*rows, moving), None)
 
 
-def stretched(points: Knots, factor: float) -> Knots:
-    """Return the same path `factor` times as long, about time 0."""
-    velocity = None if points.velocity is None else points.velocity / factor
-    return Knots(points.time * factor, points.position, velocity, None)
-
-
-def deviation(points: Knots, path: HandPath, factor: float = 1.0) -> Deviation:
-    """Return the largest distance of `points` from `path`, whose time they stretch by `factor`."""
-    time = path.time - path.time[0]
+def excess(points: Knots, path: HandPath, velocity: Floats, acceleration: Floats) -> Floats:
+    """Return the pace (k,), at least 1, at which the curve keeps these limits (m,) at each sample."""
     curve = splines.curve(points)
-    far = np.abs(_positions(curve, time * factor) - path.position)
+    time = path.time - path.time[0]
+    speed = np.abs(_values(curve, time, 1)) / velocity
+    push = np.abs(np.stack([_values(curve, time, 2, side) for side in ("left", "right")])).max(axis=0)
+    pace: Floats = np.maximum(speed, np.sqrt(push / acceleration)).max(axis=1)
+    return np.maximum(pace, 1.0)
+
+
+def deviation(points: Knots, path: HandPath) -> Deviation:
+    """Return the largest distance of the curve through `points` from the samples of `path`."""
+    time = path.time - path.time[0]
+    far = np.abs(_values(splines.curve(points), time) - path.position)
     sample, joint = np.unravel_index(int(far.argmax()), far.shape)
     return Deviation(float(far[sample, joint]), int(joint), float(time[sample]))
 
@@ -101,7 +113,7 @@ def _settle_ends(velocity: Floats) -> tuple[bool, bool]:
 def _ramped(
     time: Floats, position: Floats, velocity: Floats, moving: tuple[bool, bool]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return points with a ramp of constant acceleration before and after, where the hand was moving there."""
+    """Return points with a ramp of constant acceleration at each end where the hand was moving."""
     still = np.zeros((1, position.shape[1]))
     if moving[0]:
         time = np.append(time[0] - RAMP, time)
@@ -125,7 +137,7 @@ def _chosen(samples: Knots, bound: float) -> Bools:
         if last - first < 2:
             continue
         curve = splines.curve(_pick(samples, [first, last]))
-        far = np.abs(_positions(curve, samples.time[between]) - samples.position[between]).max(axis=1)
+        far = np.abs(_values(curve, samples.time[between]) - samples.position[between]).max(axis=1)
         worst = int(far.argmax())
         if not far[worst] <= bound:
             split = first + 1 + worst
@@ -139,12 +151,24 @@ def _pick(samples: Knots, rows: list[int]) -> Knots:
     return Knots(samples.time[rows], samples.position[rows], velocity, None)
 
 
-def _positions(curve: Spline, time: Floats) -> Floats:
-    """Return the positions (k, m) of a curve at times (k,) within it."""
-    segment = np.clip(np.searchsorted(curve.time, time, side="right") - 1, 0, len(curve.coefficients) - 1)
+def _values(
+    curve: Spline, time: Floats, derivative: int = 0, side: Literal["left", "right"] = "right"
+) -> Floats:
+    """Return positions (k, m) of a curve at times (k,), or a derivative. `side`: its side of a knot."""
+    segment = np.clip(np.searchsorted(curve.time, time, side=side) - 1, 0, len(curve.coefficients) - 1)
     local = (time - curve.time[segment])[:, None]
     rows = curve.coefficients[segment]
-    found: Floats = rows[:, -1]
-    for power in range(rows.shape[1] - 2, -1, -1):
-        found = found * local + rows[:, power]
+    found = np.zeros_like(rows[:, 0])
+    for power in range(rows.shape[1] - 1, derivative - 1, -1):
+        found = found * local + perm(power, derivative) * rows[:, power]
     return found
+
+
+def _blended(time: Floats, pace: Floats) -> Floats:
+    """Return `pace` with every value above 1 spread to its neighbours, falling to 1 within BLEND."""
+    spread = pace.copy()
+    for fast in np.flatnonzero(pace > 1.0):
+        near = slice(*np.searchsorted(time, (time[fast] - BLEND, time[fast] + BLEND)))
+        share = np.cos(0.5 * np.pi * (time[near] - time[fast]) / BLEND) ** 2
+        spread[near] = np.maximum(spread[near], 1.0 + share * (pace[fast] - 1.0))
+    return spread
