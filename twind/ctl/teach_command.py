@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """0 when the motion is written and the gate accepts it."""
+    """0 when the whole motion is written and the gate accepts it."""
     from twind.ctl.teaching.teach_session import teach  # numpy: no other verb pays for it
 
     with KeyInput() as keys:

@@ -14,12 +14,16 @@ LONGEST = 55.0  # s; the longest trajectory has 60, with the way to its start
 
 
 class HandRecorder:
-    """Samples from `__init__` on. `ended`: why no more are taken; "": it goes on."""
+    """Samples from `__init__` on. `ended`: why no more are taken; "": it goes on.
+
+    `cut_off`: it ended before it was asked to.
+    """
 
     def __init__(self, joints: Sequence[str], seconds: float | None = None) -> None:
         """`seconds`: to record; None: LONGEST."""
         self.joints = tuple(joints)
         self.ended = ""
+        self.cut_off = False
         self.bridged = 0  # gaps between samples
         self._seconds = seconds
         self._period = GAP  # s, of the shortest step so far
@@ -43,17 +47,22 @@ class HandRecorder:
         lost = [name for name in self.joints if name not in by_name]
         powered = [name for name in self.joints if name not in lost and by_name[name]["torque"]]
         if lost or state["mode"] == "sim":
-            self.ended = "the robot was changed" if lost else "the mode was changed to sim"
+            self.cut("the robot was changed" if lost else "the mode was changed to sim")
         elif powered:
-            self.ended = f"torque came on: {', '.join(powered)}"
+            self.cut(f"torque came on: {', '.join(powered)}")
         else:
             self._take(float(state["time"]), [by_name[name] for name in self.joints])
+
+    def cut(self, reason: str) -> None:
+        """End the recording early; what was taken stays."""
+        self.ended = self.ended or reason
+        self.cut_off = True
 
     def _take(self, time: float, rows: Sequence[Mapping[str, Any]]) -> None:
         silent = [row["name"] for row in rows if not row["heard"] or row["position"] is None]
         if self._times and time - self._times[-1] > GAP:
             who = ", ".join(silent) or "the daemon"
-            self.ended = f"no reading of {who} for {GAP:g} s"
+            self.cut(f"no reading of {who} for {GAP:g} s")
         elif not silent and (not self._times or time > self._times[-1]):
             self._append(time, [float(row["position"]) for row in rows])
 

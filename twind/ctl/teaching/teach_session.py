@@ -47,7 +47,8 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
     outcome = TeachOutcome(motion, verdict, recorder, written)
     name = options.motion if written == path else str(written)
     show(options, outcome.as_sent(), "\n".join(outcome.lines(command_hint(options), name)))
-    return REFUSED if verdict is None or verdict["refusals"] or written != path else DONE
+    good = verdict is not None and not verdict["refusals"] and not recorder.cut_off and written == path
+    return DONE if good else REFUSED
 
 
 def _chosen(names: list[str], patterns: str | None) -> list[str]:
@@ -92,7 +93,7 @@ def _record(options: argparse.Namespace, client: Client, keys: KeyInput, joints:
                 progress.update(f"{recorder.seconds:.1f} s recorded; Enter ends it")
                 keep()
         except ClientError as error:
-            recorder.ended = str(error)
+            recorder.cut(str(error))
         return recorder
 
 
