@@ -28,7 +28,7 @@ def state(time: float, *positions: float, **changed: Any) -> dict[str, Any]:
 
 
 def recorder_of(*states: dict[str, Any], seconds: float | None = None) -> HandRecorder:
-    recorder = HandRecorder(JOINTS, seconds)
+    recorder = HandRecorder(JOINTS, 0.01, seconds)
     for each in states:
         recorder.take(each)
     return recorder
@@ -52,6 +52,12 @@ def test_a_short_silence_is_bridged_and_counted(silent: dict[str, Any]) -> None:
     assert path is not None
     assert len(path.time) == 7
     assert (recorder.bridged, recorder.ended) == (1, "")
+
+
+def test_ticks_at_uneven_times_are_no_gaps() -> None:
+    assert (
+        recorder_of(*(state(time, 0.0, 0.0) for time in (0.0, 0.018, 0.02, 0.03, 0.044, 0.05))).bridged == 0
+    )
 
 
 def test_a_long_silence_ends_the_recording_and_keeps_what_came_before() -> None:

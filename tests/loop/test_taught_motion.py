@@ -24,7 +24,7 @@ LAG = 0.1  # s, the longest constant delay that is taken out of the measured pat
 
 def guide(rig: Rig, reach: dict[str, float], seconds: float) -> HandRecorder:
     """Record while a hand takes all joints to `reach` and back; it rests before and after."""
-    recorder = HandRecorder(rig.names)
+    recorder = HandRecorder(rig.names, rig.loop.robot.period)
     for tick in range(round((seconds + 0.6) / 0.01)):
         phase = min(1.0, max(0.0, 0.01 * tick - 0.3) / seconds)
         share = sin(pi * phase) ** 2

@@ -19,14 +19,14 @@ class HandRecorder:
     `cut_off`: it ended before it was asked to.
     """
 
-    def __init__(self, joints: Sequence[str], seconds: float | None = None) -> None:
-        """`seconds`: to record; None: LONGEST."""
+    def __init__(self, joints: Sequence[str], period: float, seconds: float | None = None) -> None:
+        """`period`: s between two readings of the daemon. `seconds`: to record; None: LONGEST."""
         self.joints = tuple(joints)
         self.ended = ""
         self.cut_off = False
         self.bridged = 0  # gaps between samples
         self._seconds = seconds
-        self._period = GAP  # s, of the shortest step so far
+        self._period = period
         self._times: list[float] = []
         self._rows: list[list[float]] = []
 
@@ -67,10 +67,10 @@ class HandRecorder:
             self._append(time, [float(row["position"]) for row in rows])
 
     def _append(self, time: float, row: list[float]) -> None:
-        if self._times:
-            step = time - self._times[-1]
-            self._period = min(self._period, step)
-            self.bridged += step > 2.5 * self._period
+        if (
+            self._times and time - self._times[-1] > 2.5 * self._period
+        ):  # a tick may be late, and the next early
+            self.bridged += 1
         self._times.append(time)
         self._rows.append(row)
         if self._seconds is not None and self.seconds >= self._seconds:

@@ -84,7 +84,7 @@ def _record(options: argparse.Namespace, client: Client, keys: KeyInput, joints:
         if options.seconds is None:
             print(f"{len(joints)} joints are limp. Enter begins, Enter or Ctrl-C ends.", file=sys.stderr)
             _wait_for_start(stream, keep, keys, stop)
-        recorder = HandRecorder(joints, options.seconds)
+        recorder = HandRecorder(joints, 1.0 / rate, options.seconds)
         try:
             for state in stream:
                 recorder.take(state)
