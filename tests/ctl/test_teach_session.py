@@ -78,11 +78,11 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
     return found
 
 
-def taught(*words: str, keys: bytes = b"") -> int:
+def taught(*words: str, keys: bytes = b"", text: bool = False) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", action="store_true")
     teach_command.add_arguments(parser)
-    options = parser.parse_args(["--json", *words])
+    options = parser.parse_args([*([] if text else ["--json"]), *words])
     options.socket = None
     options.verb = "teach"
     reader, writer = os.pipe()
@@ -155,6 +155,18 @@ def test_a_refused_motion_is_written_and_says_so(daemon: StandIn) -> None:
     daemon.refusals = [{"code": "SELF_COLLISION", "joint": None, "message": "hand and head"}]
     assert taught("swing", "--seconds", "2.5") == REFUSED
     assert (daemon.folder / "swing.json").exists()
+
+
+def test_the_text_names_what_was_changed_and_the_next_command(
+    daemon: StandIn, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon.refusals = [{"code": "TOO_MANY_POINTS", "joint": None, "message": "too many points"}]
+    assert taught("swing", "--seconds", "2.5", text=True) == REFUSED
+    lines = capsys.readouterr().out
+    assert "of 3 joints: " in lines
+    assert "play will be refused: TOO_MANY_POINTS" in lines
+    assert "--bound" in lines
+    assert lines.endswith("next: twindctl arm, then twindctl play swing --approach\n")
 
 
 @pytest.mark.parametrize("lost", ["the recording", "the check"])

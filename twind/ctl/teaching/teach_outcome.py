@@ -8,6 +8,7 @@ from twind.client.errors import finding_lines
 from twind.ctl.command_hint import CommandHint
 from twind.ctl.teaching.hand_recorder import GAP, HandRecorder
 from twind.ctl.teaching.taught_motion import TaughtMotion, VerdictMessage
+from twind.robot.finding import ReasonCode
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,10 @@ class TeachOutcome:
         if self.verdict is None:
             lines.append("the gate has not judged it: twindctl check trajectory does")
         else:
-            lines += finding_lines(self.verdict["refusals"], "play will be refused:")
+            refusals = self.verdict["refusals"]
+            lines += finding_lines(refusals, "play will be refused:")
+            if any(each["code"] == ReasonCode.TOO_MANY_POINTS for each in refusals):
+                lines.append("teach less at a time, guide more slowly, or permit more with --bound")
         lines.append(f"its start is reached in {motion.lead:.1f} s")
         lines.append(hint.command(f"next: twindctl arm, then twindctl play {name} --approach"))
         return lines
