@@ -168,6 +168,19 @@ def test_positions_beyond_the_limits_are_moved_into_them(h24: Binding) -> None:
     assert max(point["positions"][1] for point in motion.trajectory()["points"]) <= 0.1
 
 
+def test_a_joint_that_stays_outside_is_not_moved_further_and_further(h24: Binding) -> None:
+    asked = 0
+
+    def refuse(_: dict[str, Any]) -> VerdictMessage:
+        nonlocal asked
+        asked += 1
+        return {"refusals": [{"code": "POS_LIMIT", "joint": "l_elbow", "value": -0.95, "bound": -0.85}]}
+
+    motion, _ = passed_by_gate(taught_motion(JOINTS, swing(4.0, -0.8, -0.9), 0.01, 1.0), refuse)
+    assert motion.clipped()["l_elbow"] == pytest.approx(0.08, abs=1e-6)
+    assert asked == 4
+
+
 def test_a_hand_that_was_cut_in_motion_passes(h24: Binding) -> None:
     path = swing(4.0, -0.8, -0.9)
     motion, judged = passed(h24, HandPath(path.time[:150], path.position[:150]))

@@ -18,6 +18,7 @@ from twind.robot.splines import Knots
 from twind.safety.retime import HEALED, needed
 
 ROUNDS = 30  # judgements until a path passes; each moves it further into the limits, or slows it down more
+MOVES = 3.5  # bounds of the simplification: so far inside its limit a joint is moved at most
 MARGIN = 1.01  # on what a place needs: the gate finds the peaks between two samples
 DIGITS = 6  # of rad, rad/s and s in the file
 
@@ -92,11 +93,15 @@ class TaughtMotion:
         outside = [each for each in refusals if each["code"] == ReasonCode.POS_LIMIT]
         fast = [each for each in refusals if each["code"] in HEALED]
         if outside:
-            return replace(self, bounds=self._narrower(outside))
+            bounds = self._narrower(outside)
+            return None if bounds is None else replace(self, bounds=bounds)
         return self._slower(fast) if fast else None
 
-    def _narrower(self, outside: FindingMessages) -> JointBounds:
-        """Return bounds within these limits, less what a cubic may go beyond the samples that it passes."""
+    def _narrower(self, outside: FindingMessages) -> JointBounds | None:
+        """Return bounds within these limits, less what a cubic may go beyond the samples that it passes.
+
+        None: that was done already, and a joint is outside for another reason.
+        """
         lower = self.bounds.lower.copy()
         upper = self.bounds.upper.copy()
         for each in outside:
@@ -105,6 +110,8 @@ class TaughtMotion:
                 upper[joint] = min(upper[joint], each["bound"]) - self.bound
             else:
                 lower[joint] = max(lower[joint], each["bound"]) + self.bound
+            if not lower[joint] - MOVES * self.bound <= each["bound"] <= upper[joint] + MOVES * self.bound:
+                return None
         return replace(self.bounds, lower=lower, upper=upper)
 
     def _slower(self, fast: FindingMessages) -> "TaughtMotion | None":
