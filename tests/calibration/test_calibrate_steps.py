@@ -17,6 +17,7 @@ from tests.support import transmission_robot_file as linked
 from tests.support.examples import fast_cases
 from tests.support.fake_calibration_daemon import FakeDaemon, held, options_of, recorded, stand_in
 from twind.client import CallError, Disconnected
+from twind.command_line.torque_free import limp
 from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.counts import tick_range, ticks_of
@@ -34,7 +35,6 @@ from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
 from twind_calibration.calibrating.joint_capture import JointCapture, RawExchange
 from twind_calibration.calibrating.sweep_command import SweepSession
-from twind_calibration.calibrating.torque_free import limp
 from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot, travels_of
 from twind_calibration.calibrating.zero_placement import by_ends, travel_of
 from twind_drivers.clock import FakeClock

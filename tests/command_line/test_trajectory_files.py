@@ -4,8 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.trajectory_files import (
+    load_motion,
+    motion_names,
+    new_motion,
+    read_trajectory,
+    write_trajectory,
+)
 from twind.command_line.verb import Rejected, UsageError
+from twind.config.robot_file import load_robot
 
 
 def written(folder: Path, text: str) -> str:
@@ -83,3 +90,39 @@ def test_an_unknown_name_lists_motions_of_the_robot_only(
     with pytest.raises(UsageError) as raised:
         load_motion("nothing", tmp_path, joints)
     assert f"no motion 'nothing'; {known}" in str(raised.value)
+
+
+# ------------------------------------------------------------------------------------------ written
+
+
+MOTION = {"joint_names": ["a"], "points": [{"positions": [0.5], "velocities": [0.0], "time_from_start": 1.0}]}
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    path = new_motion("swing", tmp_path / "motions")
+    write_trajectory(path, MOTION, replace=False)
+    assert load_motion("swing", tmp_path / "motions") == MOTION
+    assert [each.name for each in path.parent.iterdir()] == ["swing.json"]
+
+
+def test_a_motion_that_is_there_is_replaced_only_on_request(tmp_path: Path) -> None:
+    path = tmp_path / "swing.json"
+    path.write_text("mine")
+    with pytest.raises(FileExistsError):
+        write_trajectory(path, MOTION, replace=False)
+    assert path.read_text() == "mine"
+    write_trajectory(path, MOTION, replace=True)
+    assert read_trajectory(path) == MOTION
+    assert [each.name for each in tmp_path.iterdir()] == ["swing.json"]
+
+
+@pytest.mark.parametrize("name", ["", "a b", ".hidden", "x" * 65])
+def test_a_name_of_no_motion_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match="no name of a motion"):
+        new_motion(name, tmp_path)
+
+
+def test_a_built_in_robot_takes_no_motions() -> None:
+    with pytest.raises(UsageError, match=r"\./swing\.json"):
+        new_motion("swing", load_robot("h24").motions)
+    assert new_motion("./swing.json", None) == Path("swing.json")

@@ -1,10 +1,13 @@
 """`play` and `move` say by how much and why a motion took longer than its path."""
 
+import argparse
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from twind.ctl.motion_commands import longer_text
+from twind.ctl import motion_commands
+from twind.ctl.motion_commands import PLAY, longer_text
 
 
 def report(phase: str = "succeeded", **fields: Any) -> dict[str, Any]:
@@ -29,3 +32,46 @@ def test_a_code_of_a_newer_daemon_stands_alone() -> None:
 def test_a_motion_in_its_time_needs_no_word(fields: dict[str, Any]) -> None:
     assert longer_text(report(**fields)) == ""
     assert longer_text({"phase": "succeeded"}) == ""
+
+
+class StandIn:
+    """In place of the connection to the daemon; the first motion ends in `phase`."""
+
+    connected = True
+
+    def __init__(self, phase: str) -> None:
+        self.phase = phase
+        self.sent: list[dict[str, Any]] = []
+
+    def __enter__(self) -> "StandIn":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def call(self, method: str, **_how: Any) -> dict[str, Any]:
+        return {"joints": [{"name": "pan", "position": -0.2, "goal": None}]} if method == "GetStatus" else {}
+
+    def stream(self, _method: str, trajectory: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        self.sent.append(trajectory)
+        yield report(self.phase if len(self.sent) == 1 else "succeeded", progress=1.0)
+
+
+MOTION = {
+    "joint_names": ["pan"],
+    "points": [{"positions": [0.8], "time_from_start": 0.1}, {"positions": [0.0], "time_from_start": 9.0}],
+}
+
+
+@pytest.mark.parametrize(("phase", "code", "sent"), [("succeeded", 0, 2), ("aborted", 1, 1)])
+def test_an_approach_leads_slowly_to_the_first_point_and_must_succeed(
+    monkeypatch: pytest.MonkeyPatch, phase: str, code: int, sent: int
+) -> None:
+    daemon = StandIn(phase)
+    monkeypatch.setattr(motion_commands, "operator", lambda _: daemon)
+    monkeypatch.setattr(motion_commands, "asked_motion", lambda *_: MOTION)
+    options = argparse.Namespace(
+        motion="swing", approach=True, retime=False, take=False, json=True, verb="play", socket=None
+    )
+    assert PLAY.run(options) == code
+    way = {"positions": [0.8], "velocities": [0.0], "time_from_start": pytest.approx(2.0)}
+    assert daemon.sent == [{"joint_names": ["pan"], "points": [way]}, MOTION][:sent]

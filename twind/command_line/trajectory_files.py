@@ -1,10 +1,13 @@
-"""Trajectory files: found by path or by name, read strictly, in the shape that the socket takes.
+"""Trajectory files: found by path or by name, read strictly, in the shape that the socket takes; and written.
 
 Files have the shape of a ROS trajectory message; `time_from_start` may be seconds or {sec, nanosec}.
 """
 
+import contextlib
+import json
 import os
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads
 
 LARGEST = 4 << 20  # bytes
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _UNUSED = ("header",)  # of a ROS message, and nothing that changes a motion
 
 
@@ -50,6 +54,50 @@ def read_trajectory(path: Path) -> dict[str, object]:
         raise Rejected(f"{path}: expected an object with joint_names and points")
     points = [_point(point, f"{path}: points[{place}]") for place, point in enumerate(message["points"])]
     return {key: value for key, value in message.items() if key not in _UNUSED} | {"points": points}
+
+
+def new_motion(name: str, folder: Path | None) -> Path:
+    """The path of a motion to write: `name` is a path, or a name in `folder` (None: there is none).
+
+    Raises UsageError: no name, or no folder to write it into.
+    """
+    if os.sep in name or name.endswith(".json"):
+        return Path(name)
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"{name!r} is no name of a motion: use 1 to 64 letters, digits, _ and -")
+    if folder is None or folder == _built_in():
+        raise UsageError(f"{name}: a built-in robot takes no motions: give a path, as ./{name}.json")
+    return folder / f"{name}.json"
+
+
+def write_trajectory(path: Path, trajectory: Mapping[str, Any], *, replace: bool) -> None:
+    """Write a trajectory file, a point a line: whole or not at all, and on the disk on return.
+
+    Makes its folder where only that is missing. Raises FileExistsError unless `replace`; OSError.
+    """
+    points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in trajectory["points"])
+    names = json.dumps(trajectory["joint_names"])
+    text = f'{{\n  "joint_names": {names},\n  "points": [\n{points}\n  ]\n}}\n'
+    path.parent.mkdir(exist_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    fresh = f".{path.name}.{os.getpid()}"
+    try:
+        _write(folder, fresh, text.encode())
+        # Unlike a rename, a link never takes the place of another file.
+        (os.replace if replace else os.link)(fresh, path.name, src_dir_fd=folder, dst_dir_fd=folder)
+        os.fsync(folder)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(fresh, dir_fd=folder)
+        os.close(folder)
+
+
+def _write(folder: int, name: str, data: bytes) -> None:
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with open(os.open(name, flags, 0o644, dir_fd=folder), "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _point(point: Any, where: str) -> dict[str, object]:

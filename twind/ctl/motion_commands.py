@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from types import FrameType
@@ -14,7 +14,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.client.errors import finding_lines
-from twind.client.move_duration import move_duration
+from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.progress import ProgressLine
 from twind.command_line.trajectory_files import load_motion, read_trajectory
 from twind.command_line.verb import (
@@ -55,13 +55,19 @@ def _move(options: argparse.Namespace) -> int:
     if len(goals) != len(options.goals):
         raise UsageError("a joint is named twice")
     with operator(options) as client:
-        duration = _duration(client, goals) if options.time is None else options.time
-        point = {
-            "positions": list(goals.values()),
-            "velocities": [0.0] * len(goals),
-            "time_from_start": duration,
-        }
-        return _run(client, {"joint_names": list(goals), "points": [point]}, options)
+        return _run(client, [_way(client, goals, options.time)], options)
+
+
+def _way(client: Client, goals: Mapping[str, float], duration: float | None = None) -> dict[str, Any]:
+    """Return the trajectory from here to `goals`, rad. `duration` None: slow enough for the longest way."""
+    if duration is None:
+        duration = slow_duration(goals, present_goals(client))
+    point = {
+        "positions": list(goals.values()),
+        "velocities": [0.0] * len(goals),
+        "time_from_start": duration,
+    }
+    return {"joint_names": list(goals), "points": [point]}
 
 
 def _goal(text: str) -> tuple[str, float]:
@@ -76,21 +82,24 @@ def _goal(text: str) -> tuple[str, float]:
     return name, value
 
 
-def _duration(client: Client, goals: dict[str, float]) -> float:
-    """Duration (s) that is slow enough for the longest way, from each joint's goal or else its position."""
-    joints = client.call("GetStatus", joints=True)["joints"]
-    now = {joint["name"]: joint["position"] if joint["goal"] is None else joint["goal"] for joint in joints}
-    return move_duration(goal - now[name] for name, goal in goals.items() if now.get(name) is not None)
-
-
 def _play_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("motion", metavar="FILE|NAME", help="a trajectory file, or a motion of the robot")
+    parser.add_argument("--approach", action="store_true", help="first move slowly to its first point")
     _common(parser)
 
 
 def _play(options: argparse.Namespace) -> int:
     with operator(options) as client:
-        return _run(client, asked_motion(client, options.motion, options), options)
+        motion = asked_motion(client, options.motion, options)
+        goals = _first_point(motion) if options.approach else {}
+        return _run(client, [*([_way(client, goals)] if goals else []), motion], options)
+
+
+def _first_point(motion: Mapping[str, Any]) -> dict[str, float]:
+    """Return the positions of the first point, rad by joint; none where the motion will be refused."""
+    names = motion.get("joint_names") or ()
+    first = motion["points"][0] if motion["points"] else {}
+    return dict(zip(names, first.get("positions") or (), strict=False))
 
 
 def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -110,12 +119,17 @@ def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict
     return load_motion(name, Path(folder) if isinstance(folder, str) else None, names)
 
 
-def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> int:
-    if options.retime:
-        trajectory = {**trajectory, "policy": "retime"}
+def _run(client: Client, trajectories: Sequence[dict[str, Any]], options: argparse.Namespace) -> int:
+    """Follow the trajectories one after the other, as long as they succeed; show the end of the last."""
+    done = True
+    last: dict[str, Any] = {}
     with lease(client, take=options.take):
-        last = _follow(client, trajectory, options)
-    done = last.get("phase") == "succeeded"
+        for trajectory in trajectories:
+            asked = {**trajectory, "policy": "retime"} if options.retime else trajectory
+            last = _follow(client, asked, options)
+            done = last.get("phase") == "succeeded"
+            if not done:
+                break
     if options.json:
         return DONE if done else REFUSED
     for line in finding_lines(last.get("findings") or (), str(last.get("phase"))):

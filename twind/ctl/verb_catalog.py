@@ -16,6 +16,7 @@ BUILT_IN = {
     "disarm": "twind.ctl.single_call_commands:DISARM",
     "move": "twind.ctl.motion_commands:MOVE",
     "play": "twind.ctl.motion_commands:PLAY",
+    "teach": "twind.ctl.teach_command",
     "stop": "twind.ctl.single_call_commands:STOP",
     "estop": "twind.ctl.estop:ESTOP",
     "reset": "twind.ctl.single_call_commands:RESET",

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twind.client import Client, ClientError, NoAnswer
-from twind.client.move_duration import move_duration
+from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
@@ -311,9 +311,9 @@ class Robot:
         return GoalStream(self._command, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
 
     def _duration(self, goals: Mapping[str, float]) -> float:
-        rows = {each["name"]: each for each in self._call("GetStatus", joints=True)["joints"]}
-        now = {name: row["position"] if row["goal"] is None else row["goal"] for name, row in rows.items()}
-        return move_duration(goal - now[name] for name, goal in goals.items() if now.get(name) is not None)
+        with self._calling:
+            self._connect()
+            return slow_duration(goals, present_goals(self._client))
 
     # ------------------------------------------------------------------------------------------ calls
 

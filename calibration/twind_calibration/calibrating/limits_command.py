@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from twind.client import CallError, Client, ClientError
+from twind.command_line.torque_free import limp, require_limp
 from twind.command_line.verb import DONE, Rejected, operator
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibrated_device import DeviceRecord
@@ -28,7 +29,6 @@ from twind_calibration.calibrating.entry_writer import (
     write_entries,
 )
 from twind_calibration.calibrating.recorded_devices import FENCE, differences, of_file, records
-from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import expected_servo_limits, misfits
 from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import MonotonicClock

@@ -13,6 +13,7 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.command_line.stop_signals import interrupt_on_terminate
+from twind.command_line.torque_free import limp, require_limp
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibrated_device import DeviceRecord
 from twind.ctl.command_hint import command_hint
@@ -29,7 +30,6 @@ from twind_calibration.calibrating.sweep_tracker import (
     SweepStage,
     SweepTracker,
 )
-from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
 from twind_calibration.rejection_hints import with_hints
 from twind_drivers.clock import Clock, MonotonicClock

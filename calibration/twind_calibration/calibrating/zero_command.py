@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from twind.client import Client
+from twind.command_line.torque_free import limp, require_limp
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
@@ -25,7 +26,6 @@ from twind_calibration.calibrating.entry_writer import (
 )
 from twind_calibration.calibrating.joint_capture import JointCapture, capture, readings
 from twind_calibration.calibrating.recorded_devices import differences, records
-from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import (
     TOLERANCE,
     ZeroOffset,

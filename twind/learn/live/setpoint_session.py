@@ -9,7 +9,7 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.errors import finding_text
-from twind.client.move_duration import move_duration
+from twind.client.move_duration import present_goals, slow_duration
 from twind.exceptions import OperationFailed
 from twind.robot.arrays import Floats
 
@@ -41,13 +41,11 @@ class SetpointSession:
 
         Raises OperationFailed, ClientError (Refused: by the gate).
         """
-        rows = self._client.call("GetStatus", joints=True)["joints"]
-        now = [row["position"] if row["goal"] is None else row["goal"] for row in rows]
-        ways = [goal - at for goal, at in zip(pose.tolist(), now, strict=True) if at is not None]
+        goals = dict(zip(self._joints, pose.tolist(), strict=True))
         point = {
             "positions": pose.tolist(),
             "velocities": [0.0] * len(pose),
-            "time_from_start": move_duration(ways),
+            "time_from_start": slow_duration(goals, present_goals(self._client)),
         }
         last: Mapping[str, Any] = {}
         self._client.timeout = WAY

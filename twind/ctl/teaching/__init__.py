@@ -1,0 +1,1 @@
+"""`twindctl teach`: a motion from the path of a hand that guides limp joints."""
