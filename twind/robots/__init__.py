@@ -1,1 +1,1 @@
-"""The built-in robots: our own 24-joint humanoid `h24`."""
+"""The built-in robots, a pair of robot file and model each; `servos.xml` holds the servos that models share."""
