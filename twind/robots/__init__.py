@@ -1,1 +1,1 @@
-"""The built-in robots, a pair of robot file and model each; `servos.xml` holds the servos that models share."""
+"""The built-in robots: robot files and their models. `servos.xml` describes the servos that models share."""
