@@ -30,7 +30,7 @@ SCENE = """
     <quality shadowsize="8192" offsamples="8"/>
   </visual>
   <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.97 0.98 1" rgb2="0.72 0.78 0.85" width="64" height="384"/>
+    <texture type="skybox" builtin="gradient" rgb1="0.97 0.98 1" rgb2="0.72 0.78 0.85" width="8" height="48"/>
     <material name="floor" rgba="0.82 0.85 0.88 1" reflectance="0.06"/>
   </asset>
   <worldbody>
