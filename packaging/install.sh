@@ -123,7 +123,8 @@ listed() {
     # Pages lie as in the sources, with what they link to, so that the links lead somewhere.
     for each in README.md CHANGELOG.md calibration/README.md systemd/README.md \
         $(cd "$SOURCE" && find docs packaging/metrics -type f ! -name '*.cast' | LC_ALL=C sort) \
-        twind/robots/h24.yaml twind/robots/h24-mixed.yaml twind/protocol/io.twind.Control.varlink; do
+        twind/robots/h24.yaml twind/robots/h24-mixed.yaml twind/robots/so101.yaml \
+        twind/protocol/io.twind.Control.varlink; do
         pair "$SOURCE/$each" "$SHARE/doc/twind/$each"
     done
     for each in "$SOURCE"/systemd/examples/*; do

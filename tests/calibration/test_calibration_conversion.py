@@ -110,7 +110,7 @@ def test_the_servos_own_limits_are_its_travel_unless_a_sweep_is_recorded() -> No
     assert (entry.sweep_ticks, entry.zero_ticks) == ((low - 5, high + 5), 2048)
 
 
-ARM = load_robot("docs/examples/so101/so101.yaml")
+ARM = load_robot("so101")
 LIFT = next(slot for slot in slots(ARM) if slot.name == "shoulder_lift")
 STS = DeviceRecord(777, 310, None, 0, 0, 0, 0, 4095)
 STS_OFFSETS = st.integers(-2047, 2047)

@@ -111,6 +111,7 @@ def test_pictures_are_shown_and_small() -> None:
         "fleet.png",
         "monitor.svg",
         "plot.png",
+        "robots.png",
         "stand.png",
         "view.png",
     ]

@@ -123,6 +123,6 @@ def test_the_calibration_of_another_robot_is_found(tmp_path: Path, robot: Path) 
 
 
 def test_joints_without_a_watchdog_are_noted(tmp_path: Path, robot: Path) -> None:
-    (finding,) = found("--robot", "docs/examples/so101/so101.yaml", code="WATCHDOG_NONE")
+    (finding,) = found("--robot", "so101", code="WATCHDOG_NONE")
     assert finding.measured.startswith("6 joints: shoulder_pan, ")
     assert found("--robot", str(robot), code="WATCHDOG_NONE") == []

@@ -378,7 +378,7 @@ def test_the_supply_sets_the_speed() -> None:
 
 
 def test_a_described_arm_has_the_strength_of_its_supply() -> None:
-    arm = load_robot("docs/examples/so101/so101.yaml")
+    arm = load_robot("so101")
     kind = arm.joints[1].type
     assert isinstance(kind, FeetechType)
     assert kind.strength == pytest.approx((1.912, 5.445), rel=1e-3)

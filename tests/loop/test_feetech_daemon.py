@@ -6,17 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.built_in_copy import change, copy_built_in
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.arrays import Floats
 from twind.twin.dynamics import Dynamics
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 
-ARM = Path("docs/examples/so101/so101.yaml")
+ARM = "so101"
 
 
 def test_an_so101_is_armed_moved_and_disarmed(make_rig: MakeRig) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     rig.arm()
     roll = rig.names.index("wrist_roll")
     before = rig.truth
@@ -34,10 +35,9 @@ def test_an_so101_is_armed_moved_and_disarmed(make_rig: MakeRig) -> None:
 def test_it_is_not_armed_unless_the_file_says_that_there_is_no_watchdog(
     make_rig: MakeRig, tmp_path: Path
 ) -> None:
-    text = ARM.read_text().replace("    watchdog: none ", "    # ")
-    (tmp_path / "so101.yaml").write_text(text)
-    (tmp_path / "so101.xml").write_text(ARM.with_suffix(".xml").read_text())
-    rig: Rig = make_rig(str(tmp_path / "so101.yaml"))
+    arm = copy_built_in(ARM, tmp_path)
+    change(arm, "    watchdog: none ", "    # ")
+    rig: Rig = make_rig(str(arm))
     rig.seconds(1.0)
     rig.call(link.AcquireLease)
     reply = rig.call(link.Arm)
@@ -47,7 +47,7 @@ def test_it_is_not_armed_unless_the_file_says_that_there_is_no_watchdog(
 
 
 def test_an_overload_is_reported_and_ends_with_its_cause(make_rig: MakeRig) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     rig.arm()
     rig.virtual["main"].faults.damage(3, 0x20)
     rig.seconds(0.5)
@@ -89,10 +89,9 @@ class LoadedJoints(FirstOrderPhysics):
 
 def soft_arm(make_rig: MakeRig, folder: Path, gain: int) -> tuple[Rig, LoadedJoints]:
     """An arm whose servos have that P gain, and carry its weight."""
-    text = ARM.read_text().replace("  sts3215:\n", f"  sts3215:\n    gains: {{p: {gain}}}\n")
-    (folder / "so101.yaml").write_text(text)
-    (folder / "so101.xml").write_text(ARM.with_suffix(".xml").read_text())
-    rig: Rig = make_rig(str(folder / "so101.yaml"), muscles=LoadedJoints, start={"elbow_flex": 1.5})
+    arm = copy_built_in(ARM, folder)
+    change(arm, "  sts3215:\n", f"  sts3215:\n    gains: {{p: {gain}}}\n")
+    rig: Rig = make_rig(str(arm), muscles=LoadedJoints, start={"elbow_flex": 1.5})
     muscles = rig.virtual["main"].servos.muscles
     binding = rig.one.binding
     dynamics = Dynamics(binding)
@@ -136,7 +135,7 @@ def test_a_soft_joint_under_load_is_moved_and_held_without_creeping(
 
 
 def test_a_motion_waits_for_a_blocked_joint_and_goes_on(make_rig: MakeRig) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     rig.arm()
     roll = rig.names.index("wrist_roll")
     rig.virtual["main"].faults.lock(5)
@@ -155,7 +154,7 @@ def test_a_motion_waits_for_a_blocked_joint_and_goes_on(make_rig: MakeRig) -> No
 
 
 def test_a_motion_that_waits_in_vain_is_held_where_it_is(make_rig: MakeRig) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     rig.arm()
     rig.virtual["main"].faults.lock(5)
     ticket = rig.submit(rig.path("wrist_roll", [1.0], [2.0]), more=True)
@@ -170,7 +169,7 @@ def test_a_motion_that_waits_in_vain_is_held_where_it_is(make_rig: MakeRig) -> N
 
 
 def test_arming_warns_of_each_joint_without_a_watchdog(make_rig: MakeRig) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     rig.connect()
     rig.call(link.AcquireLease)
     reply = rig.call(link.Arm)

@@ -1,7 +1,6 @@
 """The humanoid with legs on CAN and the rest on a serial bus, in process: real bytes, a fake clock."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +9,12 @@ import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
 from tests.support.described_robot import redescribe
+from tests.support.mujoco_servo_rig import WholeBodyRig
 from twind import link
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 from twind.robot.trajectory import Trajectory
-from twind.virtual.virtual_robot_spec import buses
 
 LEGS = ("l_leg", "r_leg")
 
@@ -24,15 +23,6 @@ LEGS = ("l_leg", "r_leg")
 def mixed(make_rig: MakeRig) -> Rig:
     rig: Rig = make_rig("h24-mixed")
     return rig
-
-
-class Body(Rig):
-    """Moved by MuJoCo: one body for all three buses."""
-
-    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
-        if not hasattr(self, "_body"):
-            self._body = buses(self.made, physics=True, now=self.clock.now())
-        return self._body[bus]
 
 
 def nodes(rig: Rig, bus: str) -> list[dict[str, Any]]:
@@ -155,7 +145,7 @@ def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming(make
 def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(
     make_rig: MakeRig, name: str
 ) -> None:
-    rig = make_rig("h24-mixed", kind=Body)
+    rig = make_rig("h24-mixed", kind=WholeBodyRig)
     rig.arm()
     path = demonstration(rig, name)
     ticket = rig.submit(path, more=True)

@@ -1,7 +1,6 @@
 """A daemon that dies at a random moment leaves an arm without watchdogs that goes on by its lead at most."""
 
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.robot.modes import Mode
 
-ARM = Path("docs/examples/so101/so101.yaml")
+ARM = "so101"
 LIMIT = 0.15  # rad, `lead_limit_rad`
 BRAKES = 0.06  # rad that a goal goes on while it brakes: 1.3 rad/s, 15 rad/s²
 ROLL = 5  # id of the wrist
@@ -56,7 +55,7 @@ def restart(rig: Rig) -> None:
 
 @pytest.mark.parametrize("count", [4, pytest.param(60, marks=pytest.mark.campaign)])
 def test_no_joint_goes_further_than_its_lead_after_a_kill(make_rig: MakeRig, count: int) -> None:
-    rig: Rig = make_rig(str(ARM))
+    rig: Rig = make_rig(ARM)
     dice = random.Random(20261128)
     rig.arm()
     seen = []

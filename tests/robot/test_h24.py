@@ -21,6 +21,36 @@ BINDING = bind(H24, None)
 COUNT = len(H24.joints)
 STALL = 4.1  # N·m, XM430-W350 at 12 V
 MOTIONS, _ = motions_of(H24)
+# What is simulated: policies, captures and figures of the documents rest on it. Right is as left.
+BODIES = {  # g, and moments of inertia, g mm²
+    "torso": (950, 2921250, 2422500, 1781250),
+    "neck": (90, 17340, 14550, 14550),
+    "head": (220, 178200, 178200, 178200),
+    "l_shoulder": (90, 17340, 14550, 14550),
+    "l_upper_arm_top": (100, 19267, 16167, 16167),
+    "l_upper_arm": (120, 80519, 80519, 22433),
+    "l_forearm": (120, 136357, 136357, 20659),
+    "waist": (100, 19267, 16167, 16167),
+    "pelvis": (450, 547500, 333750, 693750),
+    "l_hip": (60, 11560, 9700, 9700),
+    "l_hip_cross": (150, 28900, 24250, 24250),
+    "l_thigh": (260, 287939, 287939, 82059),
+    "l_shank": (220, 176966, 176966, 49744),
+    "l_ankle": (110, 21193, 17783, 17783),
+    "l_foot": (120, 44960, 148000, 184960),
+}
+COLLIDING = {  # of the body with the same name but l_hand: size, and place in it, mm
+    "floor": (2000, 2000, 100, 0, 0, 0),
+    "torso": (45, 60, 75, 0, 0, 0),
+    "head": (45, 0, 0, 0, 0, 25),
+    "l_upper_arm": (20, 27.5, 0, 0, 0, -47.5),
+    "l_forearm": (18, 30, 0, 0, 0, -50),
+    "l_hand": (24, 0, 0, 0, 0, -105),
+    "pelvis": (40, 55, 25, 0, 0, -35),
+    "l_thigh": (26, 35, 0, 0, 0, -55),
+    "l_shank": (22, 30, 0, 0, 0, -60),
+    "l_foot": (60, 32, 10, 12, 0, -25),
+}
 
 
 def at(position: Floats) -> Reference:
@@ -63,6 +93,23 @@ def test_the_body_is_one_that_xm430_can_carry() -> None:
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
+def test_bodies_weigh_and_collide_as_ever_whatever_they_look_like() -> None:
+    model = BINDING.model
+    left = [number for number in range(1, model.nbody) if not model.body(number).name.startswith("r_")]
+    assert [model.body(number).name for number in left] == list(BODIES)
+    units = np.array([1e3, 1e9, 1e9, 1e9])
+    measured = np.column_stack([model.body_mass, model.body_inertia])[left] * units
+    assert np.abs(measured - list(BODIES.values())).max() < 0.5
+    collides = model.geom_contype | model.geom_conaffinity
+    solid = [number for number in np.flatnonzero(collides) if not model.geom(number).name.startswith("r_")]
+    assert [model.geom(number).name for number in solid] == list(COLLIDING)
+    shapes = np.hstack([model.geom_size, model.geom_pos])[solid] * 1e3
+    assert np.allclose(shapes, list(COLLIDING.values()), atol=1e-6)
+    looks = model.geom_group == 2
+    assert looks.any()
+    assert not collides[looks].any()
+
+
 def test_left_and_right_are_mirror_images() -> None:
     model = BINDING.model
     data = mujoco.MjData(BINDING.model)
@@ -73,6 +120,12 @@ def test_left_and_right_are_mirror_images() -> None:
             other = model.body("r_" + name[2:]).id
             assert np.allclose(data.xpos[number] * [1, -1, 1], data.xpos[other])
             assert model.body_mass[number] == model.body_mass[other]
+            assert np.allclose(model.body_inertia[number], model.body_inertia[other])
+            shapes = [
+                model.geom_size[(model.geom_bodyid == each) & (model.geom_contype > 0)]
+                for each in (number, other)
+            ]
+            assert np.array_equal(*shapes)
     for joint in H24.joints:
         if joint.name.startswith("l_"):
             other_joint = H24.joints[H24.names.index("r_" + joint.name[2:])]

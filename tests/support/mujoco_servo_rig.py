@@ -28,6 +28,15 @@ def built(name: str, **changes: Any) -> RobotFile:
     return replace(H24, joints=tuple(joints))
 
 
+class WholeBodyRig(Rig):
+    """A daemon whose robot is moved by MuJoCo: one body for all its buses."""
+
+    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
+        if not hasattr(self, "_body"):
+            self._body = buses(self.made, now=self.clock.now())
+        return self._body[bus]
+
+
 class BodyRig(Rig):
     """A daemon whose robot is `true`, whatever its robot file says, moved by MuJoCo."""
 

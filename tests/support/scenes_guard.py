@@ -201,7 +201,7 @@ def all_servos_of_a_leg_lose_power(made: Rig) -> None:
     made.ticks(13)
 
 
-@leads_to(ReasonCode.LEAD_LIMIT, robot="docs/examples/so101/so101.yaml")
+@leads_to(ReasonCode.LEAD_LIMIT, robot="so101")
 def a_servo_without_a_watchdog_is_blocked(made: Rig) -> None:
     faults(made).lock(5)
     move(made, "wrist_roll", to=1.0, seconds=2.0)

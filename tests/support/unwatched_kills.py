@@ -20,10 +20,10 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
+from tests.support.built_in_copy import change, copy_built_in
 from tests.support.processes import PATIENCE, Daemon, Virtual, arm, robot, until
 from twind.client import CallError, Client, ClientError, Disconnected, NoDaemon, Refused
 
-ARM = Path("docs/examples/so101")
 # robot -> the joint that moves, its id
 JOINTS = {"arm": ("wrist_roll", 5), "biped14": ("head_yaw", 32), "darwin": ("head_pan", 19)}
 LIMIT = 0.15  # rad, `lead_limit_rad`
@@ -40,14 +40,13 @@ PHASES = ("moving", "streaming", "blocked", "unplugged")
 
 
 def hanging_arm(folder: Path) -> str:
-    """Write the example arm, hung from a ceiling; the path of its robot file."""
-    body = (ARM / "so101.xml").read_text().replace('name="base" pos="0 0 0.03"', 'name="base" pos="0 0 1"')
-    hung = body.replace('name="shoulder" pos="0 0 0.05"', 'name="shoulder" pos="0 0 -0.05" quat="0 1 0 0"')
-    assert body != hung
-    (folder / "so101.xml").write_text(hung)
-    described = (ARM / "so101.yaml").read_text().replace("[-1.6, 1.66]", "[-1.66, 1.66]")
-    head, _, _ = described.partition("  rest: {")
-    made = folder / "so101.yaml"
+    """Write the built-in arm, hung from a ceiling; the path of its robot file."""
+    made = copy_built_in("so101", folder)
+    change(folder / "so101.xml", '<body name="base">', '<body name="base" pos="0 0 1">')
+    shoulder = '<body name="shoulder" pos="0 0 '
+    change(folder / "so101.xml", f'{shoulder}0.0624">', f'{shoulder}-0.05" quat="0 1 0 0">')
+    change(made, "[-1.6, 1.66]", "[-1.66, 1.66]")
+    head, _, _ = made.read_text().partition("  rest: {")
     made.write_text(f"{head}  rest: {{elbow_flex: -1.4}}\n")
     return str(made)
 

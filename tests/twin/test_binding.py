@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.built_in_copy import change, copy_built_in
 from tests.support.examples import examples
 from twind.config.calibration_file import Calibration, JointCalibration, fitting
 from twind.config.robot_file import load_robot
@@ -19,7 +20,6 @@ from twind.exceptions import InvalidInput
 from twind.twin.binding import Binding, bind
 from twind_drivers.bus import IdentifiedDevice
 
-ARM = Path("docs/examples/so101/so101.yaml")
 H24 = load_robot("h24")
 SPLIT = load_robot("h24-split")
 TICK = 2 * math.pi / 4096
@@ -221,11 +221,10 @@ def test_a_zero_that_leaves_no_count_is_refused_with_what_to_do() -> None:
 
 
 def test_a_range_in_degrees_that_was_meant_in_radians_is_recognised(tmp_path: Path) -> None:
-    model = ARM.with_suffix(".xml").read_text()
-    (tmp_path / "so101.xml").write_text(model.replace('angle="radian"', 'angle="degree"'))
-    (tmp_path / "so101.yaml").write_text(ARM.read_text())
+    arm = copy_built_in("so101", tmp_path)
+    change(tmp_path / "servos.xml", 'angle="radian"', 'angle="degree"')
     with pytest.raises(InvalidInput, match=r"so101.yaml:\d+:\d+: .*`<compiler angle=\"radian\"/>` missing"):
-        bind(load_robot(str(tmp_path / "so101.yaml")), None)
+        bind(load_robot(str(arm)), None)
 
 
 def test_files_that_do_not_go_together_are_refused(tmp_path: Path) -> None:

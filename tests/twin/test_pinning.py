@@ -132,10 +132,11 @@ def lying_model(robot: RobotFile) -> mujoco.MjModel:
 
 
 MODELS = [bound_model, written_model, virtual_model, lying_model]
+TOUCHING = [name for name in built_in_robots() if name != "pan-tilt"]  # whose bodies cannot reach each other
 
 
 @pytest.mark.parametrize("made", MODELS)
-@pytest.mark.parametrize("name", built_in_robots())
+@pytest.mark.parametrize("name", TOUCHING)
 def test_a_built_in_robot_has_the_contacts_of_the_floating_one(
     name: str, made: Callable[[RobotFile], mujoco.MjModel]
 ) -> None:

@@ -11,11 +11,6 @@ from twind.twin.binding import bind
 from twind.twin.settling_survey import survey_settling
 
 
-@pytest.mark.parametrize("name", ["h24", "h24-standing"])
-def test_joints_of_the_built_in_robots_settle(name: str) -> None:
-    assert survey_settling(bind(known_robot(name), None)) == ()
-
-
 def test_a_joint_that_vibrates_is_named_with_values_that_settle_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,6 +33,8 @@ TRIES = 3  # of one motion
 ARMING = 15.0  # s of refusals: the first run after an installation compiles what it imports, and reads late
 AGAIN = 0.5  # s between two tries: by then every slow register was read once more
 LOWERING = 5.0  # s kept for the way to the rest pose
+BEYOND = 0.5  # rad above a joint's limit, of the trajectory that is refused
+Motions = Mapping[str, Mapping[str, Any]]  # trajectories by name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,12 +57,14 @@ def run(options: argparse.Namespace) -> int:
     ):
         _await_robot(folder, daemon)
         with Client(folder) as client:
-            _show(client, folder)
+            robot = client.call("GetRobot")["robot"]
+            motions = load_motions(robot)
+            _show(client, folder, robot, motions)
             try:
                 if until is None:
-                    _stay(folder, client)
+                    _stay(folder, client, motions)
                 else:
-                    _play_until(client, folder, until)
+                    _play_until(client, folder, motions, until)
             except KeyboardInterrupt:
                 print("\nCtrl-C: lowering the robot")
         _lower(folder)
@@ -177,12 +181,21 @@ def _tracked(folder: str) -> Iterator[TrackingErrorMeter]:
         thread.join(2.0)
 
 
-def _show(client: Client, folder: str) -> None:
+def load_motions(robot: Mapping[str, Any]) -> Motions:
+    """Return the trajectories in the robot's own folder, by name. Raises Rejected where there are none."""
+    folder = Path(robot["motions"])
+    found = {name: load_motion(name, folder) for name in motion_names(folder)}
+    if not found:
+        raise Rejected(f"no motion to show: {folder} holds no trajectory file (*.json); add one")
+    return found
+
+
+def _show(client: Client, folder: str, robot: Mapping[str, Any], motions: Motions) -> None:
     """Show arming, a motion, a refusal and the latency."""
     joints = arm_robot(client)
     print(f"armed     {len(joints)} joints hold where they were found")
-    _play(client, folder, motion_names()[0])
-    _refusal(client)
+    _play(client, folder, next(iter(motions)), motions)
+    _refusal(client, robot)
     _latency(client)
 
 
@@ -200,25 +213,24 @@ def arm_robot(client: Client) -> list[Any]:
             time.sleep(AGAIN)
 
 
-def _play_until(client: Client, folder: str, until: float) -> None:
+def _play_until(client: Client, folder: str, motions: Motions, until: float) -> None:
     """Motions in turn as long as one fits."""
-    names = motion_names()
     turn = 1
-    while fitting := [name for name in names if _has_time_for(name, until)]:
-        _play(client, folder, fitting[turn % len(fitting)])
+    while fitting := [name for name, motion in motions.items() if _has_time_for(motion, until)]:
+        _play(client, folder, fitting[turn % len(fitting)], motions)
         turn += 1
 
 
-def _has_time_for(name: str, until: float) -> bool:
-    return time.monotonic() + duration(load_motion(name)) + LOWERING <= until
+def _has_time_for(motion: Mapping[str, Any], until: float) -> bool:
+    return time.monotonic() + duration(motion) + LOWERING <= until
 
 
-def _stay(folder: str, client: Client) -> None:
+def _stay(folder: str, client: Client, motions: Motions) -> None:
     """Motions in turn behind the live picture of `twindctl monitor`, until q or Ctrl-C."""
     from twind.ctl.dashboard.live_dashboard import show  # rich: only who stays to look needs it
 
     ended = threading.Event()
-    player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)
+    player = threading.Thread(target=_keep_playing, args=(client, motions, ended), daemon=True)
     player.start()
     try:
         show(lambda: Client(folder, name="observe"), 5.0)
@@ -229,13 +241,13 @@ def _stay(folder: str, client: Client) -> None:
         player.join(5.0)
 
 
-def _keep_playing(client: Client, ended: threading.Event) -> None:
-    names = motion_names()
+def _keep_playing(client: Client, motions: Motions, ended: threading.Event) -> None:
+    paths = list(motions.values())
     for turn in range(1, 1_000_000):
         if ended.is_set():
             return
         client.call("AcquireLease")
-        for _ in client.stream("SubmitTrajectory", trajectory=load_motion(names[turn % len(names)])):
+        for _ in client.stream("SubmitTrajectory", trajectory=paths[turn % len(paths)]):
             pass
         ended.wait(0.3)
 
@@ -245,9 +257,9 @@ def duration(motion: Mapping[str, Any]) -> float:
     return float(motion["points"][-1]["time_from_start"])
 
 
-def _play(client: Client, folder: str, name: str) -> None:
+def _play(client: Client, folder: str, name: str, motions: Motions) -> None:
     """Play one motion to its end; try again if the daemon holds because the machine is too busy."""
-    motion = load_motion(name)
+    motion = motions[name]
     for _ in range(TRIES):
         client.call("AcquireLease")
         with _tracked(folder) as tracking:
@@ -268,9 +280,11 @@ def _go_to_start(client: Client, motion: Mapping[str, Any]) -> None:
         pass
 
 
-def _refusal(client: Client) -> None:
+def _refusal(client: Client, robot: Mapping[str, Any]) -> None:
     """A trajectory beyond a joint's limit: the gate must refuse it, and say why."""
-    bad = {"joint_names": ["l_knee"], "points": [{"positions": [3.0], "time_from_start": 2.0}]}
+    joint = robot["joints"][0]
+    points = [{"positions": [joint["upper"] + BEYOND], "time_from_start": 2.0}]
+    bad = {"joint_names": [joint["name"]], "points": points}
     try:
         client.call("SubmitTrajectory", trajectory=bad)
     except Refused as refusal:

@@ -1,1 +1,1 @@
-"""The built-in robots: our own 24-joint humanoid `h24`."""
+"""The built-in robots: robot files and their models. `servos.xml` describes the servos that models share."""

@@ -10,7 +10,7 @@ from tests.support.processes import Virtual
 from twind.ctl.ctl_main import main
 
 pytestmark = pytest.mark.slow
-SO101 = Path(__file__).parents[3] / "docs/examples/so101/so101.yaml"
+SO101 = "so101"
 
 
 def test_servos_of_a_robot_and_a_foreign_one_are_listed(
@@ -22,8 +22,8 @@ def test_servos_of_a_robot_and_a_foreign_one_are_listed(
 
     port = str(tmp_path / "ports/main")
     few = ("--port", port, "--kind", "feetech", "--baud", "1000000", "--ids", "0-9")
-    words = ("--robot", str(SO101), "--port", port)
-    servos = Virtual(tmp_path, str(SO101), "--muscles", "first-order", "--servo", "main:9:STS3250")
+    words = ("--robot", SO101, "--port", port)
+    servos = Virtual(tmp_path, SO101, "--muscles", "first-order", "--servo", "main:9:STS3250")
     try:
         code, listed = run("scan", *few)
         assert (code, listed.count("STS3215"), listed.count("STS3250")) == (0, 6, 1)

@@ -29,7 +29,7 @@ pytest.importorskip("lerobot", reason="lerobot 0.4.4 is not installed")
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Iterator[Virtual]:
-    virtual = Virtual(tmp_path, "docs/examples/so101/so101.yaml")
+    virtual = Virtual(tmp_path, "so101")
     yield virtual
     virtual.close()
 

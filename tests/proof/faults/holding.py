@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from twind import link
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 
-ARM = Path("docs/examples/so101/so101.yaml")
+ARM = "so101"
 # Two poses, rad, clear of body and desk with any joints of either.
 FOLDED = {"shoulder_lift": -1.3, "elbow_flex": 1.0, "wrist_flex": 0.3}
 CLEAR = {
@@ -77,7 +76,7 @@ class TruthJudge:
 class HoldingWorld(World):
     """`joint` is a random one, `id` its servo."""
 
-    robot = str(ARM)
+    robot = ARM
     clear: Mapping[str, float] = CLEAR
     around: Mapping[str, float] = FOLDED
 
@@ -85,7 +84,7 @@ class HoldingWorld(World):
         super().__init__(fault, seed)
         self.free = False  # it is clamped to a desk
 
-    def live(self, robot: str = str(ARM), *, judge: bool = False, **how: Any) -> Rig:
+    def live(self, robot: str = ARM, *, judge: bool = False, **how: Any) -> Rig:
         """A daemon in live mode, everybody identified; each fresh reading is judged."""
         rig = self.take(HoldingRig(self.robot, **how))
         self.judge = TruthJudge(rig)  # type: ignore[assignment]
@@ -107,7 +106,7 @@ class HoldingWorld(World):
             self.call(link.AcquireLease)
         assert self.rig.loop.executor.motion is Motion.HOLDING, self.rig.replies(ticket)
 
-    def moving(self, robot: str = str(ARM), *, far: float = 0.0, **how: Any) -> Rig:
+    def moving(self, robot: str = ARM, *, far: float = 0.0, **how: Any) -> Rig:
         """The same, armed and on its way."""
         return super().moving(self.robot, far=far, **how)
 
