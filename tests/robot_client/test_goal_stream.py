@@ -95,6 +95,14 @@ def test_a_stream_that_is_not_strict_counts_refusals_but_raises_a_lost_daemon() 
         goals.send([0.0, 0.0])
 
 
+def test_who_waits_gets_the_changes_of_the_gate_or_the_refusal() -> None:
+    with stream(Daemon(), strict=False) as goals:
+        assert list(goals.send_and_wait([0.0, 0.0])) == []
+    with stream(Daemon(error=refused()), strict=False) as goals, pytest.raises(Refused):
+        goals.send_and_wait([9.0, 0.0])
+    assert goals.report.refused == 1
+
+
 @pytest.mark.parametrize(
     ("goals", "message"),
     [

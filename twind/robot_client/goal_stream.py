@@ -121,6 +121,24 @@ class GoalStream:
         stream, or a number that is not finite.
         """
         self._raise_failure()
+        setpoint = self._setpoint(goals, velocities)
+        with self._news:
+            self.report.sent += 1
+            self.report.superseded += self._next is not None
+            self._next = setpoint
+            self._news.notify_all()
+
+    def send_and_wait(self, goals: Goals, velocities: Goals | None = None) -> Sequence[Mapping[str, Any]]:
+        """Give the next goals as `send`, and wait a tick or two for the answer: the changes of the gate.
+
+        Each change has `code`, `joint`, `value` and `bound`. Raises Refused, strict or not; else as `send`.
+        """
+        position, velocity = self._setpoint(goals, velocities)
+        with self._news:
+            self.report.sent += 1
+        return self._exchange(position, velocity)
+
+    def _setpoint(self, goals: Goals, velocities: Goals | None) -> tuple[Floats, Floats]:
         position = self._row(goals, self._previous)
         if velocities is not None:
             velocity = self._row(velocities, np.zeros(len(self.joints)))
@@ -130,11 +148,7 @@ class GoalStream:
             velocity = (position - self._previous) / self.period
             velocity[np.abs(velocity) > self._limits] = 0.0
         self._previous = position
-        with self._news:
-            self.report.sent += 1
-            self.report.superseded += self._next is not None
-            self._next = (position, velocity)
-            self._news.notify_all()
+        return position, velocity
 
     def _row(self, values: Goals, others: Floats | None) -> Floats:
         """Return values as a row (k,) in rad; joints that a mapping leaves out are as in `others`."""
@@ -172,29 +186,38 @@ class GoalStream:
                     self._news.wait()
                 if self._next is None:
                     return
-                position, velocity = self._next
+                setpoint = self._next
                 self._next = None
-            begun = time.monotonic()
             try:
-                answer = self._call(
-                    "Setpoint",
-                    joint_names=list(self.joints),
-                    positions=position.tolist(),
-                    velocities=velocity.tolist(),
-                    valid_for=self.valid_for,
-                    allow_clamp=self._clamp,
-                )
+                self._exchange(*setpoint)
             except ClientError as error:
                 with self._news:
                     self._failure = error if self._strict or not isinstance(error, Refused) else None
-                    self.report.refusal = error
-                    self.report.refused += 1
-                continue
-            behind = answer.get("behind") or ()
+
+    def _exchange(self, position: Floats, velocity: Floats) -> Sequence[Mapping[str, Any]]:
+        """Send a setpoint, wait for its answer, report it; return the changes. Raises ClientError."""
+        begun = time.monotonic()
+        try:
+            answer = self._call(
+                "Setpoint",
+                joint_names=list(self.joints),
+                positions=position.tolist(),
+                velocities=velocity.tolist(),
+                valid_for=self.valid_for,
+                allow_clamp=self._clamp,
+            )
+        except ClientError as error:
             with self._news:
-                self.report.accepted += 1
-                self.report.answer_s = max(self.report.answer_s, time.monotonic() - begun)
-                self.report.behind = {
-                    name: far for name, far in zip(self.joints, behind, strict=False) if far is not None
-                }
-                self.report.changes.extend(answer.get("changes") or ())
+                self.report.refusal = error
+                self.report.refused += 1
+            raise
+        behind = answer.get("behind") or ()
+        with self._news:
+            self.report.accepted += 1
+            self.report.answer_s = max(self.report.answer_s, time.monotonic() - begun)
+            self.report.behind = {
+                name: far for name, far in zip(self.joints, behind, strict=False) if far is not None
+            }
+            changes: Sequence[Mapping[str, Any]] = answer.get("changes") or ()
+            self.report.changes.extend(changes)
+        return changes

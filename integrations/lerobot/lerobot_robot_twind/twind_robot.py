@@ -1,0 +1,141 @@
+"""A robot of LeRobot that a twind daemon drives: every action passes the gate."""
+
+import logging
+from functools import cached_property
+from math import degrees
+from typing import Any
+
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot as LeRobotDevice
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from lerobot_robot_twind.config_twind import TwindRobotConfig
+from lerobot_robot_twind.readings import fresh_degrees
+from twind import Robot
+from twind.client import Refused
+from twind.robot_client.goal_stream import GoalStream
+
+logger = logging.getLogger(__name__)
+KEY = ".pos"
+
+
+class TwindRobot(LeRobotDevice):
+    """Joints in degrees under `JOINT.pos`, and cameras. Calibration is twind's."""
+
+    config_class = TwindRobotConfig
+    name = "twind"
+
+    def __init__(self, config: TwindRobotConfig) -> None:
+        """Ask the daemon for its joints. Raises NoDaemon."""
+        super().__init__(config)
+        self.config = config
+        self.cameras = make_cameras_from_configs(config.cameras)
+        self._robot: Robot | None = None
+        self._stream: GoalStream | None = None
+        self._approached = False
+        with Robot(config.socket, read_only=True) as robot:
+            self.joints = robot.names
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """A number for each joint."""
+        return {f"{name}{KEY}": float for name in self.joints}
+
+    @cached_property
+    def observation_features(self) -> dict[str, Any]:
+        """Numbers of the joints, and the shape of each camera's picture."""
+        pictures = {name: (each.height, each.width, 3) for name, each in self.config.cameras.items()}
+        return {**self.action_features, **pictures}
+
+    @property
+    def is_connected(self) -> bool:
+        """True between `connect` and `disconnect`."""
+        return self._robot is not None and all(each.is_connected for each in self.cameras.values())
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True: twind arms only calibrated joints."""
+        return True
+
+    def calibrate(self) -> None:
+        """Do nothing: `twindctl calibrate` does it."""
+
+    def configure(self) -> None:
+        """Do nothing: the robot file has gains and limits."""
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Take the lease and open the cameras. Raises DeviceNotConnectedError: the robot is not armed."""
+        if self._robot is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is connected already")
+        robot = Robot(self.config.socket, take=self.config.take, disarm=self.config.disarm)
+        try:
+            if self.config.arm and not robot.armed:
+                robot.arm()
+            status = robot.status
+            if status["mode"] == "live" and not status["armed"]:
+                raise DeviceNotConnectedError(
+                    f"{robot.name} is {status['state']}, not armed: `twindctl arm`, or --robot.arm=true"
+                )
+            for camera in self.cameras.values():
+                camera.connect()
+            self._stream = robot.stream(rate=self.config.fps, degrees=True, clamp=True, strict=False)
+            self._stream.__enter__()
+        except BaseException:
+            robot.close()
+            raise
+        self._robot = robot
+        self._approached = not self.config.approach
+
+    def disconnect(self) -> None:
+        """Give the lease back: the robot holds, or is disarmed if so configured."""
+        robot, stream = self._connected()
+        self._robot = None
+        self._stream = None
+        stream.__exit__(None, None, None)
+        robot.close()
+        for camera in self.cameras.values():
+            camera.disconnect()
+
+    def get_observation(self) -> dict[str, Any]:
+        """Read joints (degrees) and pictures. Raises DeviceNotConnectedError: a reading is stale."""
+        robot, _ = self._connected()
+        joints = {f"{name}{KEY}": at for name, at in fresh_degrees(robot).items()}
+        return {**joints, **{name: camera.read_latest() for name, camera in self.cameras.items()}}
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, float]:
+        """Send goals (degrees); return those that are in force: clipped to limits, or unchanged if refused."""
+        robot, stream = self._connected()
+        goals = {key.removesuffix(KEY): float(value) for key, value in action.items() if key.endswith(KEY)}
+        sent = {name: goals[name] for name in self.joints if name in goals}
+        if not self._approached:
+            sent = self._clipped(robot, sent)
+            robot.move(sent, degrees=True, retime=True)
+            self._approached = True
+        start = {
+            name: degrees(at) for name, at in zip(self.joints, robot.state.position.tolist(), strict=True)
+        }
+        try:
+            changes = stream.send_and_wait({**start, **sent} if len(sent) < len(self.joints) else sent)
+        except Refused as refusal:
+            logger.warning("%s: action refused: %s", robot.name, refusal)
+            return {f"{name}{KEY}": at for name, at in self._in_force(robot).items()}
+        for change in changes:
+            if change["code"] == "POS_LIMIT" and change["joint"] in sent:
+                sent[change["joint"]] = degrees(change["bound"])
+                logger.warning("%s: action clipped: %s", robot.name, change["message"])
+        return {f"{name}{KEY}": at for name, at in sent.items()}
+
+    def _connected(self) -> tuple[Robot, GoalStream]:
+        if self._robot is None or self._stream is None:
+            raise DeviceNotConnectedError(f"{self} is not connected")
+        return self._robot, self._stream
+
+    def _clipped(self, robot: Robot, goals: dict[str, float]) -> dict[str, float]:
+        limits = {name: (degrees(low), degrees(high)) for name, (low, high) in robot.limits.items()}
+        return {name: min(max(at, limits[name][0]), limits[name][1]) for name, at in goals.items()}
+
+    def _in_force(self, robot: Robot) -> dict[str, float]:
+        """Goal of each joint, degrees; of one without a goal its position."""
+        joints = robot.joints.values()
+        known = {each.name: each.position if each.goal is None else each.goal for each in joints}
+        return {name: degrees(at) for name, at in known.items() if at is not None}
