@@ -103,7 +103,7 @@ class TwindRobot(LeRobotDevice):
         return {**joints, **{name: camera.read_latest() for name, camera in self.cameras.items()}}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
-        """Send goals (degrees); return those that are in force: clipped to limits, or unchanged if refused."""
+        """Send goals (degrees); return those in force: clipped to limits, or the earlier ones if refused."""
         robot, stream = self._connected()
         goals = {key.removesuffix(KEY): float(value) for key, value in action.items() if key.endswith(KEY)}
         sent = {name: goals[name] for name in self.joints if name in goals}
@@ -111,11 +111,8 @@ class TwindRobot(LeRobotDevice):
             sent = self._clipped(robot, sent)
             robot.move(sent, degrees=True, retime=True)
             self._approached = True
-        start = {
-            name: degrees(at) for name, at in zip(self.joints, robot.state.position.tolist(), strict=True)
-        }
         try:
-            changes = stream.send_and_wait({**start, **sent} if len(sent) < len(self.joints) else sent)
+            changes = stream.send_and_wait(sent)
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
             return {f"{name}{KEY}": at for name, at in self._in_force(robot).items()}
