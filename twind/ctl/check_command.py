@@ -91,6 +91,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.config.robot_file import load_robot
     from twind.config.robot_report import check_robot
     from twind.config.yaml_tree import ConfigError
+    from twind.ctl.follow_report import FollowRow, follow_lines, follow_rows
     from twind.ctl.offline_check import motions_of
     from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
@@ -105,11 +106,14 @@ def _robot(options: argparse.Namespace) -> int:
             errors = list(report.errors)
             said = list(report.lines)
             near = None
+            follow: list[FollowRow] = []
             try:
                 motions, wrong = motions_of(robot)
                 said += [f"warning: {each}" for each in wrong]
                 progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
                 binding = bind(robot, None)
+                follow = follow_rows(binding)
+                said += follow_lines(follow)
                 near = survey(binding, motions)
                 progress.update("a step of each joint")
                 unsettled = survey_settling(binding)
@@ -128,5 +132,6 @@ def _robot(options: argparse.Namespace) -> int:
     lines = [*said, *(f"error: {error}" for error in errors), verdict]
     allow = [] if near is None else [list(pair) for pair in near.proposed]
     told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow}
+    told["follow"] = [row.fields() for row in follow]
     show(options, told, "\n".join(lines))
     return REFUSED if errors else DONE
