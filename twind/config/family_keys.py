@@ -35,7 +35,7 @@ class TypeKeys(ConfigStruct, kw_only=True):
     """of the motor shaft"""
     follow_rad: FollowRad | None = None
     """0.02–1.5 | by gain, load and speed, 0.2 to 0.5 | of the joint: further behind its goal is FOLLOW_ERR;
-    0.3 further it is damped. `twindctl check robot` shows it, `twindctl tune follow` proposes it"""
+    0.3 further it is damped. `check robot` shows it, `tune follow` proposes it"""
     follow_s: FollowTime | None = None
     """0.02–2 | 0.1 | for so long"""
     supply: SupplyKeys
