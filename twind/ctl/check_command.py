@@ -79,8 +79,9 @@ def _offline(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         position = pose(robot, options.pose or "rest")
         joints = [joint.name for joint in robot.joints]
         binding = bind(robot, known)
-        found = verdict(binding, position, load_motion(options.file, robot.motions, joints))
-        return found, [calibration_note(bind(robot, None), binding if known else None)]
+        motion = load_motion(options.file, robot.motions, joints)
+        found = verdict(binding, position, motion)
+        return found, [calibration_note(bind(robot, None), binding if known else None, motion)]
     except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 
