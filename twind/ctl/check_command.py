@@ -132,7 +132,7 @@ def _robot(options: argparse.Namespace) -> int:
     verdict = f"{len(errors)} error{'s' if len(errors) != 1 else ''}" if errors else "ok"
     lines = [*said, *(f"error: {error}" for error in errors), verdict]
     allow = [] if near is None else [list(pair) for pair in near.proposed]
-    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow}
-    told["follow"] = [row.fields() for row in follow]
+    rows = [row.fields() for row in follow]
+    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow, "follow": rows}
     show(options, told, "\n".join(lines))
     return REFUSED if errors else DONE
