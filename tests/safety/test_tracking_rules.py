@@ -103,6 +103,15 @@ def test_follow_err_further_still_is_damped_at_once(side: float, off: float, dam
         assert "soft" in first.findings[0].message
 
 
+@pytest.mark.parametrize("near", range(1, 7))
+@pytest.mark.parametrize("off", [0.2 + TINY, 0.205, 0.29])
+def test_follow_err_counts_from_the_tick_in_which_a_joint_goes_off(near: int, off: float) -> None:
+    watch = Watch()
+    assert all(watch.tick([0.0, 0.01, 0.0]) == FINE for _ in range(near))
+    assert all(watch.tick([0.0, off, 0.0]) == FINE for _ in range(10))
+    assert watch.tick([0.0, off, 0.0]).latches
+
+
 @pytest.mark.parametrize("joint", range(N))
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_follow_err_each_joint_has_the_bounds_of_its_owner(joint: int, side: float) -> None:

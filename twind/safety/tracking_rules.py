@@ -49,7 +49,7 @@ class TrackingRules:
         self._linked = linked
         self._bounds = bounds
         self._following = following
-        self._least = float(following.rad.min(initial=np.inf)) ** 2  # rad², of the joint with the least bound
+        self._shares = 1.0 / following.rad  # 1/rad
         self._velocity = limits.velocity
         self._fastest = bounds.overspeed * limits.velocity + bounds.overspeed_slack
         self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
@@ -78,9 +78,8 @@ class TrackingRules:
         if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
             return False
         velocity = measured.velocity
-        error = measured.position - goal
-        near = error.dot(error) <= self._least or every(np.abs(error) <= self._following.rad)
-        return bool(near and velocity.dot(velocity) <= self._slowest)
+        share = (measured.position - goal) * self._shares
+        return bool(velocity.dot(velocity) <= self._slowest and share.dot(share) <= 1.0)
 
     def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         measured = facts.measured
@@ -98,7 +97,8 @@ class TrackingRules:
             self._place = None
             return
         error = measured.position - goal
-        if not error.dot(error) <= self._least or self._off_since.min() < NEVER:
+        share = error * self._shares
+        if not share.dot(share) <= 1.0 or self._off_since.min() < NEVER:
             yield from self._lagging(facts, measured, np.abs(error))
         self._suspect = self._suspect or bool(self._off_since.min() < NEVER)
         if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
