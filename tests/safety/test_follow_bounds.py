@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.gate_rig import limits
 from twind.robot.actuator_ratings import ActuatorRatings
-from twind.safety.follow_bounds import MARGIN, MOST, FollowBounds, follow_bounds
+from twind.safety.follow_bounds import MOST, FollowBounds, follow_bounds
 from twind.safety.guard_types import GuardThresholds
 
 USUAL = GuardThresholds()
@@ -36,7 +36,7 @@ def test_the_lag_is_that_of_the_load_and_that_of_the_speed() -> None:
     found = bounds(1.5, stiffness=10.0, lag=0.05, speed=2.0)
     assert (found.sag[0], found.trail[0], found.lag[0]) == pytest.approx((0.15, 0.1, 0.25))
     # the guard allows 0.03 s of the speed anyway
-    assert found.rad[0] == pytest.approx(MARGIN * (0.15 + 2.0 * 0.02))
+    assert found.rad[0] == pytest.approx(1.5 * (0.15 + 2.0 * 0.02))
     assert found.rad[0] > USUAL.follow
     assert found.damp[0] - found.rad[0] == pytest.approx(USUAL.follow_damp - USUAL.follow)
     assert found.seconds[0] == USUAL.follow_for
@@ -62,8 +62,8 @@ def test_the_default_stands_for_a_small_lag_and_for_an_unknown_one(
 
 def test_no_bound_is_worked_out_beyond_the_largest_and_the_wanted_one_is_kept() -> None:
     found = bounds(10.0)
-    assert found.rad[0] == MOST
-    assert found.wanted[0] == pytest.approx(MARGIN * 1.0)
+    assert found.rad[0] == MOST == 0.5
+    assert found.wanted[0] == pytest.approx(1.5)
 
 
 @pytest.mark.parametrize("follow", [0.05, 0.2, 1.2])
