@@ -89,7 +89,8 @@ def test_an_unknown_name_lists_motions_of_the_robot_only(
         (tmp_path / f"{name}.json").write_text('{"joint_names": [], "points": []}')
     with pytest.raises(UsageError) as raised:
         load_motion("nothing", tmp_path, joints)
-    assert f"no motion 'nothing'; {known}" in str(raised.value)
+    assert f"no motion 'nothing' in {tmp_path} of the robot, nor a built-in one" in str(raised.value)
+    assert f"; {known}" in str(raised.value)
 
 
 # ------------------------------------------------------------------------------------------ written

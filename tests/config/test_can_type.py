@@ -265,3 +265,9 @@ def test_an_odrive_without_damping_is_refused_where_it_is_written(tmp_path: Path
     line = "  od: {device: ODrive, gains: {kp: 50.0, kd: 1.0}"
     with pytest.raises(ConfigError, match=r"types\.od\.gains\.kd: .*works through its damping"):
         read(tmp_path, LEG.replace(line, line.replace("kd: 1.0", "kd: 0.0")))
+
+
+def test_the_gains_of_a_can_actuator_are_its_stiffness_and_lag(tmp_path: Path) -> None:
+    found = kind(read(tmp_path, LEG))
+    assert (found.stiffness_nm_per_rad, found.lag_s) == (120.0, 3.0 / 120.0)
+    assert isnan(found.with_gains({"kp": 0.0, "kd": 1.0}).lag_s)

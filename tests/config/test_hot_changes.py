@@ -46,6 +46,14 @@ def gained(robot: RobotFile, **gains: Any) -> RobotFile:
 # ------------------------------------------------------------------------------------------- the rules
 
 
+def test_a_wider_follow_bound_waits_for_a_restart() -> None:
+    own = robot_difference(H24, changed(H24, own_follow_rad=0.4))
+    assert (own.changes, own.restart) == ({}, (f"{YAW}.follow_rad",))
+    kind = replace(H24.joints[0].type, follow_s=0.3)
+    of_type = replace(H24, joints=tuple(replace(joint, type=kind) for joint in H24.joints))
+    assert robot_difference(H24, of_type).restart == (f"types.{kind.name}.follow_s",)
+
+
 def test_a_robot_read_twice_differs_in_nothing_unknown_numbers_included() -> None:
     kind = H24.joints[0].type
     one, other = (

@@ -55,6 +55,23 @@ def test_the_mode_is_the_joints_own_else_its_types(tmp_path: Path) -> None:
     assert {shoulder.operating_mode, elbow.operating_mode} == {4}
 
 
+def test_the_follow_bounds_are_the_joints_own_else_its_types_else_not_stated(tmp_path: Path) -> None:
+    assert {(joint.follow_rad, joint.follow_s) for joint in read(tmp_path).joints} == {(None, None)}
+    text = SMALL.replace("device: XM430-W350", "device: XM430-W350, follow_rad: 0.4, follow_s: 0.25")
+    text = text.replace("id: 2,", "id: 2, follow_deg: 45,")
+    shoulder, elbow = read(tmp_path, text).joints
+    assert (shoulder.follow_rad, shoulder.follow_s) == (0.4, 0.25)
+    assert (elbow.follow_rad, elbow.follow_s) == (pytest.approx(math.pi / 4), 0.25)
+
+
+@pytest.mark.parametrize("key", ["follow_rad: 0.01", "follow_rad: 1.6", "follow_s: 0.01", "follow_s: 2.1"])
+@pytest.mark.parametrize("at", ["device: XM430-W350", "id: 2"])
+def test_a_follow_bound_out_of_range_is_refused_at_its_place(tmp_path: Path, key: str, at: str) -> None:
+    name, _, value = key.partition(": ")
+    with pytest.raises(ConfigError, match=rf":\d+:\d+: .*{name}: {value} is outside >= 0.02 and <= "):
+        read(tmp_path, SMALL.replace(at, f"{at}, {key}"))
+
+
 def test_a_cap_that_is_a_whole_number_of_counts_keeps_its_last_count(tmp_path: Path) -> None:
     text = SMALL.replace("current_limit_a: 2.3", "mode: current_based_position, current_limit_a: 2.69")
     assert read(tmp_path, text).joints[0].current_cap == 1000

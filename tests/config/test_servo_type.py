@@ -1,6 +1,6 @@
 """The units of a type come from the model it names, and no robot file talks a servo's counts wrong."""
 
-from math import nan, pi
+from math import isnan, nan, pi
 
 import pytest
 
@@ -97,3 +97,19 @@ def test_no_watchdog_is_refused_for_a_model_that_has_one() -> None:
     ) as told:
         of("XM430-W350", "watchdog: none")
     assert told.value.line > 1
+
+
+def test_gain_and_stall_torque_give_stiffness_and_lag() -> None:
+    found = of("XM430-W350")  # 4.1 N·m and 4.82 rad/s at 12 V; 885 counts of output
+    output = 4096 / (2.0 * pi) / 128.0 / 885.0  # share for each rad of error, P gain 1
+    assert found.stiffness_nm_per_rad == pytest.approx(4.1 * output)
+    assert found.lag_s == pytest.approx(1.0 / (4.817 * output), rel=1e-3)
+    stiff = found.with_gains({"p": 800, "i": 0, "d": 0})
+    assert stiff.stiffness_nm_per_rad == pytest.approx(800.0 * found.stiffness_nm_per_rad)
+    assert stiff.lag_s == pytest.approx(found.lag_s / 800.0)
+
+
+def test_a_servo_without_gain_or_figures_has_no_known_lag() -> None:
+    assert isnan(of("XM430-W350").with_gains({"p": 0, "i": 0, "d": 0}).lag_s)
+    unknown = of("XW540-H260")
+    assert isnan(unknown.stiffness_nm_per_rad) and isnan(unknown.lag_s)

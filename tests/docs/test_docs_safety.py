@@ -113,9 +113,9 @@ THRESHOLDS = {
     "STATE_STALE: warning": f"{ms(GUARD.stale_warn)}; 1.5 ticks below 50 Hz",
     "STATE_STALE: HOLD; fault": f"{ms(GUARD.stale_hold)}; {ms(GUARD.stale_fault)}",
     f"FOLLOW_ERR beyond {ms(GUARD.lag)} of the goal's speed: HOLD, fault": (
-        f"{GUARD.follow:g} rad for {ms(GUARD.follow_for)}"
+        f"`follow_rad` ({GUARD.follow:g} rad) for `follow_s` ({ms(GUARD.follow_for)})"
     ),
-    "FOLLOW_ERR: DAMP": f"{GUARD.follow_damp:g} rad",
+    "FOLLOW_ERR: DAMP": f"`follow_rad` + {GUARD.follow_damp - GUARD.follow:g} rad",
     "SENSE_FROZEN": f"{ms(GUARD.frozen_for)} and goal moved {GUARD.frozen_moved:g} rad while the servo "
     f"reports {GUARD.frozen_turning:g} rad/s; or goal moved {GUARD.frozen_far:g} rad at "
     f"{GUARD.frozen_load[0] * 100:g} to {GUARD.frozen_load[1] * 100:g} % load",

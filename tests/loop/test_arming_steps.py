@@ -13,6 +13,7 @@ from twind.loop.ipc.call_outcome import CallFailure, CallRefusal, CallReply
 from twind.loop.procedures import arming
 from twind.loop.procedures.procedure_runner import Priority
 from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.safety.guard import GuardThresholds
 from twind.safety.state_machine import RobotEvent
 
 ORDER = ["prepare", "write goals", "torque True"]
@@ -185,8 +186,8 @@ def test_a_reading_that_ages_while_the_devices_are_prepared_ends_arming_before_t
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-@pytest.mark.parametrize(("beyond", "fine"), [(0.0, True), (1e-6, False)])
-def test_a_joint_outside_its_hard_limits_is_not_armed(
+@pytest.mark.parametrize(("beyond", "fine"), [(0.0, True), (0.0086, True), (0.0088, False), (0.1, False)])
+def test_a_joint_further_past_its_hard_limits_than_the_guard_allows_is_not_armed(
     rig: ProcedureRig, sign: float, beyond: float, fine: bool
 ) -> None:
     place = PLACE.copy()
@@ -197,7 +198,20 @@ def test_a_joint_outside_its_hard_limits_is_not_armed(
         return
     finding = refusal(rig)
     assert (finding.code, finding.joint) == (ReasonCode.OUT_OF_LIMIT, 1)
-    assert (finding.value, finding.bound) == (place[1], sign * 2.05)
+    assert finding.value == place[1]
+    assert finding.bound == pytest.approx(sign * (2.05 + GuardThresholds().beyond_hard))
+    assert "move it inside by hand" in finding.message
+    assert "prepare" not in rig.hardware.log
+
+
+def test_a_joint_past_the_range_of_goals_gets_the_end_of_that_range(rig: ProcedureRig) -> None:
+    place = np.array([0.0, 2.0085, -2.0085])  # goals reach to 2.0
+    rig.robot.measured = rig.state(place)
+    rig.follows = False
+    assert isinstance(armed(rig), CallReply)
+    assert all(goal == pytest.approx([0.0, 2.0, -2.0]) for goal in rig.hardware.goals)
+    assert rig.robot.written == pytest.approx([0.0, 2.0, -2.0])
+    assert rig.hardware.log.count("write goals") == 1
 
 
 def test_a_joint_whose_position_is_unknown_is_not_armed(rig: ProcedureRig) -> None:

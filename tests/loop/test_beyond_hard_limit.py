@@ -1,4 +1,4 @@
-"""A joint beyond its hard limit is never taken over: to hold it inside would be a step. Real bytes."""
+"""A joint beyond its hard limit is taken over within the guard's tolerance only. Real bytes."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +11,7 @@ from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop.procedures.lowering import SettleProfile
 from twind.robot.finding import Finding, ReasonCode
+from twind.safety.guard import GuardThresholds
 from twind_drivers.bus import BusError
 
 BEYOND = 2.4  # rad, of a knee that may go to 2.25
@@ -120,3 +121,65 @@ def push(rig: Rig, joint: str, to: float) -> None:
     counts = rig.zeros[joint] + to * found.sign * found.ratio * found.type.ticks_per_turn / (2 * np.pi)
     rig.advance_servos()
     bus.servos.muscles.position[row] = bus.servos.muscles.goal[row] = counts
+
+
+# ------------------------------------------------------------ a joint that rests on its mechanical stop
+
+STOPS = {"l_knee": -0.15, "r_elbow": 0.15}  # rad, hard limits that are the model's range, where a stop is
+STOP_READING = 0.0007  # rad past the limit that was measured at a stop
+
+
+def resting(past: float) -> dict[str, float]:
+    return {name: limit + np.sign(limit) * past for name, limit in STOPS.items()}
+
+
+@pytest.mark.parametrize("past", [STOP_READING, 0.0085])
+@pytest.mark.parametrize("by", ["motion", "setpoints"])
+def test_a_joint_on_its_stop_is_armed_does_not_push_outward_and_moves_inside(
+    make_rig: MakeRig, past: float, by: str
+) -> None:
+    start = load_robot("h24").poses["rest"] | resting(past)
+    rig = make_rig(start=start)
+    places = [rig.names.index(name) for name in STOPS]
+    outward = np.sign(list(STOPS.values()))
+    begun = rig.truth[places]
+    rig.arm()
+    rig.seconds(0.5)
+    held = rig.truth[places]
+    assert (outward * (held - begun)).max() < 1e-6
+    assert np.abs(held - begun).max() <= GuardThresholds().beyond_hard
+    goals = {name: limit - 0.4 * np.sign(limit) for name, limit in STOPS.items()}
+    if by == "motion":
+        path = rig.path("l_knee", [goals["l_knee"]], [2.0])
+        path.commanded[places[1]] = True
+        path.position[:, places[1]] = goals["r_elbow"]
+        answer = rig.submit(path, more=True)
+    steps = []
+    for _ in range(250):
+        before = rig.truth[places]
+        if by == "setpoints":
+            answer = rig.send(link.Setpoint, joints=places, positions=list(goals.values()))
+        rig.ticks(1)
+        steps.append(rig.truth[places] - before)
+        assert rig.replies(answer)[-1].error is None if by == "setpoints" else True
+    assert (outward * np.array(steps)).max() < 1e-6
+    assert np.abs(steps).max() < 4.0 * rig.loop.robot.period, "a jump"
+    assert rig.truth[places] == pytest.approx(list(goals.values()), abs=0.01)
+    if by == "motion":
+        assert [reply.error for reply in rig.replies(answer)] == [None] * len(rig.replies(answer))
+    assert not rig.events(ReasonCode.OUT_OF_LIMIT) and not rig.loop.condition.latches
+
+
+@pytest.mark.parametrize("joint", STOPS)
+def test_a_joint_a_hundredth_of_a_radian_past_its_limit_is_not_armed(make_rig: MakeRig, joint: str) -> None:
+    rig = make_rig(start=load_robot("h24").poses["rest"] | {joint: resting(0.01)[joint]})
+    rig.connect()
+    rig.lease()
+    reply = rig.call(link.Arm)
+    assert reply.error == "Refused"
+    [finding] = reply.parameters["findings"]
+    assert (finding["code"], finding["joint"]) == ("OUT_OF_LIMIT", rig.names.index(joint))
+    assert abs(finding["value"]) == pytest.approx(0.16, abs=1e-3)
+    assert abs(finding["bound"]) == pytest.approx(0.15 + GuardThresholds().beyond_hard)
+    assert "move it inside by hand" in finding["message"]
+    assert not rig.register("torque_enable").any()

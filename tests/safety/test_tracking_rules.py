@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.guard_rig import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, reading
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.trajectory import Reference
@@ -20,8 +21,8 @@ NONE = Reaction.NONE
 class Watch:
     """A guard on a gantry, tick by tick."""
 
-    def __init__(self, **usual: object) -> None:
-        self.guard = Guard(LIMITS, support="gantry")
+    def __init__(self, *, ratings: ActuatorRatings | None = None, **usual: object) -> None:
+        self.guard = Guard(LIMITS, support="gantry", ratings=ratings)
         self.now = 10.0
         self.usual = usual
 
@@ -100,6 +101,51 @@ def test_follow_err_further_still_is_damped_at_once(side: float, off: float, dam
     if damps:
         assert (codes(first), first.findings[0].bound) == ([ReasonCode.FOLLOW_ERR], 0.5)
         assert "soft" in first.findings[0].message
+
+
+@pytest.mark.parametrize("near", range(1, 7))
+@pytest.mark.parametrize("off", [0.2 + TINY, 0.205, 0.29])
+def test_follow_err_counts_from_the_tick_in_which_a_joint_goes_off(near: int, off: float) -> None:
+    watch = Watch()
+    assert all(watch.tick([0.0, 0.01, 0.0]) == FINE for _ in range(near))
+    assert all(watch.tick([0.0, off, 0.0]) == FINE for _ in range(10))
+    assert watch.tick([0.0, off, 0.0]).latches
+
+
+@pytest.mark.parametrize("joint", range(N))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_follow_err_each_joint_has_the_bounds_of_its_owner(joint: int, side: float) -> None:
+    far = np.array([0.1, nan, 0.8])  # nan: not stated
+    long = np.array([0.05, nan, 0.3])
+    rated = replace(ActuatorRatings.unknown(N), follow=far, follow_for=long)
+    bound = (0.1, 0.2, 0.8)[joint]
+    ticks = (6, 11, 31)[joint]
+    place = np.zeros(N)
+
+    def watched(off: float, count: int) -> GuardDecision:
+        watch = Watch(ratings=rated)
+        place[joint] = side * off
+        found = [watch.tick(place.tolist()) for _ in range(count)]
+        assert all(one == FINE for one in found[:-1])
+        return found[-1]
+
+    assert watched(bound, 100) == FINE
+    assert watched(bound + TINY, ticks - 1) == FINE
+    last = watched(bound + TINY, ticks)
+    assert (last.reaction, last.latches) == (HOLD, True)
+    assert (last.findings[0].joint, last.findings[0].bound) == (joint, bound)
+    assert watched(bound + 0.3 - TINY, 1) == FINE
+    soft = watched(bound + 0.3 + TINY, 1)
+    assert (soft.reaction, soft.findings[0].bound) == (DAMP, pytest.approx(bound + 0.3))
+
+
+def test_follow_err_a_reload_with_other_gains_has_other_bounds() -> None:
+    watch = Watch()
+    rated = replace(ActuatorRatings.unknown(N), follow=np.full(N, 0.3))
+    watch.guard.limit(LIMITS, rated)
+    assert all(watch.tick([0.25, 0.0, 0.0]) == FINE for _ in range(20))
+    watch.guard.limit(LIMITS, ActuatorRatings.unknown(N))
+    assert [watch.tick([0.25, 0.0, 0.0]) for _ in range(11)][-1].latches
 
 
 def test_follow_err_counts_from_the_last_time_it_was_where_it_may_be() -> None:
@@ -557,6 +603,22 @@ def test_mirror_drift_where_they_agree_they_agree_anywhere() -> None:
     place = [1.0, -1.0, 0.5]
     watch = Watch(simulated=reading(place))
     assert all(watch.tick(place, place) == FINE for _ in range(100))
+
+
+@pytest.mark.parametrize("soft", [0.1, 0.11])
+def test_follow_err_a_soft_servo_trips_by_the_default_and_not_by_what_its_gain_gives(soft: float) -> None:
+    unknown = ActuatorRatings.unknown(N)
+    known = replace(unknown, stiffness=np.ones(N), lag=np.full(N, soft))
+    guards = [Guard(LIMITS, support="gantry", ratings=rated, load=np.zeros(N)) for rated in (unknown, known)]
+    latched = [False, False]
+    watches = [Watch(), Watch()]
+    for goal, speed, place in zip(*servo(soft, 1), strict=True):
+        for number, (watch, guard) in enumerate(zip(watches, guards, strict=True)):
+            watch.guard = guard
+            moving = [speed, 0, 0]
+            found = watch.tick([place, 0, 0], [goal, 0, 0], goal_speed=moving, speed=moving)
+            latched[number] |= found.latches
+    assert latched == [True, False]
 
 
 def test_a_goal_at_rest_at_the_position_gives_no_finding() -> None:

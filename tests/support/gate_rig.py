@@ -64,7 +64,8 @@ def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> GateSnapshot
 def ratings(n: int = 2) -> ActuatorRatings:
     """Ratings of XM430s at 12 V."""
     bounds = {"low_warn": 11.1, "low_settle": 10.5, "low_fault": 10.0, "high_warn": 14.8}
-    bounds |= {"lead": inf, "stiffness": nan}  # they have a watchdog
+    bounds |= {"lead": inf, "stiffness": nan, "lag": nan}  # they have a watchdog
+    bounds |= {"follow": nan, "follow_for": nan}
     bounds |= {"warm": 60.0, "hot": 65.0, "shut": 70.0, "cool": 55.0, "continuous": 0.5}
     return ActuatorRatings(
         **{name: np.full(n, bound) for name, bound in bounds.items()}, leg=np.zeros(n, np.bool_)

@@ -127,8 +127,9 @@ def _find(name: str, folder: Path | None, joints: Collection[str] | None) -> Pat
         if (place / f"{name}.json").is_file():
             return place / f"{name}.json"
     known = {*(motion_names(folder) if folder is not None else ()), *_built_in_motions(joints)}
+    where = "" if folder is None else f" in {folder} of the robot, nor a built-in one that fits it"
     listed = f"known: {', '.join(sorted(known))}; or" if known else "the robot has none;"
-    raise UsageError(f"no motion {name!r}; {listed} give the path of a file")
+    raise UsageError(f"no motion {name!r}{where}; {listed} give the path of a file")
 
 
 def _built_in_motions(joints: Collection[str] | None) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ is: it asks for a property, or for a capability.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, nan
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -54,6 +54,16 @@ class ExpectedDevice(Protocol):
         """Largest current (counts) that it may use; None: its mode takes no cap."""
 
 
+def lag_of(stiffness: float, strength: tuple[float, float]) -> float:
+    """Return the time (s) that a servo is behind a moving goal; NaN: unknown.
+
+    Its output, and so its speed without load, grows with its error as its torque does. `stiffness`: N·m/rad;
+    `strength`: stall torque (N·m) and speed without load (rad/s).
+    """
+    stall, speed = strength
+    return stall / (stiffness * speed) if stiffness > 0.0 else nan
+
+
 @dataclass(frozen=True, slots=True)
 class TypeSpec(ABC):
     """One kind of actuator, shared by joints."""
@@ -68,6 +78,10 @@ class TypeSpec(ABC):
     registers: Mapping[str, int]  # what a register must hold, by its name in snake case
     supply: SupplyLimits  # V that it bears
     heat: ThermalLimits  # °C, and for how long how much of its strength
+    follow_rad: float | None = field(
+        default=None, kw_only=True
+    )  # at the joint (FOLLOW_ERR); None: not stated
+    follow_s: float | None = field(default=None, kw_only=True)
 
     BUS: ClassVar[str]  # kind of the buses it may hang on: its driver family
 
@@ -124,6 +138,11 @@ class TypeSpec(ABC):
     @property
     def stiffness_nm_per_rad(self) -> float:
         """Torque for each rad of error at rest, by its gains; NaN: unknown."""
+        return nan
+
+    @property
+    def lag_s(self) -> float:
+        """Time that a moving shaft is behind its goal, by its gains; NaN: unknown."""
         return nan
 
     @property

@@ -8,6 +8,8 @@ from twind.config.config_reader import ConfigStruct, Text
 from twind.config.supply_limits import HeatKeys, SupplyKeys
 
 Acceleration = Annotated[float, Meta(gt=0.0, le=1e4)]  # rad/s²
+FollowRad = Annotated[float, Meta(ge=0.02, le=1.5)]
+FollowTime = Annotated[float, Meta(ge=0.02, le=2.0)]  # s
 Speed = Annotated[float, Meta(gt=0.0, le=100.0)]  # rad/s
 
 
@@ -31,6 +33,11 @@ class TypeKeys(ConfigStruct, kw_only=True):
     `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
     acceleration_limit_rad_s2: Acceleration = 10.0
     """of the motor shaft"""
+    follow_rad: FollowRad | None = None
+    """0.02–1.5 | by gain, load and speed, 0.2 to 0.5 | of the joint: further behind its goal is FOLLOW_ERR;
+    0.3 further it is damped. `check robot` shows it, `tune follow` proposes it"""
+    follow_s: FollowTime | None = None
+    """0.02–2 | 0.1 | for so long"""
     supply: SupplyKeys
     heat: HeatKeys
 

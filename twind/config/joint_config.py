@@ -7,14 +7,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import NAME
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.driver_family import SlotEntry, family, family_of
-from twind.config.family_keys import Acceleration, SlotKeys, Speed
+from twind.config.family_keys import Acceleration, FollowRad, FollowTime, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
 from twind.config.transmission_config import transmissions
@@ -40,6 +41,10 @@ class JointKeys(ConfigStruct, kw_only=True):
     """as of a type | its type's | the tighter limit applies"""
     acceleration_limit_rad_s2: Acceleration = math.inf
     """as of a type | its type's | the tighter limit applies"""
+    follow_rad: FollowRad | None = None
+    """as of a type | its type's |"""
+    follow_s: FollowTime | None = None
+    """as of a type | its type's |"""
     stop_rad: JointEndstops
     homing: HomingKeys | None = None
 
@@ -90,7 +95,7 @@ class _SlotRegistry:
         self._kinds = types.sections()
         here = [family(kind) for kind in dict.fromkeys(lines.values())]
         self._types = {
-            name: family_of(each.value("device", Text), here).read_type(name, each)
+            name: _with_follow(family_of(each.value("device", Text), here).read_type(name, each), each)
             for name, each in self._kinds.items()
         }
         self._lines = lines  # bus -> its kind
@@ -117,6 +122,12 @@ class _SlotRegistry:
             device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
             raise entry.refuse("bus", f"{device}; bus {bus} is of kind {self._lines[bus]}")
         return family(kind.BUS).read_slot(SlotEntry(name, bus, entry, self._kinds[kind.name], beside), kind)
+
+
+def _with_follow(kind: TypeSpec, section: ConfigReader) -> TypeSpec:
+    """Return a type with the bounds of FOLLOW_ERR of its entry, which are those of all families."""
+    kinds: Mapping[str, Any] = {"follow_rad": FollowRad, "follow_s": FollowTime}
+    return replace(kind, **{key: section.value(key, kinds[key]) for key in kinds if section.has(key)})
 
 
 def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots: _SlotRegistry) -> JointSpec:
@@ -154,6 +165,8 @@ def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots
         transmission=seat.transmission.name if seat else "",
         stops=given.stop_rad,
         homing=homing(entry, given.homing, given.stop_rad),
+        own_follow_rad=given.follow_rad,
+        own_follow_s=given.follow_s,
     )
 
 

@@ -83,6 +83,18 @@ class JointSpec:
     travel: tuple[float, float] | None = None  # of `span`, where a transmission turns the joint
     stops: JointEndstops = field(default_factory=JointEndstops)
     homing: HomingSettings | None = None
+    own_follow_rad: float | None = None  # None: as of its type
+    own_follow_s: float | None = None
+
+    @property
+    def follow_rad(self) -> float | None:
+        """Distance that the joint may be behind its goal, rad (FOLLOW_ERR); None: not in the file."""
+        return self.type.follow_rad if self.own_follow_rad is None else self.own_follow_rad
+
+    @property
+    def follow_s(self) -> float | None:
+        """Time that it may be so far behind, s; None: not in the file."""
+        return self.type.follow_s if self.own_follow_s is None else self.own_follow_s
 
     @property
     def span(self) -> tuple[float, float]:

@@ -79,8 +79,9 @@ def _offline(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         position = pose(robot, options.pose or "rest")
         joints = [joint.name for joint in robot.joints]
         binding = bind(robot, known)
-        found = verdict(binding, position, load_motion(options.file, robot.motions, joints))
-        return found, [calibration_note(bind(robot, None), binding if known else None)]
+        motion = load_motion(options.file, robot.motions, joints)
+        found = verdict(binding, position, motion)
+        return found, [calibration_note(bind(robot, None), binding if known else None, motion)]
     except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 
@@ -91,6 +92,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.config.robot_file import load_robot
     from twind.config.robot_report import check_robot
     from twind.config.yaml_tree import ConfigError
+    from twind.ctl.follow_report import FollowRow, follow_lines, follow_rows
     from twind.ctl.offline_check import motions_of
     from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
@@ -105,11 +107,14 @@ def _robot(options: argparse.Namespace) -> int:
             errors = list(report.errors)
             said = list(report.lines)
             near = None
+            follow: list[FollowRow] = []
             try:
                 motions, wrong = motions_of(robot)
                 said += [f"warning: {each}" for each in wrong]
                 progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
                 binding = bind(robot, None)
+                follow = follow_rows(binding)
+                said += follow_lines(follow)
                 near = survey(binding, motions)
                 progress.update("a step of each joint")
                 unsettled = survey_settling(binding)
@@ -127,6 +132,7 @@ def _robot(options: argparse.Namespace) -> int:
     verdict = f"{len(errors)} error{'s' if len(errors) != 1 else ''}" if errors else "ok"
     lines = [*said, *(f"error: {error}" for error in errors), verdict]
     allow = [] if near is None else [list(pair) for pair in near.proposed]
-    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow}
+    rows = [row.fields() for row in follow]
+    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow, "follow": rows}
     show(options, told, "\n".join(lines))
     return REFUSED if errors else DONE

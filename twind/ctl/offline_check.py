@@ -4,6 +4,7 @@ The front's share, the gate, and the checks of collisions, torque and balance ru
 call. Conditions of one moment only (lease, latches, received messages) are left out.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -31,6 +32,9 @@ from twind.twin.dynamics import Dynamics
 from twind.twin.simulation import hush
 from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
+NARROWER = 1e-3  # rad: a limit that is narrowed by less is the same
+NAMED = 5  # limits in a note
+
 
 def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> dict[str, Any]:
     """Return the answer of `Check` to `trajectory` for a robot that holds at `position` (n,), rad.
@@ -52,22 +56,55 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     return _as_sent(names.verdict(plain(of_the_path(with_front(judged.verdict, command)))))
 
 
-def calibration_note(described: Binding, calibrated: Binding | None) -> str:
-    """Return by how much a calibration narrows the limits of the robot file, or that none was given."""
+def calibration_note(
+    described: Binding, calibrated: Binding | None, trajectory: Mapping[str, Any] | None = None
+) -> str:
+    """Return which limits a calibration narrows and by how much, or that none was given.
+
+    Without one it names the joints of `trajectory` that come nearest to limits of the robot file: a shorter
+    travel is refused there first.
+    """
+    names = described.joint_map.names
     if calibrated is None:
-        return (
-            "note: checked with the limits of the robot file. A calibration narrows them to the measured "
-            "travel: what is accepted here may be refused there. Use --calibration FILE"
+        near = "".join(
+            f"; {name} comes within {room:.3f} rad of its {side} limit"
+            for room, name, side in _rooms(described, trajectory or {})[:NAMED]
         )
-    lost = np.maximum(
-        calibrated.limits.lower - described.limits.lower, described.limits.upper - calibrated.limits.upper
-    )
-    worst = int(np.argmax(lost))
-    if lost[worst] < 1e-3:
+        return (
+            f"note: --calibration FILE was not given: checked with limits_rad of {described.robot.path}. The "
+            "daemon of a calibrated robot narrows them to the measured travel and may refuse what passes "
+            f"here{near}"
+        )
+    lost = [
+        (float(by), names[place], side)
+        for side, narrowed in (
+            ("lower", calibrated.limits.lower - described.limits.lower),
+            ("upper", described.limits.upper - calibrated.limits.upper),
+        )
+        for place, by in enumerate(narrowed.tolist())
+        if by >= NARROWER
+    ]
+    if not lost:
         return "note: the calibration narrows no limit of the robot file"
-    name = described.joint_map.names[worst]
-    count = int((lost >= 1e-3).sum())
-    return f"note: the calibration narrows limits of {count} joints, of {name} by {lost[worst]:.3f} rad"
+    lost.sort(reverse=True)
+    listed = ", ".join(f"{name} {side} by {by:.3f} rad" for by, name, side in lost[:NAMED])
+    more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
+    return f"note: the calibration narrows limits of the robot file: {listed}{more}"
+
+
+def _rooms(binding: Binding, trajectory: Mapping[str, Any]) -> list[tuple[float, str, str]]:
+    """Return distance (rad) to a limit, joint and side of a path inside its limits, the nearest first."""
+    found = []
+    points = [point.get("positions") or () for point in trajectory.get("points", ())]
+    for column, name in enumerate(trajectory.get("joint_names", ())):
+        if name not in binding.joint_map.names:
+            continue
+        place = binding.joint_map.names.index(name)
+        path = [row[column] for row in points if len(row) > column and isinstance(row[column], float | int)]
+        if path:
+            found.append((min(path) - float(binding.limits.lower[place]), name, "lower"))
+            found.append((float(binding.limits.upper[place]) - max(path), name, "upper"))
+    return sorted(each for each in found if each[0] >= 0.0)
 
 
 def _run_precheck(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:

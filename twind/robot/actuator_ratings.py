@@ -23,6 +23,9 @@ class ActuatorRatings:
     continuous: Floats  # share of the current limit, 0 to 1, of a continuous load (I²t)
     lead: Floats  # rad that a goal may lead its joint, beyond the sag of its load; inf: it has a watchdog
     stiffness: Floats  # N·m/rad at the joint, by its gains; NaN unknown
+    lag: Floats  # s that a moving joint is behind its goal, by its gains; NaN unknown
+    follow: Floats  # rad that the owner lets it be behind its goal (FOLLOW_ERR); NaN: not stated
+    follow_for: Floats  # s, how long; NaN: not stated
     leg: Bools  # carries the robot: without its torque a free-standing robot falls
 
     @classmethod
@@ -36,4 +39,5 @@ class ActuatorRatings:
         always = np.ones(count, np.bool_)
         full = frozen([1.0] * count)
         unknown = frozen([nan] * count)
-        return cls(never, never, never, above, above, above, above, above, full, above, unknown, always)
+        following = (unknown, unknown, unknown, unknown)
+        return cls(never, never, never, above, above, above, above, above, full, above, *following, always)

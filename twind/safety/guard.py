@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 from twind.robot.actuator_ratings import ActuatorRatings
+from twind.robot.arrays import Floats
 from twind.robot.finding import Finding
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import RobotState
@@ -17,6 +18,7 @@ from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
 from twind.safety.clearance_rules import LookaheadCollisionRules
 from twind.safety.device_rules import DeviceRules
+from twind.safety.follow_bounds import follow_bounds
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.guard_types import (
     MOVING,
@@ -70,12 +72,14 @@ class Guard:
         ratings: ActuatorRatings | None = None,
         linked: Sequence[MappedTransmission] = (),
         at_rest: TorqueAtRest | None = None,
+        load: Floats | None = None,
     ) -> None:
         """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
 
         `support`: of the robot file. `ratings`: bounds of the actuators; without them supply, heat and load
         are not judged. `linked`: transmissions, whose actuators turn joints together. `at_rest`: torque that
-        holds a pose; None: unknown (LEAD_LIMIT).
+        holds a pose; None: unknown (LEAD_LIMIT). `load` (n,): N·m, the largest that a joint holds at rest;
+        None: unknown (FOLLOW_ERR).
         """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
@@ -85,6 +89,7 @@ class Guard:
         self._free = free
         self._linked = linked
         self._at_rest = at_rest
+        self._load = load
         self._goals, readings, tracking, *leads = self._limited(limits, rated)
         # All rules of every tick, in the order of their findings; a new rule is added here.
         self._rules: tuple[Rule, ...] = (
@@ -124,11 +129,12 @@ class Guard:
         self, limits: JointLimits, rated: ActuatorRatings
     ) -> tuple[GoalRules, ReadingRules, TrackingRules, *tuple[LeadRules, ...]]:
         """Return the rules that depend on limits and gains. Leads count for devices without a watchdog."""
+        following = follow_bounds(rated, limits, self._load, self._bounds)
         leads = LeadRules(limits, rated, self._bounds, self._at_rest)
         return (
             GoalRules(limits, self._bounds),
             ReadingRules(limits, self._bounds, self._free),
-            TrackingRules(limits, self._bounds, self._linked),
+            TrackingRules(limits, self._bounds, following, self._linked),
             *((leads,) if leads.applies else ()),
         )
 

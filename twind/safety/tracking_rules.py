@@ -16,6 +16,7 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_state import JointState
 from twind.robot.transmission import MappedTransmission
 from twind.safety.device_rules import ALERT, TRIPPED
+from twind.safety.follow_bounds import FollowBounds
 from twind.safety.goal_rules import ROUNDING
 from twind.safety.guard_types import (
     MOVING,
@@ -37,12 +38,18 @@ class TrackingRules:
     """Rules on following; memory per joint: start of an error or a drift, and the last change of position."""
 
     def __init__(
-        self, limits: JointLimits, bounds: GuardThresholds, linked: Sequence[MappedTransmission] = ()
+        self,
+        limits: JointLimits,
+        bounds: GuardThresholds,
+        following: FollowBounds,
+        linked: Sequence[MappedTransmission] = (),
     ) -> None:
         """`linked`: transmissions, whose actuators turn joints together."""
         count = len(limits.lower)
         self._linked = linked
         self._bounds = bounds
+        self._following = following
+        self._shares = 1.0 / following.rad  # 1/rad
         self._velocity = limits.velocity
         self._fastest = bounds.overspeed * limits.velocity + bounds.overspeed_slack
         self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
@@ -71,8 +78,8 @@ class TrackingRules:
         if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
             return False
         velocity = measured.velocity
-        error = measured.position - goal
-        return bool(velocity.dot(velocity) <= self._slowest and error.dot(error) <= self._bounds.follow**2)
+        share = (measured.position - goal) * self._shares
+        return bool(velocity.dot(velocity) <= self._slowest and share.dot(share) <= 1.0)
 
     def _found(self, facts: GuardInput) -> Iterator[RuleResult]:
         measured = facts.measured
@@ -90,8 +97,9 @@ class TrackingRules:
             self._place = None
             return
         error = measured.position - goal
-        if not error.dot(error) <= self._bounds.follow**2 or self._off_since.min() < NEVER:
-            yield from self._following(facts, measured, np.abs(error))
+        share = error * self._shares
+        if not share.dot(share) <= 1.0 or self._off_since.min() < NEVER:
+            yield from self._lagging(facts, measured, np.abs(error))
         self._suspect = self._suspect or bool(self._off_since.min() < NEVER)
         if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
             self._checked_at = facts.now
@@ -101,7 +109,7 @@ class TrackingRules:
 
     # ------------------------------------------------------------------------------------------- FOLLOW_ERR
 
-    def _following(self, facts: GuardInput, measured: JointState, off: Floats) -> Iterator[RuleResult]:
+    def _lagging(self, facts: GuardInput, measured: JointState, off: Floats) -> Iterator[RuleResult]:
         """Yield FOLLOW_ERR: too far from the goal for too long, or much further.
 
         A joint that follows no goal must not make the others soft. Such a joint is limp (TORQUE_MISMATCH), or
@@ -111,19 +119,19 @@ class TrackingRules:
         bounds = self._bounds
         if facts.goal is not None:
             off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
-        bad = ~(off <= bounds.follow)
+        bad = ~(off <= self._following.rad)
         if facts.torque_settled:
             bad &= (facts.torque != 0) & (facts.watchdog != TRIPPED)
         else:
             bad &= (facts.torque != 0) | ((facts.alerts & ALERT == 0) & (facts.watchdog != 0))
-        far = bad & ~(off <= bounds.follow_damp)
+        far = bad & ~(off <= self._following.damp)
         self._off_since = _since(self._off_since, bad, measured.heard, facts.now)
-        long = facts.now - self._off_since >= bounds.follow_for - ROUNDING
+        long = facts.now - self._off_since >= self._following.seconds - ROUNDING
         for joint in np.flatnonzero(measured.heard & (far | (bad & long))).tolist():
             yield self._off(facts, joint, float(off[joint]), bool(far[joint]))
 
     def _off(self, facts: GuardInput, joint: int, value: float, far: bool) -> RuleResult:
-        bound = self._bounds.follow_damp if far else self._bounds.follow
+        bound = float((self._following.damp if far else self._following.rad)[joint])
         what = "soft from now on" if far else "held where it is"
         message = f"rad further from its goal than it may lag: {what}: what blocks it, its load, its gains?"
         finding = Finding(ReasonCode.FOLLOW_ERR, joint, value=value, bound=bound, message=message)

@@ -287,8 +287,15 @@ def _ratings(robot: RobotFile) -> ActuatorRatings:
         continuous=frozen([kind.heat.continuous for kind in kinds]),
         lead=frozen([kind.lead_limit_rad for kind in kinds]),
         stiffness=frozen([_stiffness(robot, joint) for joint in robot.joints]),
+        lag=frozen([joint.type.lag_s for joint in robot.joints]),
+        follow=frozen([_known(joint.follow_rad) for joint in robot.joints]),
+        follow_for=frozen([_known(joint.follow_s) for joint in robot.joints]),
         leg=np.array([joint.name in robot.legs for joint in robot.joints], np.bool_),
     )
+
+
+def _known(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _stiffness(robot: RobotFile, joint: JointSpec) -> float:

@@ -96,6 +96,16 @@ class CanType(TypeSpec):
         return False
 
     @property
+    def stiffness_nm_per_rad(self) -> float:
+        """The value of `gains.kp`."""
+        return self.gains.kp
+
+    @property
+    def lag_s(self) -> float:
+        """`kd`/`kp`: damping acts against a goal velocity of 0; NaN for a joint without stiffness."""
+        return self.gains.kd / self.gains.kp if self.gains.kp > 0.0 else math.nan
+
+    @property
     def watched(self) -> bool:
         """True if the file arms its watchdog."""
         return self.watchdog == "device"

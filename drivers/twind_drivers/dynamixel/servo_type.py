@@ -7,12 +7,13 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec, lag_of
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel import servo_check
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.servo_limits import full_counts
+from twind_drivers.virtual.dynamixel_motor_figures import motor_figures, stand_in
 
 KIND = "dynamixel2"  # of its buses
 # Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
@@ -122,6 +123,26 @@ class ServoType(TypeSpec):
     def full_current_a(self) -> float:
         """The value of `current_limit_a`."""
         return self.current_limit_a
+
+    @property
+    def stiffness_nm_per_rad(self) -> float:
+        """Stall torque and P gain give it; NaN for a model whose page prints no stall torque."""
+        known = table(number_of(self.device))
+        counts_per_rad = self.ticks_per_turn / math.tau
+        output = counts_per_rad / motor_figures(known).divisor / known["pwm_limit"].bounds[1]
+        return self._strength[0] * output * self.gains.p
+
+    @property
+    def lag_s(self) -> float:
+        """The gain and the speed without load give it."""
+        return lag_of(self.stiffness_nm_per_rad, self._strength)
+
+    @property
+    def _strength(self) -> tuple[float, float]:
+        """Stall torque (N·m) and speed without load (rad/s) at the usual supply; NaN: not known."""
+        known = table(number_of(self.device))
+        figures = motor_figures(known)
+        return (math.nan, math.nan) if stand_in(known) is not None else figures.at(figures.nominal)[:2]
 
     def own_current_limit(self, device: IdentifiedDevice) -> int | None:
         """Value of register 38."""

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ExpectedDevice
+from twind.config.actuator_types import ExpectedDevice, lag_of
 from twind.config.unwatched_type import UnwatchedType
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel1.dynamixel1_identification import objections
@@ -102,6 +102,11 @@ class Dynamixel1Type(UnwatchedType):
         """Stall torque and gain give it; the gain as from the factory where the file gives none."""
         given = self.gains.p if self.model.bulk_read else self.gains.slope
         return self.strength[0] * share_per_radian(self.model, FACTORY_GAIN if given is None else given)
+
+    @property
+    def lag_s(self) -> float:
+        """The gain and the speed without load give it."""
+        return lag_of(self.stiffness_nm_per_rad, self.strength)
 
     @property
     def gain_limits(self) -> Mapping[str, float]:

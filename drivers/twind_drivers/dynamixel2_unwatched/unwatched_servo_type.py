@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import ExpectedDevice
+from twind.config.actuator_types import ExpectedDevice, lag_of
 from twind.config.unwatched_type import UnwatchedType
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel2_unwatched.unwatched_identification import kind_of, objections
@@ -100,6 +100,11 @@ class UnwatchedServoType(UnwatchedType):
         gain = FACTORY_P if self.gains.p is None else self.gains.p
         share = gain / (FULL * self.model.figures.divisor)  # of the output, for each count of error
         return self.model.strength(self.volts)[0] * share * self.model.turn / math.tau
+
+    @property
+    def lag_s(self) -> float:
+        """The gain and the speed without load give it."""
+        return lag_of(self.stiffness_nm_per_rad, self.model.strength(self.volts))
 
     @property
     def gain_limits(self) -> Mapping[str, float]:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from twind.config.actuator_types import DeviceWarning, ExpectedDevice
+from twind.config.actuator_types import DeviceWarning, ExpectedDevice, lag_of
 from twind.config.unwatched_type import UnwatchedType
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.feetech.feetech_identification import objections
@@ -93,6 +93,11 @@ class FeetechType(UnwatchedType):
         """Stall torque and P gain give it; P as from the factory where the file gives none."""
         p = FACTORY_P if self.gains.p is None else self.gains.p
         return self.strength[0] * share_per_radian(p)
+
+    @property
+    def lag_s(self) -> float:
+        """The gain and the speed without load give it."""
+        return lag_of(self.stiffness_nm_per_rad, self.strength)
 
     @property
     def homing_offset_limit(self) -> int | None:

@@ -214,15 +214,26 @@ def test_a_motion_of_the_robot_is_found_by_name(capsys: pytest.CaptureFixture[st
 def test_a_check_without_a_daemon_names_the_limits_that_it_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "limits of the robot file" in run(capsys, file(tmp_path, "good"), "--robot", "h24")[1]
+    alone = run(capsys, file(tmp_path, "good"), "--robot", "h24")[1]
+    assert "--calibration FILE was not given: checked with limits_rad of " in alone
     whole = known_calibration("h24")
     first, *others = whole.joints
     sweep = (first.zero_ticks - 300, first.zero_ticks + 300)
     narrow = replace(whole, joints=(replace(first, sweep_ticks=sweep), *others))
     said = calibration_note(BINDING, bind(load_robot("h24"), narrow))
-    assert said.startswith("note: the calibration narrows limits of ")
-    assert f"of {first.name} by 1.0" in said
+    assert said.startswith("note: the calibration narrows limits of the robot file: ")
+    assert f"{first.name} lower by 1.0" in said and f"{first.name} upper by 1.0" in said
     assert "narrows no limit" in calibration_note(BINDING, BINDING)
+
+
+def test_without_a_calibration_the_joints_nearest_to_their_limits_are_named() -> None:
+    motion = one("l_shoulder_roll", (0.0, 0.0), (2.0, 1.9))
+    said = calibration_note(BINDING, None, motion)
+    assert "l_shoulder_roll comes within 0.100 rad of its lower limit" in said
+    assert "l_shoulder_roll comes within 0.200 rad of its upper limit" in said
+    assert said.index("lower limit") < said.index("upper limit")
+    for odd in ({}, {"joint_names": ["absent"], "points": [{}]}, one("l_shoulder_roll", (1.0, 3.0))):
+        assert "upper limit" not in calibration_note(BINDING, None, odd)
 
 
 def test_a_pose_moves_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

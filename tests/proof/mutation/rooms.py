@@ -113,6 +113,11 @@ ROOMS = (
         ),
     ),
     Room(
+        "follow",
+        ("twind/safety/follow_bounds.py",),
+        ("tests/safety/test_follow_bounds.py",),
+    ),
+    Room(
         "leads",
         ("twind/safety/lead_rules.py",),
         ("tests/safety/test_lead_rules.py",),

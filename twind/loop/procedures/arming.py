@@ -18,7 +18,14 @@ from twind.loop.ipc.call_outcome import CallRefusal, CallReply
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, ticks
 from twind.loop.procedures.torque_readback import torque_inherited
-from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off, take
+from twind.loop.procedures.torque_switching import (
+    beyond_hard_limit,
+    error_text,
+    held_range,
+    say_unconfirmed,
+    switch_torque_off,
+    take,
+)
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_map import JointMap
@@ -113,7 +120,7 @@ def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, flo
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
     # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
     # the servo would resume its old goal.
-    yield from all_of(hardware.prepare(present(context)))
+    yield from all_of(hardware.prepare(hardware.reachable(present(context))))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
     held = yield from _write_present_goals(context)
     _require_undisturbed(context)
@@ -157,13 +164,18 @@ def _require_one_turn(context: ProcedureContext) -> None:
 
 
 def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Floats]:
-    """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad."""
+    """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad.
+
+    The goal of a joint that rests on its mechanical stop, a little beyond its range of goals, is the end of
+    that range.
+    """
     hardware = context.hardware
     for _ in range(TRIES):
         # The robot moved while the goal was written: such a goal would be a step, so it is taken anew.
-        held = hardware.quantised(present(context))
+        here = present(context)
+        held = hardware.quantised(hardware.reachable(here))
         yield from all_of(hardware.write_goals(held))
-        moved = np.abs(context.robot.measured.position - held) / hardware.resolution
+        moved = np.abs(context.robot.measured.position - here) / hardware.resolution
         if (moved <= STILL).all():
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
@@ -186,24 +198,24 @@ def _require_all_or_none(context: ProcedureContext) -> None:
 
 
 def present(context: ProcedureContext) -> Floats:
-    """Return the measured position (n,), rad: fresh, complete and inside the hard limits.
+    """Return the measured position (n,), rad: fresh, complete, and where a joint may be held.
 
+    A joint on its mechanical stop reads a little beyond its hard limit: the tolerance is that of the guard.
     Raises ProcedureFailed.
     """
     state = context.robot.measured
-    limits = context.robot.limits
     age = context.clock.now() - state.time + state.age
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
         raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
-    inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
-    if not inside.all():
-        joint = int(np.argmin(inside))
+    outside = beyond_hard_limit(context) | ~np.isfinite(state.position)
+    if outside.any():
+        joint = int(np.argmax(outside))
         value = float(state.position[joint])
-        low = value < limits.hard_lower[joint]
-        bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
-        message = "move it inside by hand, then arm"
+        lower, upper = held_range(context)
+        bound = float((lower if value < lower[joint] else upper)[joint])
+        message = "past the hard limit: move it inside by hand, then arm"
         raise ProcedureFailed.measured(ReasonCode.OUT_OF_LIMIT, value, bound, message, joint)
     return state.position
 

@@ -28,8 +28,14 @@ def beyond_hard_limit(context: ProcedureContext) -> Bools:
     Joints with unknown position (NaN) are not among them.
     """
     position = context.robot.measured.position
+    lower, upper = held_range(context)
+    return (position < lower) | (position > upper)
+
+
+def held_range(context: ProcedureContext) -> tuple[Floats, Floats]:
+    """Return the least and the largest measured position (n,), rad, at which a joint may be held."""
     limits = context.robot.limits
-    return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
+    return limits.hard_lower - EDGE, limits.hard_upper + EDGE
 
 
 def joint_names(context: ProcedureContext, which: Bools) -> str:

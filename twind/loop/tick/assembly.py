@@ -45,6 +45,7 @@ from twind.twin.binding_transfer import packed
 from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
 from twind.twin.dynamics import Dynamics
+from twind.twin.load_survey import worst_load
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
@@ -124,6 +125,7 @@ def _guard(robot: BoundRobot, period: float) -> Guard:
         ratings=binding.ratings,
         linked=binding.joint_map.linked,
         at_rest=_torque_at_rest(binding),
+        load=worst_load(binding),
     )
 
 

@@ -1,0 +1,1 @@
+"""Values of the robot file that a recording gives. Reads files alone."""
