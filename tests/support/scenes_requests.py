@@ -20,6 +20,11 @@ def another_client_moves_it(made: Rig) -> None:
     ask(made, client=CLIENT + 1)
 
 
+@leads_to(ReasonCode.VALID_TOO_LONG)
+def a_setpoint_shall_be_followed_for_a_second(made: Rig) -> None:
+    made.call(link.Setpoint, joints=[0], positions=[0.01], valid_for=1.0)
+
+
 @leads_to(ReasonCode.ESTOP)
 def another_client_stops_it(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")

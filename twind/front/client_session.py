@@ -147,6 +147,9 @@ class ClientSession:
     def _allowed(self, call: ClientCall) -> bool:
         """The method exists, its parameters fit, and this caller may call it. Raises InvalidInput."""
         interface = self.front.interfaces.get(call.interface)
+        if interface is None and call.interface:
+            call.error("InterfaceNotFound", {"interface": call.interface}, SERVICE)
+            return False
         method = interface.methods.get(call.method) if interface else None
         if method is None:
             name = f"{call.interface}.{call.method}".lstrip(".")

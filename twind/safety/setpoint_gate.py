@@ -92,5 +92,5 @@ def _form(
         )
     elif not valid_for <= LONGEST:
         reason = "valid too long (s): a dead client must not keep a robot moving"
-        findings.append(Finding(ReasonCode.TOO_DISTANT, value=valid_for, bound=LONGEST, message=reason))
+        findings.append(Finding(ReasonCode.VALID_TOO_LONG, value=valid_for, bound=LONGEST, message=reason))
     return findings

@@ -2,7 +2,7 @@
 
 import logging
 from functools import cached_property
-from math import degrees
+from math import degrees, radians
 from typing import Any
 
 from lerobot.cameras.utils import make_cameras_from_configs
@@ -78,7 +78,7 @@ class TwindRobot(LeRobotDevice):
                 )
             for camera in self.cameras.values():
                 camera.connect()
-            self._stream = robot.stream(rate=self.config.fps, degrees=True, clamp=True, strict=False)
+            self._stream = robot.stream(rate=self.config.fps, clamp=True, strict=False)
             self._stream.__enter__()
         except BaseException:
             robot.close()
@@ -105,34 +105,32 @@ class TwindRobot(LeRobotDevice):
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
         """Send goals (degrees); return those in force: clipped to limits, or the earlier ones if refused."""
         robot, stream = self._connected()
-        goals = {key.removesuffix(KEY): float(value) for key, value in action.items() if key.endswith(KEY)}
+        goals = {key.removesuffix(KEY): radians(value) for key, value in action.items() if key.endswith(KEY)}
         sent = {name: goals[name] for name in self.joints if name in goals}
         if not self._approached:
-            sent = self._clipped(robot, sent)
-            robot.move(sent, degrees=True, retime=True)
+            sent = {
+                name: min(max(at, robot.limits[name][0]), robot.limits[name][1]) for name, at in sent.items()
+            }
+            robot.move(sent, retime=True)
             self._approached = True
         try:
             changes = stream.send_and_wait(sent)
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
-            return {f"{name}{KEY}": at for name, at in self._in_force(robot).items()}
+            return {f"{name}{KEY}": degrees(at) for name, at in self._in_force(robot).items()}
         for change in changes:
             if change["code"] == "POS_LIMIT" and change["joint"] in sent:
-                sent[change["joint"]] = degrees(change["bound"])
+                sent[change["joint"]] = change["bound"]
                 logger.warning("%s: action clipped: %s", robot.name, change["message"])
-        return {f"{name}{KEY}": at for name, at in sent.items()}
+        return {f"{name}{KEY}": degrees(at) for name, at in sent.items()}
 
     def _connected(self) -> tuple[Robot, GoalStream]:
         if self._robot is None or self._stream is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
         return self._robot, self._stream
 
-    def _clipped(self, robot: Robot, goals: dict[str, float]) -> dict[str, float]:
-        limits = {name: (degrees(low), degrees(high)) for name, (low, high) in robot.limits.items()}
-        return {name: min(max(at, limits[name][0]), limits[name][1]) for name, at in goals.items()}
-
     def _in_force(self, robot: Robot) -> dict[str, float]:
-        """Goal of each joint, degrees; of one without a goal its position."""
+        """Goal of each joint, rad; of one without a goal its position."""
         joints = robot.joints.values()
         known = {each.name: each.position if each.goal is None else each.goal for each in joints}
-        return {name: degrees(at) for name, at in known.items() if at is not None}
+        return {name: at for name, at in known.items() if at is not None}

@@ -217,6 +217,8 @@ def test_unknown_methods_and_interfaces_are_reported(loop: StandIn) -> None:
         }
         answer = client.call("GetInterfaceDescription", interface="io.other")
         assert answer["error"] == f"{SERVICE}.InterfaceNotFound"
+        client.bytes(b'{"method":"io.other.Fly"}\0')
+        assert client.receive()["parameters"] == {"interface": "io.other"}
         client.bytes(b'{"method":"Status"}\0')
         assert client.receive()["parameters"] == {"method": "Status"}
 

@@ -86,8 +86,9 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.CMD_EXPIRED: ReasonText(
         REFUSED, "Start or `valid_for` has passed, or the check took too long.", "send the command again"
     ),
-    ReasonCode.TOO_DISTANT: ReasonText(
-        REFUSED, "`start_in` or `valid_for` is too long.", "send the command later, or more often"
+    ReasonCode.TOO_DISTANT: ReasonText(REFUSED, "`start_in` is too long.", "send the command later"),
+    ReasonCode.VALID_TOO_LONG: ReasonText(
+        REFUSED, "`valid_for` of a setpoint is too long.", "send setpoints more often"
     ),
     ReasonCode.EMPTY: ReasonText(REFUSED, "The trajectory has no points.", "add points"),
     ReasonCode.NO_JOINTS: ReasonText(REFUSED, "No joint is named.", "name the joints"),

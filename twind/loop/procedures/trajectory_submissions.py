@@ -329,7 +329,7 @@ class TrajectorySubmissions:
             self._way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
         findings = tuple(with_contact(context, self._twin, finding) for finding in outcome.findings)
-        message = f"{outcome.id} {outcome.phase}"
+        message = f"{outcome.id or 'streamed setpoints'} {outcome.phase}"
         context.reports.event(level, EventCode.MOTION, message, findings, id=outcome.id, phase=outcome.phase)
         context.reports.urgent = True
         command = self._unfollow(outcome.id)
