@@ -1,10 +1,13 @@
 """`twindctl demo` arms its own virtual robot, whatever the first readings after a start are like."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from twind.client.errors import Refused
+from twind.command_line.verb import Rejected
+from twind.config.robot_file import load_robot
 from twind.ctl import demo
 
 LATE = {"code": "LATENCY_BLOCK", "value": 0.104, "bound": 0.1, "message": "state age + bus round trip"}
@@ -42,3 +45,15 @@ def test_an_arming_that_is_refused_for_too_long_is_reported_as_it_is(monkeypatch
     monkeypatch.setattr(demo, "ARMING", 0.0)
     with pytest.raises(Refused):
         demo.arm_robot(BusyDaemon(refusals=10**6))  # type: ignore[arg-type]
+
+
+def test_the_motions_shown_are_those_of_the_robot() -> None:
+    robot = load_robot("pan-tilt")
+    motions = demo.load_motions({"motions": str(robot.motions)})
+    assert list(motions) == ["look", "nod"]
+    assert all(motion["joint_names"] == ["pan", "tilt"] for motion in motions.values())
+
+
+def test_a_robot_without_motions_is_refused_with_their_folder(tmp_path: Path) -> None:
+    with pytest.raises(Rejected, match=f"{tmp_path} holds no trajectory file"):
+        demo.load_motions({"motions": str(tmp_path)})

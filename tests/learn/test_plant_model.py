@@ -66,6 +66,15 @@ def test_every_built_in_robot_stands_on_its_feet_in_its_pose(name: str) -> None:
     assert plant.mass == pytest.approx(4.51, abs=0.01)
 
 
+def test_looks_are_left_out_unless_wanted_and_change_no_bit_of_the_motion(plant: Plant) -> None:
+    seen = plant_of(h24(), period=PERIOD, looks=True)
+    assert seen.model.ngeom > plant.model.ngeom == 28
+    assert (seen.model.geom_group == 2).any()
+    assert not (plant.model.geom_group == 2).any()
+    one, other = moving(plant), moving(seen)
+    assert np.array_equal(one.qpos, other.qpos)
+
+
 def test_a_reading_equals_the_ground_truth_of_the_base(plant: Plant) -> None:
     data = moving(plant)
     reading = read(plant, data)

@@ -201,7 +201,7 @@ def test_a_learner_lets_the_same_pairs_collide_as_the_pinned_robot(tmp_path: Pat
     """The learner's robot floats. Servo bodies collide here, so that limbs overlap the torso."""
     robot = solid(tmp_path)
     pinned = bind(robot, None).model
-    learnt = plant_of(robot, period=0.02).model
+    learnt = plant_of(robot, period=0.02, looks=True).model
     names = {geom: learnt.geom(geom).name or f"geom {geom}" for geom in range(learnt.ngeom)}
     assert names == {geom: pinned.geom(geom).name or f"geom {geom}" for geom in range(pinned.ngeom)}
     world = {geom for geom in range(pinned.ngeom) if pinned.geom_bodyid[geom] == 0}

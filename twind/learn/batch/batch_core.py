@@ -52,8 +52,10 @@ class BatchCore:
         shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
         threads: int | None = None,
+        looks: bool = False,
     ) -> None:
-        """As `env.RobotEnv`. `episode_steps`: None, as the task says; `threads`: None, every core.
+        """As `env.RobotEnv`. `episode_steps`: None, as the task says; `threads`: None, every core; `looks`:
+        pictures will be taken.
 
         Raises KeyError, ConfigError, InvalidInput, ValueError.
         """
@@ -68,6 +70,7 @@ class BatchCore:
             period=period,
             action_delay=ranges.action_delay[1],
             imu_delay=ranges.imu_delay[1],
+            looks=looks,
         )
         self.count = count
         n = len(plant.default)

@@ -26,7 +26,7 @@ class BatchVecEnv(VecEnv):
 
     def __init__(self, task: str, count: int, *, render_mode: str | None = None, **settings: Any) -> None:
         """Make the batch; `settings`: those of `BatchCore`. `render_mode`: None or "rgb_array"."""
-        self.core = core = BatchCore(task, count, **settings)
+        self.core = core = BatchCore(task, count, looks=render_mode is not None, **settings)
         self._mode = render_mode
         super().__init__(count, *spaces_of(core.plant))
         self._actions: NDArray[Any] = np.zeros((count, core.joints))

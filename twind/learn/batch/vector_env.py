@@ -44,7 +44,9 @@ class BatchVectorEnv(VectorEnv):
             raise ValueError(f"backend {backend!r}: a batch simulates; one robot is one environment: `make`")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r}: None or 'rgb_array', which `render()` returns")
-        self.core = core = BatchCore(task, num_envs, episode_steps=max_episode_steps, **settings)
+        self.core = core = BatchCore(
+            task, num_envs, episode_steps=max_episode_steps, looks=render_mode is not None, **settings
+        )
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / core.shaping.period)}

@@ -92,6 +92,7 @@ class RobotEnv(gymnasium.Env):
             period=self.shaping.period,
             action_delay=ranges.action_delay[1],
             imu_delay=ranges.imu_delay[1],
+            looks=render_mode is not None,
         )
         self.body: RobotBody = _body(plant, ranges, self.shaping, backend, socket)
         self.shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping)
