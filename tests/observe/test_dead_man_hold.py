@@ -1,4 +1,4 @@
-"""The dead-man rule under a clock of the test: nothing that comes late, twice or from elsewhere moves a robot."""
+"""The dead-man rule under a clock of the test: what comes late, twice or from elsewhere moves nothing."""
 
 from dataclasses import dataclass, field
 

@@ -141,7 +141,7 @@ def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.Monkey
     before = websockets.serve
 
     @contextmanager
-    def unguarded(_: ViewerAccess) -> Iterator[list[bool]]:
+    def unguarded(*_: object) -> Iterator[list[bool]]:
         assert websockets.serve is before
         yield []
 

@@ -93,6 +93,12 @@ class DeadManHold:
             self._last[press.tab] = max(press.number, self._last.get(press.tab, 0))
             self._end(press.tab)
 
+    def end(self, press: Press) -> None:
+        """End this press alone: what it asked for was refused, or is done."""
+        with self._lock:
+            if self._hold is not None and self._hold.press == press:
+                self._hold = None
+
     def forget(self, tab: int) -> None:
         """End the hold of a tab that is gone. Its number is not used again."""
         with self._lock:

@@ -74,7 +74,9 @@ def plan_jog(request: JogRequest, robot: Mapping[str, Any], now: Mapping[str, fl
         raise InvalidInput(f"no button {request.kind!r} of a joint {request.name!r}")
     unknown = [name for name in target if now.get(name) is None]
     if unknown:
-        raise InvalidInput(f"the position of {', '.join(unknown)} is not known: it cannot be jogged from there")
+        raise InvalidInput(
+            f"the position of {', '.join(unknown)} is not known: it cannot be jogged from there"
+        )
     start = np.array([now[name] for name in target], np.float64)
     goal = np.array(list(target.values()), np.float64)
     speed = np.array([jog_speed(joints[name]) for name in target])

@@ -65,7 +65,7 @@ def watch(
     def begun(site: ViewerSite) -> Drawing:
         known = ViewerState()
         page = RobotPage(site.server, known, StopThreads(ways))
-        viewer = RobotViewer(site, known, page, OperatorControls(site.server, place) if operate else None)
+        viewer = RobotViewer(site, known, page, OperatorControls(site, place) if operate else None)
         return lambda ended: run(viewer, known, messages(ways, ended), ended)
 
     return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)
