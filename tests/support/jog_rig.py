@@ -1,21 +1,18 @@
-"""A browser page that jogs a simulated robot: held buttons, a line that can be cut, and the commanded position."""
+"""Jog by a browser page: buttons that are held, a line that can be cut, and the commanded position."""
 
 import contextlib
-import os
-import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
+from tests.support.bare_browser import BareTab
 from tests.support.processes import Daemon, until
-from tests.support.viewer_process import TRIES, press
+from tests.support.viewer_process import TRIES
 from twind.client import Client, ClientError
 
 STILL = 1e-7  # rad: less is no motion
+MOVES = 0.3  # s
 
 
 class CuttableLine:
@@ -47,17 +44,20 @@ class CuttableLine:
                 near, _ = self._listener.accept()
             except OSError:
                 return
-            far = socket.create_connection(("127.0.0.1", self._to))
+            try:
+                far = socket.create_connection(("127.0.0.1", self._to))
+            except OSError:  # the viewer is gone
+                near.close()
+                continue
             for one, other in ((near, far), (far, near)):
                 threading.Thread(target=self._carry, args=(one, other), daemon=True).start()
 
     def _carry(self, one: socket.socket, other: socket.socket) -> None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), one, other:
             while data := one.recv(65536):
                 self._open.wait()
                 other.sendall(data)
-        with contextlib.suppress(OSError):
-            other.shutdown(socket.SHUT_WR)
+            other.shutdown(socket.SHUT_RDWR)
 
 
 @dataclass
@@ -70,24 +70,26 @@ class CommandedPosition:
 
     def __post_init__(self) -> None:
         self._client = Client(str(self.daemon.sockets), name="observe")
-        threading.Thread(target=self._take, daemon=True).start()
+        self._thread = threading.Thread(target=self._take)
+        self._thread.start()
         until(lambda: self.rows, 5.0, "the first goal")
 
     def _take(self) -> None:
-        with contextlib.suppress(ClientError):
+        with contextlib.suppress(ClientError), self._client:
             for message in self._client.stream("Monitor", topics=["state"], rate=100.0):
                 rows = {row["name"]: row for row in message["joints"]}
                 self.rows.append((float(message["time"]), float(rows[self.joint]["goal"])))
 
     def close(self) -> None:
         self._client.cut()
+        self._thread.join()
 
     def is_moving(self) -> bool:
-        """It changed in the last 0.1 s."""
-        return self.last_change() > time.monotonic() - 0.1
+        """It changed in the last 50 ms."""
+        return self.last_change() > time.monotonic() - 0.05
 
     def last_change(self) -> float:
-        """When it changed last, s monotonic; 0: never."""
+        """Return the time of its last change, s monotonic; 0: never."""
         rows = list(self.rows)
         changes = (
             after[0]
@@ -97,49 +99,41 @@ class CommandedPosition:
         return next(changes, 0.0)
 
 
-def take_lease(page: Any, running: Daemon) -> None:
+def take_lease(page: BareTab, running: Daemon) -> None:
     """Take the lease for this page, and wait until its buttons may move the robot."""
-    take = page.get_by_role("button", name="Take the lease ...", exact=True)
-    until(lambda: take.is_enabled(), 30.0, "the lease may be taken")
-    press(page, "Take the lease ...")
-    press(page, "Take it")
-    page.locator("[data-twind-key]").wait_for(state="attached", timeout=30_000)
+    page.click("Take the lease ...")
+    page.click("Take it")
+    until(lambda: page.value("!!document.querySelector('[data-twind-key]')"), 30.0, "the key of the lease")
     until(lambda: running.status()["lease"], 5.0, "the lease")
 
 
-def hold(page: Any, goal: CommandedPosition, name: str) -> None:
-    """Press the pointer on a button and leave it there, until the robot moves. A busy machine may need more."""
-    button = page.get_by_label(name, exact=True)
-    box = button.bounding_box()
-    for _ in range(TRIES):
-        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        page.mouse.down()
+def answers(page: BareTab) -> str:
+    """Return the texts beside all buttons."""
+    texts = "[...document.querySelectorAll('[data-twind-answer]')].map(each => each.textContent)"
+    return str(page.value(f"{texts}.join('')"))
+
+
+def middle(page: BareTab, name: str) -> tuple[float, float]:
+    """Middle of the button with this label, in pixels of the page."""
+    box = f"document.querySelector('[aria-label=\"{name}\"]').getBoundingClientRect()"
+    x, y, width, height = page.value(f"(box => [box.x, box.y, box.width, box.height])({box})")
+    return x + width / 2, y + height / 2
+
+
+def hold(page: BareTab, goal: CommandedPosition, name: str) -> tuple[float, float]:
+    """Hold the pointer on a button until the robot has moved for `MOVES`; return where the pointer is.
+
+    On a busy machine a hold lapses when the page answers too late, and the button is pressed again.
+    """
+    place = middle(page, name)
+    for _ in range(2 * TRIES):
+        page.pointer("mouseMoved", *place)
+        page.pointer("mousePressed", *place)
         with contextlib.suppress(AssertionError):
             until(goal.is_moving, 3.0, "the held joint")
-            return
-        print("pressed again:", page.locator("[data-twind-answer]").all_inner_texts())
-        page.mouse.up()
-    raise AssertionError(f"{name}: nothing moved")
-
-
-def processes_of(home: str) -> list[int]:
-    """Processes whose HOME is this folder: those of one browser."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if f"HOME={home}".encode() in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return found
-
-
-@contextlib.contextmanager
-def frozen(processes: list[int]) -> Iterator[None]:
-    """They are stopped by SIGSTOP until the end of the block."""
-    for process in processes:
-        os.kill(process, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        for process in processes:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(process, signal.SIGCONT)
+            time.sleep(MOVES)
+            if goal.is_moving():
+                return place
+        print("pressed again:", answers(page))
+        page.pointer("mouseReleased", *place)
+    raise AssertionError(f"{name}: it did not move for {MOVES} s")

@@ -47,6 +47,7 @@ class Canvas:
         self.scene = None
         self.initial_camera = SimpleNamespace()
         self.plots = SimpleNamespace(draw=self._plot, set_joints=id)
+        self.set_robot = lambda robot, *, jogs: None
         self.ghost = AUTO
         self.set_html = self.words.append
         self.plotted = 0

@@ -13,14 +13,15 @@ from twind.client import CallError, Client, ClientError
 from twind.client.errors import Refused
 from twind.ctl.reasons import remedy
 from twind.exceptions import InvalidInput
-from twind.observe.viewing.dead_man_hold import DeadManHold, HoldPhase, Press
+from twind.observe.viewing.dead_man_hold import HOLD, DeadManHold, HoldPhase, Press
 from twind.observe.viewing.jog_motion import JogMotion, JogRequest, plan_jog
 from twind.observe.viewing.stop_threads import StopOutcome
 
 PERIOD = 0.02  # s between setpoints
 VALID = 0.1  # s that one may be followed without the next
 SETTLED = 0.1  # s that the last setpoint of a way is repeated: a joint lags a little
-LAPSED = "the page answered too late, or is hidden: press again"
+# the page shows it unless the button was released
+LAPSED = StopOutcome(False, "lapsed", f"the page did not answer within {HOLD:g} s. Remedy: press again")
 
 Work = Callable[[Client], StopOutcome]
 
@@ -32,7 +33,7 @@ def jog(robot: Mapping[str, Any], request: JogRequest, hold: DeadManHold, press:
         try:
             motion = plan_jog(request, robot, _commanded(client))
             if not _is_begun(hold, press):
-                return StopOutcome(False, "not moved", LAPSED)
+                return LAPSED
             return _follow(client, motion, hold, press)
         except InvalidInput as error:
             return StopOutcome(False, "not moved", str(error))
@@ -87,4 +88,4 @@ def _follow(client: Client, motion: JogMotion, hold: DeadManHold, press: Press) 
     finally:
         with contextlib.suppress(ClientError):
             client.call("Cancel")
-    return StopOutcome(True, "", "")
+    return LAPSED

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -72,12 +73,13 @@ def plan_jog(request: JogRequest, robot: Mapping[str, Any], now: Mapping[str, fl
         target = {request.name: _beyond(joints[request.name], DIRECTIONS[request.kind])}
     else:
         raise InvalidInput(f"no button {request.kind!r} of a joint {request.name!r}")
-    unknown = [name for name in target if now.get(name) is None]
+    here = {name: nan if now.get(name) is None else float(now[name]) for name in target}
+    unknown = [name for name, place in here.items() if not isfinite(place)]
     if unknown:
         raise InvalidInput(
             f"the position of {', '.join(unknown)} is not known: it cannot be jogged from there"
         )
-    start = np.array([now[name] for name in target], np.float64)
+    start = np.array(list(here.values()), np.float64)
     goal = np.array(list(target.values()), np.float64)
     speed = np.array([jog_speed(joints[name]) for name in target])
     if np.abs(goal - start).max(initial=0.0) < NEAR:

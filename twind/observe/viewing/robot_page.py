@@ -12,7 +12,7 @@ from twind.observe.viewing import operator_lease
 from twind.observe.viewing.dead_man_hold import Press
 from twind.observe.viewing.jog_control import jog
 from twind.observe.viewing.jog_motion import JogRequest
-from twind.observe.viewing.joint_table import joint_table
+from twind.observe.viewing.joint_rows import joint_rows
 from twind.observe.viewing.live_plots import LivePlots
 from twind.observe.viewing.operator_lease import OperatorThread, Work
 from twind.observe.viewing.robot_scene import AUTO, GHOSTS
@@ -53,7 +53,7 @@ class RobotPage:
 
     def set_robot(self, robot: Message, *, jogs: bool) -> None:
         """The joints of another robot; `jogs`: with buttons that move them."""
-        self._joints.content = joint_table(robot, jogs=jogs)
+        self._joints.content = joint_rows(robot, jogs=jogs)
         self.plots.set_joints(tuple(str(joint["name"]) for joint in robot["joints"]))
 
     @property

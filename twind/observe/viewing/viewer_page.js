@@ -71,8 +71,10 @@
       else release();
     } else if ("title" in message) {
       if (newest?.number !== message.press) return;
-      if (held === newest) release();
-      if (message.title) say(newest.button, [message.title, message.text].filter(Boolean).join(": "), message.done);
+      const wasHeld = held === newest;
+      release();
+      if (wasHeld || message.title !== "lapsed")
+        say(newest.button, [message.title, message.text].filter(Boolean).join(": "), message.done);
     } else if (message.position) {
       show(message);
     }

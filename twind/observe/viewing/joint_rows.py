@@ -16,7 +16,7 @@ from twind.robot.arrays import Floats
 ARROWS = (("down", "−", "less"), ("up", "+", "more"))
 
 
-def joint_table(robot: Mapping[str, Any], *, jogs: bool) -> str:
+def joint_rows(robot: Mapping[str, Any], *, jogs: bool) -> str:
     """Build one row a joint; `jogs`: with buttons, and a row of poses above."""
     rows = [_joint_row(place, joint, jogs=jogs) for place, joint in enumerate(robot["joints"])]
     return f'<div class="tw-joints">{_poses(robot["poses"]) if jogs else ""}{"".join(rows)}</div>'
