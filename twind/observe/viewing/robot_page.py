@@ -12,7 +12,7 @@ from twind.observe.viewing import operator_lease
 from twind.observe.viewing.dead_man_hold import Press
 from twind.observe.viewing.jog_control import jog
 from twind.observe.viewing.jog_motion import JogRequest
-from twind.observe.viewing.joint_rows import joint_rows
+from twind.observe.viewing.joint_html import joint_rows
 from twind.observe.viewing.live_plots import LivePlots
 from twind.observe.viewing.operator_lease import OperatorThread, Work
 from twind.observe.viewing.robot_scene import AUTO, GHOSTS

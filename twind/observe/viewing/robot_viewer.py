@@ -9,7 +9,7 @@ from pathlib import Path
 
 from twind.exceptions import InvalidInput
 from twind.observe.viewing import status_html
-from twind.observe.viewing.joint_rows import joint_values
+from twind.observe.viewing.joint_html import joint_values
 from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_page import OperatorControls, RobotPage
 from twind.observe.viewing.robot_scene import RobotScene, camera

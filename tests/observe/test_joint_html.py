@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from tests.support.viewer_messages import h24
-from twind.observe.viewing.joint_rows import joint_rows, joint_values
+from twind.observe.viewing.joint_html import joint_rows, joint_values
 
 ROBOT = h24()["robot"]
 
