@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from tests.support.browser import FLAGS, SELDOM, chromium
-from tests.support.processes import until
+from tests.support.processes import favour, until
 
 LISTENING = "DevTools listening on "
 
@@ -101,6 +101,7 @@ def bare_browser() -> Iterator[BareTab]:
             text=True,
             start_new_session=True,
         ) as process:
+            favour(process)
             assert process.stderr is not None
             line = next(line for line in process.stderr if line.startswith(LISTENING))
             tab = BareTab(process, line.removeprefix(LISTENING).strip())

@@ -7,12 +7,11 @@ import time
 from dataclasses import dataclass, field
 
 from tests.support.bare_browser import BareTab
-from tests.support.processes import Daemon, until
-from tests.support.viewer_process import TRIES
+from tests.support.processes import PATIENCE, Daemon, until
 from twind.client import Client, ClientError
 
 STILL = 1e-7  # rad: less is no motion
-MOVES = 0.3  # s
+MOVES = 0.2  # s
 
 
 class CuttableLine:
@@ -126,7 +125,8 @@ def hold(page: BareTab, goal: CommandedPosition, name: str) -> tuple[float, floa
     On a busy machine a hold lapses when the page answers too late, and the button is pressed again.
     """
     place = middle(page, name)
-    for _ in range(2 * TRIES):
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
         page.pointer("mouseMoved", *place)
         page.pointer("mousePressed", *place)
         with contextlib.suppress(AssertionError):

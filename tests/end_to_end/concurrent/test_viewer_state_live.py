@@ -46,7 +46,7 @@ class Canvas:
         self.words: list[str] = []
         self.scene = None
         self.initial_camera = SimpleNamespace()
-        self.plots = SimpleNamespace(draw=self._plot, set_joints=id)
+        self.draw = self._plot
         self.set_robot = lambda robot, *, jogs: None
         self.ghost = AUTO
         self.set_html = self.words.append

@@ -47,14 +47,18 @@ class RobotPage:
         with panel.add_tab("joints"):
             self._joints = gui.add_html("")
         with panel.add_tab("last 10 s"):
-            self.plots = LivePlots(gui, known)
+            self._plots = LivePlots(gui, known)
         panel.dock_left()
         panel.set_width(340)
 
     def set_robot(self, robot: Message, *, jogs: bool) -> None:
         """The joints of another robot; `jogs`: with buttons that move them."""
         self._joints.content = joint_rows(robot, jogs=jogs)
-        self.plots.set_joints(tuple(str(joint["name"]) for joint in robot["joints"]))
+        self._plots.set_joints(tuple(str(joint["name"]) for joint in robot["joints"]))
+
+    def draw(self) -> None:
+        """Draw the plots with the newest values."""
+        self._plots.draw()
 
     @property
     def ghost(self) -> str:

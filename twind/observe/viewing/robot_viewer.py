@@ -10,6 +10,7 @@ from pathlib import Path
 from twind.exceptions import InvalidInput
 from twind.observe.viewing import status_html
 from twind.observe.viewing.joint_html import joint_values
+from twind.observe.viewing.model_page import ModelPage
 from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_page import OperatorControls, RobotPage
 from twind.observe.viewing.robot_scene import RobotScene, camera
@@ -26,7 +27,11 @@ class RobotViewer:
     """One robot behind one site."""
 
     def __init__(
-        self, site: ViewerSite, known: ViewerState, page: RobotPage, controls: OperatorControls | None = None
+        self,
+        site: ViewerSite,
+        known: ViewerState,
+        page: RobotPage | ModelPage,
+        controls: OperatorControls | None = None,
     ) -> None:
         self._site = site
         self._server = site.server
@@ -53,7 +58,7 @@ class RobotViewer:
                 self._scene.draw(now, self._page.ghost)
             self._turn += 1
             if self._turn % PLOTS == 0 and not self._broken:
-                self._page.plots.draw()
+                self._page.draw()
             if self._turn % WORDS == 1:
                 self._page.set_html(self._words(now))
         self._server.flush()
