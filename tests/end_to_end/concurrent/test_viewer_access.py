@@ -185,7 +185,7 @@ def test_the_channel_of_the_page_passes_the_same_door_and_closes_on_what_is_no_m
     press = {"press": 1, "kind": "up", "name": "head_yaw", "key": ""}
     with connect(address, origin=f"http://{parts.netloc}") as channel:  # type: ignore[arg-type]
         channel.send(json.dumps(press))
-        answers = [json.loads(channel.recv(timeout=5.0)) for _ in range(2)]
+        answers = [json.loads(channel.recv(timeout=5.0)) for _ in range(3)]  # stops, token, answer
         assert any("--operate" in answer.get("text", "") for answer in answers)
     for wrong in ("", "[]", "7", "{}", '{"press": null}', '{"press": 1e999}', "[" * 900, " " * 1001, b"\xff"):
         with connect(address, origin=f"http://{parts.netloc}") as channel:  # type: ignore[arg-type]

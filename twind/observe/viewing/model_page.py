@@ -74,8 +74,8 @@ class ModelPage:
     def _chosen(self) -> int:
         return self._model.joints.index(str(self._which.value))
 
-    def set_html(self, words: str) -> None:
-        """Show the state of the daemon, where one is mirrored."""
+    def set_html(self, words: str, alerts: str = "") -> None:
+        """Show the state of the daemon, where one is mirrored; a robot file has no alerts."""
         if self._live and self._words.content != words:
             self._words.content = words
 

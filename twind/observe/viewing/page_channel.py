@@ -1,4 +1,4 @@
-"""WebSocket of the page's own script: presses and heartbeats in, tokens and joint values out.
+"""WebSocket of the page's own script: stops, presses and heartbeats in, tokens and joint values out.
 
 viser's buttons know neither a release nor a hidden tab, and its messages wait in its queues. This channel
 goes through the same access check. It runs in the web server's loop and waits for nothing there.
@@ -9,12 +9,13 @@ import contextlib
 import itertools
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from twind.observe.viewing.dead_man_hold import BEAT, DeadManHold, Press
 from twind.observe.viewing.jog_motion import JogRequest
-from twind.observe.viewing.stop_threads import StopOutcome, Tell
+from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell
 
 PATH = "/twind"  # behind the secret
 LARGEST = 1000  # characters of a message
@@ -36,6 +37,7 @@ class PageChannel:
     def __init__(self) -> None:
         self.hold = DeadManHold()
         self.begin: Begin = refuse_jog
+        self.stops: Mapping[str, StopAction] = {}  # buttons that each page has, by name
         self.values = "{}"  # newest joint values as JSON, replaced by another thread
         self._numbers = itertools.count(1)
 
@@ -67,6 +69,7 @@ class PageTab:
 
     async def send(self) -> None:
         """Tokens for the newest press; now and then the joint values, where they changed."""
+        await self._send(stops=list(self._channel.stops))
         shown = ""
         for turn in itertools.count():
             token = self._channel.hold.issue(self._press, time.monotonic())
@@ -83,6 +86,8 @@ class PageTab:
         told = json.loads(message if len(message) <= LARGEST else "")
         press = Press(self.number, int(told["press"]))
         match told:
+            case {"stop": str(name)}:
+                self._channel.stops[name].ask(partial(self._tell, press, stop=name))
             case {"token": int(token)}:
                 self._channel.hold.beat(press, token, time.monotonic())
             case {"kind": str(kind), "name": str(name), "key": str(key)}:
@@ -91,18 +96,22 @@ class PageTab:
                 self._channel.hold.release(press)
 
     def _begin(self, press: Press, key: str, request: JogRequest) -> None:
-        def tell(outcome: StopOutcome) -> None:  # in another thread, or in this one
+        def tell(outcome: StopOutcome) -> None:
             self._channel.hold.end(press)
-            self._loop.call_soon_threadsafe(self._answer, press, outcome)
+            self._tell(press, outcome)
 
         if self._channel.hold.press(press, time.monotonic()):
             self._press = press
             self._channel.begin(press, key, request, tell)
         else:
-            self._answer(press, StopOutcome(False, "not moved", "another button is held"))
+            self._tell(press, StopOutcome(False, "not moved", "another button is held"))
 
-    def _answer(self, press: Press, outcome: StopOutcome) -> None:
+    def _tell(self, press: Press, outcome: StopOutcome, **more: str) -> None:
+        """Send the outcome of a press; from any thread."""
         words = {"press": press.number, "done": outcome.done, "title": outcome.title, "text": outcome.text}
+        self._loop.call_soon_threadsafe(self._answer, words | more)
+
+    def _answer(self, words: Mapping[str, Any]) -> None:
         task = self._loop.create_task(self._send(**words))
         self._answers.add(task)
         task.add_done_callback(self._answers.discard)

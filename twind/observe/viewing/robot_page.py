@@ -21,7 +21,6 @@ from twind.observe.viewing.stop_threads import (
     StopOutcome,
     StopThreads,
     Tell,
-    stop_window,
     teller,
 )
 from twind.observe.viewing.viewer_access import ViewerSite
@@ -34,13 +33,14 @@ NO_LEASE = "this tab does not hold the lease. Remedy: press `Take the lease` fir
 class RobotPage:
     """The parts that do not change with the robot, and the words and plots that do."""
 
-    def __init__(self, server: Any, known: ViewerState, stops: StopThreads | None) -> None:
-        gui = server.gui
+    def __init__(self, site: ViewerSite, known: ViewerState, stops: StopThreads | None) -> None:
+        gui = site.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         if stops is not None:
-            stop_window(gui, stops.estop, stops.stop)
+            site.channel.stops = {"estop": stops.estop, "stop": stops.stop}
         self._words = gui.add_html("")
-        self._said = ""
+        with gui.add_folder("alerts"):
+            self._alerts = gui.add_html("")
         self._ghost = gui.add_dropdown("translucent", options=GHOSTS, initial_value=AUTO)
         gui.main_panel.dock_right()
         panel = gui.add_panel()
@@ -50,6 +50,7 @@ class RobotPage:
             self._plots = LivePlots(gui, known)
         panel.dock_left()
         panel.set_width(340)
+        panel.expand()  # also on a small screen, where panels are sections of a sheet
 
     def set_robot(self, robot: Message, *, jogs: bool) -> None:
         """The joints of another robot; `jogs`: with buttons that move them."""
@@ -65,10 +66,11 @@ class RobotPage:
         """The selected translucent figures."""
         return str(self._ghost.value)
 
-    def set_html(self, words: str) -> None:
-        """HTML, sent where it differs."""
-        if words != self._said:
-            self._said = self._words.content = words
+    def set_html(self, words: str, alerts: str = "") -> None:
+        """HTML of the state and of the alerts, sent where it differs."""
+        for place, content in ((self._words, words), (self._alerts, alerts)):
+            if place.content != content:
+                place.content = content
 
 
 class OperatorControls:

@@ -60,7 +60,7 @@ class RobotViewer:
             if self._turn % PLOTS == 0 and not self._broken:
                 self._page.draw()
             if self._turn % WORDS == 1:
-                self._page.set_html(self._words(now))
+                self._page.set_html(self._words(now), status_html.alerts(now))
         self._server.flush()
 
     def failed(self, error: Exception) -> None:

@@ -1,10 +1,19 @@
-// The page's own script: buttons that move the robot only while they are held, and bars of joint angles.
+// The page's own script: stop buttons, buttons that move the robot only while they are held, joint angles.
 //
 // The viewer sends a token every 40 ms while a button is held. Each is returned here at once, in the thread
 // that also sees the pointer: a page that is frozen or hidden returns none, and the viewer stops the motion.
 (() => {
   "use strict";
-  const AGAIN = 1000; // ms between two looks for something to connect for
+  const AGAIN = 500; // ms between two tries to connect
+  const NARROW = "(max-width: 900px)"; // below it viser's own layout for small screens is used
+
+  // Before viser's script runs: its theme and its layout follow the screen.
+  const search = new URLSearchParams(location.search);
+  if (matchMedia("(prefers-color-scheme: dark)").matches && !search.has("darkMode"))
+    history.replaceState(null, "", `${location.pathname}?darkMode`);
+  const ask = window.matchMedia.bind(window);
+  window.matchMedia = (query) => ask(query === "(max-width: 36em)" ? NARROW : query);
+
   let socket = null;
   let number = 0;
   let held = null; // {button, pointer, number}
@@ -65,7 +74,11 @@
     held && document.visibilityState === "visible" && held.button.isConnected;
 
   function take(message) {
-    if ("token" in message) {
+    if ("stops" in message) {
+      if (message.stops.length) addStops();
+    } else if ("stop" in message) {
+      tell(`${message.title}: ${message.text}`, message.done);
+    } else if ("token" in message) {
       if (held?.number !== message.press) return;
       if (isHeldHere()) send({ press: message.press, token: message.token });
       else release();
@@ -113,11 +126,45 @@
 
   function connect() {
     if (socket && socket.readyState <= WebSocket.OPEN) return;
-    if (!document.querySelector("[data-twind-row]")) return;
     const base = location.pathname.replace(/\/[^/]*$/, "");
     socket = new WebSocket(`ws://${location.host}${base}/twind`);
     socket.onmessage = (event) => take(JSON.parse(event.data));
     socket.onclose = release;
   }
+
+  function tell(text, done) {
+    const place = document.querySelector(".tw-stops output");
+    place.textContent = text;
+    place.dataset.done = String(done);
+  }
+
+  function addStops() {
+    if (document.querySelector(".tw-stops")) return;
+    const bar = document.createElement("div");
+    bar.className = "tw-stops";
+    for (const [name, text, title] of [
+      ["estop", "E-STOP", "lower the robot, torque off, latched"],
+      ["stop", "Stop", "the motion comes to a hold; needs an operator"],
+    ]) {
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: text, title, className: `tw-${name}` });
+      button.addEventListener("click", () => {
+        release();
+        if (socket?.readyState !== WebSocket.OPEN) {
+          tell(`${text} NOT sent: no connection to the viewer; use its own switch`, false);
+          return;
+        }
+        tell(`${text} …`, true);
+        send({ press: number, stop: name });
+      });
+      bar.append(button);
+    }
+    bar.append(document.createElement("output"));
+    document.body.append(bar);
+    document.body.dataset.twindStops = "";
+    window.dispatchEvent(new Event("resize"));
+  }
+
+  connect();
   setInterval(connect, AGAIN);
 })();
