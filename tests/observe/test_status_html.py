@@ -42,11 +42,8 @@ def test_alerts_are_one_list_with_ages_the_newest_first() -> None:
     known.take({"topic": "verdicts", "time": 12.0, "verdict": {"refusals": [finding]}})
     known.take({"topic": "events", "time": 18.0, "event": event | {"level": "error", "code": "ESTOP"}})
     text = re.sub(r"<[^>]*>", "|", status_html.alerts(known.now()))
-    assert re.findall(r"(\d+ s)\|+(\w+)", text) == [
-        ("2 s", "ESTOP"),
-        ("8 s", "refused"),
-        ("15 s", "LOOP_LATE"),
-    ]
+    lines = re.findall(r"(\d+ s)\|+(\w+)", text)
+    assert lines == [("2 s", "ESTOP"), ("8 s", "refused"), ("15 s", "LOOP_LATE")]
 
 
 def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:

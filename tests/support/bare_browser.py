@@ -93,7 +93,13 @@ class BareTab:
 def bare_browser() -> Iterator[BareTab]:
     """A browser with a new, empty profile and one tab."""
     with tempfile.TemporaryDirectory(prefix="twind-browser-", ignore_cleanup_errors=True) as home:
-        options = [*FLAGS, "--remote-debugging-port=0", f"--user-data-dir={home}/profile", "about:blank"]
+        options = [
+            *FLAGS,
+            "--window-size=1280,800",
+            "--remote-debugging-port=0",
+            f"--user-data-dir={home}/profile",
+            "about:blank",
+        ]
         with subprocess.Popen(
             [str(chromium()), *options],
             env={"HOME": home, "PATH": os.environ["PATH"]},

@@ -114,7 +114,9 @@ def answers(page: BareTab) -> str:
 
 def middle(page: BareTab, name: str) -> tuple[float, float]:
     """Middle of the button with this label, in pixels of the page."""
-    box = f"document.querySelector('[aria-label=\"{name}\"]').getBoundingClientRect()"
+    button = f"document.querySelector('[aria-label=\"{name}\"]')"
+    page.value(f"{button}.scrollIntoView({{block: 'center'}})")
+    box = f"{button}.getBoundingClientRect()"
     x, y, width, height = page.value(f"(box => [box.x, box.y, box.width, box.height])({box})")
     return x + width / 2, y + height / 2
 

@@ -55,7 +55,9 @@ def shown() -> Iterator[Shown]:
         drawing = threading.Thread(target=run, args=(viewer, known, (), ended))
         drawing.start()
         try:
-            yield Shown(site, known, opened(found, site.url))
+            page = opened(found, site.url)
+            page.add_style_tag(content=".mantine-Notifications-root {display: none}")  # WebGL is software
+            yield Shown(site, known, page)
         finally:
             ended.set()
             drawing.join(10.0)
