@@ -67,6 +67,7 @@ def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     told = h24()
     for news in (RobotAnnounced(told), status(), state(told)):
         shown.known.take(news)
+    shown.page.locator("[data-twind-row]").first.wait_for(timeout=60_000)  # the robot was described
     before = picture(shown.page)
     assert shown.against_floor() > SEEN
 
