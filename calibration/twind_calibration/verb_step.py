@@ -37,7 +37,8 @@ def add_steps(
     subparsers = parser.add_subparsers(dest="step", metavar="STEP", required=True)
     texts = {name: step.text for name, step in steps.items()}
     texts |= {name: help_text(verb) for name, verb in others.items()}
-    for name, step in {**steps, **others}.items():
+    every: dict[str, VerbStep | Verb] = {**steps, **others}
+    for name, step in every.items():
         text = texts[name]
         under = subparsers.add_parser(name, help=text.partition("\n")[0], description=text)
         add_common_options(under, argparse.SUPPRESS)  # also after the step

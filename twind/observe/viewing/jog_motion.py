@@ -73,7 +73,8 @@ def plan_jog(request: JogRequest, robot: Mapping[str, Any], now: Mapping[str, fl
         target = {request.name: _beyond(joints[request.name], DIRECTIONS[request.kind])}
     else:
         raise InvalidInput(f"no button {request.kind!r} of a joint {request.name!r}")
-    here = {name: nan if now.get(name) is None else float(now[name]) for name in target}
+    known = {name: nan if place is None else place for name, place in now.items()}
+    here = {name: known.get(name, nan) for name in target}
     unknown = [name for name, place in here.items() if not isfinite(place)]
     if unknown:
         raise InvalidInput(
