@@ -30,7 +30,7 @@ FLAGS = [
     "--hide-scrollbars",
 ]
 SIZE = (1280, 800)
-MIDDLE = {"x": 310, "y": 160, "width": 640, "height": 500}  # of that page: what no panel covers
+MIDDLE = {"x": 350, "y": 160, "width": 600, "height": 500}  # of that page: what no panel covers
 SELDOM = """
 const f = requestAnimationFrame;
 window.requestAnimationFrame = g => setTimeout(() => f(g), 300);
