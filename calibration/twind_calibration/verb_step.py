@@ -7,8 +7,12 @@ import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from types import MappingProxyType
 
 from twind.command_line.common_options import add_common_options
+from twind.command_line.verb import Verb, help_text
+
+NONE: Mapping[str, Verb] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +23,6 @@ class VerbStep:
     add_arguments: Callable[[argparse.ArgumentParser], None]
     place: str
 
-    @property
-    def summary(self) -> str:
-        """First line of the help."""
-        return self.text.partition("\n")[0]
-
     def run(self, options: argparse.Namespace) -> int:
         """Run the step; return its exit code, 0: everything that was asked for is done."""
         module, _, function = self.place.partition(":")
@@ -31,10 +30,16 @@ class VerbStep:
         return code
 
 
-def add_steps(parser: argparse.ArgumentParser, steps: Mapping[str, VerbStep]) -> None:
-    """Add one subcommand a step; its name is the option `step`."""
+def add_steps(
+    parser: argparse.ArgumentParser, steps: Mapping[str, VerbStep], others: Mapping[str, Verb] = NONE
+) -> None:
+    """Add one subcommand a step, also for `others` of other packages; its name is the option `step`."""
     subparsers = parser.add_subparsers(dest="step", metavar="STEP", required=True)
-    for name, step in steps.items():
-        under = subparsers.add_parser(name, help=step.summary, description=step.text)
+    texts = {name: step.text for name, step in steps.items()}
+    texts |= {name: help_text(verb) for name, verb in others.items()}
+    every: dict[str, VerbStep | Verb] = {**steps, **others}
+    for name, step in every.items():
+        text = texts[name]
+        under = subparsers.add_parser(name, help=text.partition("\n")[0], description=text)
         add_common_options(under, argparse.SUPPRESS)  # also after the step
         step.add_arguments(under)

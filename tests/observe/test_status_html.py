@@ -27,9 +27,23 @@ def test_text_from_messages_never_becomes_markup() -> None:
     )
     known.take({"topic": "events", "time": 0.0, "event": {"level": "error", "code": evil, "message": evil}})
     known.take({"topic": "verdicts", "time": 0.0, "verdict": {"refusals": [finding]}})
-    assert "<img" not in status_html.page(known.now(), None, None, 0)
+    assert "<img" not in status_html.page(known.now(), None, None, 0) + status_html.alerts(known.now())
     known.take(DaemonLost(evil))
     assert "<img" not in status_html.page(known.now(), None, None, 0)
+
+
+def test_alerts_are_one_list_with_ages_the_newest_first() -> None:
+    known = ViewerState()
+    assert "none" in status_html.alerts(known.now())
+    known.take(state(h24(), 20.0))
+    event = {"level": "warning", "code": "LOOP_LATE", "message": "late"}
+    known.take({"topic": "events", "time": 5.0, "event": event})
+    finding = {"code": "POS_LIMIT", "message": "too far"}
+    known.take({"topic": "verdicts", "time": 12.0, "verdict": {"refusals": [finding]}})
+    known.take({"topic": "events", "time": 18.0, "event": event | {"level": "error", "code": "ESTOP"}})
+    text = re.sub(r"<[^>]*>", "|", status_html.alerts(known.now()))
+    lines = re.findall(r"(\d+ s)\|+(\w+)", text)
+    assert lines == [("2 s", "ESTOP"), ("8 s", "refused"), ("15 s", "LOOP_LATE")]
 
 
 def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:

@@ -30,8 +30,13 @@ FLAGS = [
     "--hide-scrollbars",
 ]
 SIZE = (1280, 800)
-MIDDLE = {"x": 310, "y": 160, "width": 640, "height": 500}  # of that page: what no panel covers
-SELDOM = "const f = requestAnimationFrame; window.requestAnimationFrame = g => setTimeout(() => f(g), 300)"
+MIDDLE = {"x": 350, "y": 160, "width": 600, "height": 500}  # of that page: what no panel covers
+SELDOM = """
+const f = requestAnimationFrame;
+window.requestAnimationFrame = g => setTimeout(() => f(g), 300);
+for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"])
+  WebGL2RenderingContext.prototype[name] = () => {};
+"""
 CELL = 5  # pixels of a cell's side
 SETTLED = 15.0  # s until the page shows what it was told
 
@@ -72,7 +77,7 @@ def opened(
 ) -> Any:
     """The page, once it shows its panels, or these words. `page.asked`: the address of every request.
 
-    Where it is not `looked_at` it draws small and thrice a second: a robot beside it needs the processor.
+    Where it is not `looked_at` it draws nothing, thrice a second: a robot beside it needs the processor.
     """
     sharp = 1.0 if looked_at else 0.2
     page = found.new_page(viewport={"width": size[0], "height": size[1]}, device_scale_factor=sharp)

@@ -41,7 +41,7 @@ def until(what: Callable[[], T | None], seconds: float, message: str | Callable[
     raise AssertionError(f"not within {seconds} s: {message if isinstance(message, str) else message()}")
 
 
-def favour(process: subprocess.Popen[bytes]) -> None:
+def favour(process: "subprocess.Popen[bytes] | subprocess.Popen[str]") -> None:
     """Before the other programs of this machine, where that is allowed: as the daemon's unit has it.
 
     Who starts later in that process inherits it.

@@ -35,7 +35,9 @@ def other(
         "mjcf_path": str(Path("nowhere") / "small.xml"),
         "base": base,
         "support": "fixed",
-        "joints": [{"name": f"the {name}", "model_joint": name} for name in joints],
+        "joints": [
+            {"name": f"the {name}", "model_joint": name, "lower": -2.0, "upper": 2.0} for name in joints
+        ],
         "poses": {"rest": {f"the {name}": 0.0 for name in joints}},
         "gate": {"on_velocity": "retime", "collision": {"judge_world": False}, "on_torque": "warn"},
     }

@@ -1,10 +1,12 @@
 """Access to the viewer of a real viser server: other pages, other names and other users are refused."""
 
 import http.client
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -13,7 +15,7 @@ pytest.importorskip("viser", reason="the extra `view` is not installed")
 
 import viser
 from viser import _messages
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from twind.exceptions import OperationFailed
@@ -141,10 +143,52 @@ def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.Monkey
     before = websockets.serve
 
     @contextmanager
-    def unguarded(_: ViewerAccess) -> Iterator[list[bool]]:
+    def unguarded(*_: object) -> Iterator[list[bool]]:
         assert websockets.serve is before
         yield []
 
     monkeypatch.setattr(viewer_access, "_guarded", unguarded)
     with pytest.raises(OperationFailed, match="cannot be guarded"), opened(None, "test"):
         pass
+
+
+def test_the_page_has_the_script_of_held_buttons(site: ViewerSite) -> None:
+    parts = urlsplit(site.url)
+    assert parts.hostname is not None
+    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=5.0)
+    connection.request("GET", parts.path, headers={"Accept-Encoding": "gzip"})
+    page = connection.getresponse().read()
+    connection.close()
+    assert page.count(b"visibilitychange") >= 1 and b"data-twind-kind" in page
+    assert page.rindex(b"data-twind-kind") < page.rindex(b"</head>")
+
+
+def drain(channel: Any) -> None:
+    """Read until it is closed. Raises TimeoutError, ConnectionClosed."""
+    while True:
+        channel.recv(timeout=5.0)
+
+
+def test_the_channel_of_the_page_passes_the_same_door_and_closes_on_what_is_no_message(
+    site: ViewerSite,
+) -> None:
+    parts = urlsplit(site.url)
+    address = f"ws://{parts.netloc}{parts.path}twind"
+    for origin in ("http://evil.example", None):
+        with pytest.raises(InvalidStatus, match="403"), connect(address, origin=origin):  # type: ignore[arg-type]
+            pass
+    with (
+        pytest.raises(InvalidStatus, match="403"),
+        connect(f"ws://{parts.netloc}/twind", origin=f"http://{parts.netloc}"),
+    ):  # type: ignore[arg-type]
+        pass
+    press = {"press": 1, "kind": "up", "name": "head_yaw", "key": ""}
+    with connect(address, origin=f"http://{parts.netloc}") as channel:  # type: ignore[arg-type]
+        channel.send(json.dumps(press))
+        answers = [json.loads(channel.recv(timeout=5.0)) for _ in range(3)]  # stops, token, answer
+        assert any("--operate" in answer.get("text", "") for answer in answers)
+    for wrong in ("", "[]", "7", "{}", '{"press": null}', '{"press": 1e999}', "[" * 900, " " * 1001, b"\xff"):
+        with connect(address, origin=f"http://{parts.netloc}") as channel:  # type: ignore[arg-type]
+            channel.send(wrong)
+            with pytest.raises(ConnectionClosed):
+                drain(channel)

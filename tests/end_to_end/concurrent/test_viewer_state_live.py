@@ -46,9 +46,10 @@ class Canvas:
         self.words: list[str] = []
         self.scene = None
         self.initial_camera = SimpleNamespace()
-        self.plots = SimpleNamespace(draw=self._plot, set_joints=id)
+        self.draw = self._plot
+        self.set_robot = lambda robot, *, jogs: None
         self.ghost = AUTO
-        self.set_html = self.words.append
+        self.set_html = lambda words, alerts="": self.words.append(words)
         self.plotted = 0
         self.flush = self.atomic = contextlib.nullcontext
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from tests.support.browser import browser, changed, missing, opened, picture
+from tests.support.browser import SELDOM, browser, changed, missing, opened, picture
 from tests.support.viewer_messages import h24, other, state, status
+from twind.observe.viewing.robot_connections import local
 from twind.observe.viewing.robot_page import RobotPage
 from twind.observe.viewing.robot_viewer import RobotViewer, run
+from twind.observe.viewing.stop_threads import StopThreads
 from twind.observe.viewing.viewer_access import ViewerSite
 from twind.observe.viewing.viewer_access import opened as served
 from twind.observe.viewing.viewer_state import RobotAnnounced, ViewerState
@@ -49,11 +51,13 @@ def shown() -> Iterator[Shown]:
     known = ViewerState()
     ended = threading.Event()
     with browser() as found, served(None, "test") as site:
-        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
+        viewer = RobotViewer(site, known, RobotPage(site, known, StopThreads(local("nowhere"))))
         drawing = threading.Thread(target=run, args=(viewer, known, (), ended))
         drawing.start()
         try:
-            yield Shown(site, known, opened(found, site.url))
+            page = opened(found, site.url)
+            page.add_style_tag(content=".mantine-Notifications-root {display: none}")  # WebGL is software
+            yield Shown(site, known, page)
         finally:
             ended.set()
             drawing.join(10.0)
@@ -63,6 +67,7 @@ def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     told = h24()
     for news in (RobotAnnounced(told), status(), state(told)):
         shown.known.take(news)
+    shown.page.locator("[data-twind-row]").first.wait_for(timeout=60_000)  # the robot was described
     before = picture(shown.page)
     assert shown.against_floor() > SEEN
 
@@ -111,3 +116,38 @@ def test_the_page_asks_nothing_of_any_other_host(shown: Shown) -> None:
     own = (f"http://{here}", f"ws://{here}", f"blob:http://{here.partition('/')[0]}/", "data:")
     assert len(shown.page.asked) >= 2
     assert [url for url in shown.page.asked if not url.startswith(own)] == []
+
+
+# the stop button lies free at its middle, and what is drawn of the robot is covered by no sheet
+LAYOUT = """() => {
+  const stop = document.querySelector(".tw-estop").getBoundingClientRect();
+  const at = document.elementFromPoint(stop.x + stop.width / 2, stop.y + stop.height / 2);
+  const canvas = document.querySelector("canvas").getBoundingClientRect();
+  const sheet = [...document.querySelectorAll(".mantine-Paper-root")]
+    .filter(each => each.style.minHeight === "3.5em").map(each => each.getBoundingClientRect())[0];
+  const apart = !sheet || sheet.left >= canvas.right - 1 || sheet.top >= canvas.bottom - 1;
+  return [at?.className, stop.bottom <= innerHeight && stop.right <= innerWidth, apart,
+    canvas.bottom <= stop.top, canvas.width * canvas.height / (innerWidth * innerHeight)];
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [(1280, 800), (700, 420), (390, 844)])
+def test_the_stop_is_in_reach_and_no_panel_covers_the_robot(
+    shown: Shown, size: tuple[int, int], scheme: str
+) -> None:
+    window = shown.page.context.browser.new_context(
+        viewport={"width": size[0], "height": size[1]}, color_scheme=scheme
+    )
+    page = window.new_page()
+    page.add_init_script(SELDOM)
+    page.goto(shown.site.url)
+    page.locator(".tw-estop").wait_for(timeout=60_000)
+    page.locator("canvas").first.wait_for(timeout=60_000)
+    page.get_by_text("translucent").wait_for(timeout=60_000)
+    page.wait_for_timeout(300)
+    stop, inside, apart, above, share = page.evaluate(LAYOUT)
+    theme = page.evaluate("document.documentElement.dataset.mantineColorScheme")
+    window.close()
+    assert (stop, inside, apart, above, theme) == ("tw-estop", True, True, True, scheme)
+    assert share > 0.35

@@ -87,6 +87,7 @@ def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 def held(page: Any, running: Daemon, seconds: float) -> bool:
     """A motion runs, and the lease is held so long. Taken anew where a busy machine was too slow."""
+    page.locator("[data-twind-row]").first.wait_for(timeout=WAIT)  # the robot and its motions are known
     for _ in range(TRIES):
         take = page.get_by_role("button", name="Take the lease ...", exact=True)
         until(lambda take=take: take.is_enabled(), 30.0, "the lease may be taken")

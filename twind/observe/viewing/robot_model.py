@@ -102,7 +102,9 @@ class RobotModel:
         except InvalidInput:  # the daemon has reported why; there is no distance to show
             self._distances = None
         self._data = mujoco.MjData(self.model)
+        self._numbers = np.array(numbers, np.int64)
         self._kinematics = mujoco.mj_kinematics
+        self.size = float(self.model.stat.extent)  # m, of the model
 
     def same_as(self, description: Mapping[str, object]) -> bool:
         """Check that `description` would give the same picture: the same MJCF and the same robot."""
@@ -114,6 +116,12 @@ class RobotModel:
         self._data.qpos[self.qpos] = np.where(np.isfinite(position), position, self.rest)
         self._kinematics(self.model, self._data)
         return BodyPoses(self._data.xpos.copy(), self._data.xquat.copy())
+
+    def axis(self, position: Floats, place: int) -> tuple[Floats, Floats]:
+        """Return a point and the direction (3,) in the world of the axis of joint `place`, at `position`."""
+        self.places(position)
+        joint = self._numbers[place]
+        return self._data.xanchor[joint].copy(), self._data.xaxis[joint].copy()
 
     def nearest(self, position: Floats) -> tuple[NearestBodies | None, Floats]:
         """The nearest two of the bodies that are judged (None: all further than `REACH`), and points (k, 3)

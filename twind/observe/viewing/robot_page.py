@@ -1,53 +1,88 @@
 """The page of one robot: buttons, words, plots. Nothing here waits: what a button asks for is done
 elsewhere."""
 
+import contextlib
+import hmac
+import secrets
 import threading
 from collections.abc import Callable
 from typing import Any
 
 from twind.observe.viewing import operator_lease
+from twind.observe.viewing.dead_man_hold import Press
+from twind.observe.viewing.jog_control import jog
+from twind.observe.viewing.jog_motion import JogRequest
+from twind.observe.viewing.joint_html import joint_rows
 from twind.observe.viewing.live_plots import LivePlots
 from twind.observe.viewing.operator_lease import OperatorThread, Work
 from twind.observe.viewing.robot_scene import AUTO, GHOSTS
-from twind.observe.viewing.stop_threads import Press, StopOutcome, StopThreads, stop_window, teller
+from twind.observe.viewing.stop_threads import (
+    ButtonPress,
+    StopOutcome,
+    StopThreads,
+    Tell,
+    teller,
+)
+from twind.observe.viewing.viewer_access import ViewerSite
 from twind.observe.viewing.viewer_state import Message, ViewerState
+from twind.robot.finding import ReasonCode
+
+NO_LEASE = "this tab does not hold the lease. Remedy: press `Take the lease` first"
 
 
 class RobotPage:
     """The parts that do not change with the robot, and the words and plots that do."""
 
-    def __init__(self, server: Any, known: ViewerState, stops: StopThreads | None) -> None:
-        gui = server.gui
+    def __init__(self, site: ViewerSite, known: ViewerState, stops: StopThreads | None) -> None:
+        gui = site.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         if stops is not None:
-            stop_window(gui, stops.estop, stops.stop)
+            site.channel.stops = {"estop": stops.estop, "stop": stops.stop}
         self._words = gui.add_html("")
-        self._said = ""
+        with gui.add_folder("alerts"):
+            self._alerts = gui.add_html("")
         self._ghost = gui.add_dropdown("translucent", options=GHOSTS, initial_value=AUTO)
         gui.main_panel.dock_right()
         panel = gui.add_panel()
+        with panel.add_tab("joints"):
+            self._joints = gui.add_html("")
         with panel.add_tab("last 10 s"):
-            self.plots = LivePlots(gui, known)
+            self._plots = LivePlots(gui, known)
         panel.dock_left()
-        panel.set_width(300)
+        panel.set_width(340)
+        panel.expand()  # also on a small screen, where panels are sections of a sheet
+
+    def set_robot(self, robot: Message, *, jogs: bool) -> None:
+        """The joints of another robot; `jogs`: with buttons that move them."""
+        self._joints.content = joint_rows(robot, jogs=jogs)
+        self._plots.set_joints(tuple(str(joint["name"]) for joint in robot["joints"]))
+
+    def draw(self) -> None:
+        """Draw the plots with the newest values."""
+        self._plots.draw()
 
     @property
     def ghost(self) -> str:
         """The selected translucent figures."""
         return str(self._ghost.value)
 
-    def set_html(self, words: str) -> None:
-        """HTML, sent where it differs."""
-        if words != self._said:
-            self._said = self._words.content = words
+    def set_html(self, words: str, alerts: str = "") -> None:
+        """HTML of the state and of the alerts, sent where it differs."""
+        for place, content in ((self._words, words), (self._alerts, alerts)):
+            if place.content != content:
+                place.content = content
 
 
 class OperatorControls:
     """Controls that move the robot; disabled until this tab took the lease, by a button and a question."""
 
-    def __init__(self, server: Any, place: str | None) -> None:
-        self._server = server
+    def __init__(self, site: ViewerSite, place: str | None) -> None:
+        self._server = site.server
+        self._hold = site.channel.hold
         self._robot: Message = {}
+        self._key = ""  # that only the page of the lease's tab shows; "": no tab has it
+        self._shown_key: Any = None
+        server = site.server
         gui = server.gui
         with gui.add_folder("operate"):
             self._take = gui.add_button("Take the lease ...", color="blue")
@@ -65,6 +100,7 @@ class OperatorControls:
         self._play.on_click(self._press_for(self._chosen))
         self._rest.on_click(self._press_for(lambda: operator_lease.to_rest(self._robot)))
         server.on_client_disconnect(self._on_client_left)
+        site.channel.begin = self._jog
 
     def set_robot(self, robot: Message) -> None:
         """The motions of another robot."""
@@ -73,6 +109,14 @@ class OperatorControls:
         if tuple(self._motion.options) != names:
             self._motion.options = names
             self._motion.value = names[0]
+
+    def _jog(self, press: Press, key: str, request: JogRequest, tell: Tell) -> None:
+        """A button is held in the page that shows `key`. In the server's loop."""
+        tab = self._operator.holder
+        if tab is None or not self._key or not hmac.compare_digest(key.encode(), self._key.encode()):
+            tell(StopOutcome(False, ReasonCode.LEASE_MISSING, NO_LEASE))
+            return
+        self._operator.call(tab, jog(self._robot, request, self._hold, press), tell)
 
     def _chosen(self) -> Work | None:
         name = str(self._motion.value)
@@ -100,14 +144,14 @@ class OperatorControls:
         yes.on_click(take)
         no.on_click(leave)
 
-    def _press(self, do: Callable[[int, Callable[[StopOutcome], None]], None]) -> Press:
+    def _press(self, do: Callable[[int, Callable[[StopOutcome], None]], None]) -> ButtonPress:
         async def press(event: Any) -> None:
             if event.client is not None:
                 do(event.client.client_id, teller(event.client))
 
         return press
 
-    def _press_for(self, what: Callable[[], Work | None]) -> Press:
+    def _press_for(self, what: Callable[[], Work | None]) -> ButtonPress:
         def do(tab: int, tell: Callable[[StopOutcome], None]) -> None:
             work = what()
             if work is not None:
@@ -126,9 +170,20 @@ class OperatorControls:
             self._operator.on_tab_closed(tab)
         elif tab is not None:
             threading.Thread(target=self._look_after, args=(tab, client), daemon=True).start()
+        self._show_key(client if held else None)
         self._take.disabled = held
         for button in (self._give, self._arm, self._disarm, self._play, self._rest):
             button.disabled = not held
+
+    def _show_key(self, client: Any) -> None:
+        """A new key in the page of this client; None: in no page."""
+        if self._shown_key is not None:
+            with contextlib.suppress(Exception):  # its tab is gone
+                self._shown_key.remove()
+        self._shown_key = None
+        self._key = "" if client is None else secrets.token_urlsafe(16)
+        if client is not None:
+            self._shown_key = client.gui.add_html(f'<span hidden data-twind-key="{self._key}"></span>')
 
     def _look_after(self, tab: int, client: Any) -> None:
         """The page answers what it keeps under a name: nothing, but it answers."""

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from twind.exceptions import InvalidInput
 from twind.observe.viewing import status_html
+from twind.observe.viewing.joint_html import joint_values
+from twind.observe.viewing.model_page import ModelPage
 from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_page import OperatorControls, RobotPage
 from twind.observe.viewing.robot_scene import RobotScene, camera
@@ -25,8 +27,13 @@ class RobotViewer:
     """One robot behind one site."""
 
     def __init__(
-        self, site: ViewerSite, known: ViewerState, page: RobotPage, controls: OperatorControls | None = None
+        self,
+        site: ViewerSite,
+        known: ViewerState,
+        page: RobotPage | ModelPage,
+        controls: OperatorControls | None = None,
     ) -> None:
+        self._site = site
         self._server = site.server
         self._known = known
         self._page = page
@@ -44,14 +51,16 @@ class RobotViewer:
         now = self._known.now()
         if now.told is not None and now.told is not self._told:
             self._describe(now.told)
+        if now.joints is not None:
+            self._site.channel.values = joint_values(now.joints.measured, now.joints.goal)
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.draw(now, self._page.ghost)
             self._turn += 1
             if self._turn % PLOTS == 0 and not self._broken:
-                self._page.plots.draw()
+                self._page.draw()
             if self._turn % WORDS == 1:
-                self._page.set_html(self._words(now))
+                self._page.set_html(self._words(now), status_html.alerts(now))
         self._server.flush()
 
     def failed(self, error: Exception) -> None:
@@ -83,7 +92,7 @@ class RobotViewer:
             self._problem = str(error)
             return
         self._scene = RobotScene(self._server.scene, likeness, "/robots/0")
-        self._page.plots.set_joints(likeness.joints)
+        self._page.set_robot(description["robot"], jogs=self._controls is not None)
         if self._controls is not None:
             self._controls.set_robot(description["robot"])
         self._look(likeness)

@@ -12,7 +12,18 @@ import numpy as np
 from twind.observe.viewing.robot_model import NearestBodies, RobotModel
 from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
 
-RED, AMBER, GREEN, GREY = "#c81e1e", "#b86e00", "#1a7f37", "#6b7280"
+# the page's style has the lighter ones of its dark scheme
+RED, AMBER, GREEN, GREY, PURPLE = (
+    f"var(--tw-{name}, {colour})"
+    for name, colour in (
+        ("red", "#c81e1e"),
+        ("amber", "#b86e00"),
+        ("green", "#1a7f37"),
+        ("grey", "#6b7280"),
+        ("purple", "#be00be"),
+    )
+)
+LEVELS = {"error": RED, "warning": AMBER}
 OLD = 1.0  # s without news of joints after which the picture is called old
 NAMED = 6  # joints that are named before the rest are counted
 BASES = {
@@ -27,7 +38,30 @@ def page(now: ViewerSnapshot, model: RobotModel | None, near: NearestBodies | No
     rows = [*connection(now), *format_age(now), *_state(now)]
     if model is not None:
         rows += [*joints(now, model.joints), *_distance(near, contacts), *_base(model)]
-    return block([*rows, *_refusals(now), *events(now)])
+    return block(rows)
+
+
+def alerts(now: ViewerSnapshot) -> str:
+    """Build the list of refusals, warnings and errors with their ages, the newest first."""
+    lines = [
+        (verdict["time"], "refused", "; ".join(_found(verdict["verdict"]["refusals"])), AMBER)
+        for verdict in now.refusals
+    ]
+    lines += [
+        (each["time"], each["event"]["code"], str(each["event"]["message"]), LEVELS[each["event"]["level"]])
+        for each in now.events
+    ]
+    lines.sort(key=lambda line: float(line[0]), reverse=True)
+    ages = [_ago(now, time).removesuffix(" ago: ") for time, *_ in lines]
+    return block([_alert(age, *line[1:]) for age, line in zip(ages, lines, strict=True)] or [row("none", "")])
+
+
+def _alert(age: str, code: str, text: str, colour: str) -> str:
+    return (
+        f'<div style="display:grid;grid-template-columns:3.6em 1fr;gap:0.4em"><span style="color:{GREY};'
+        f'text-align:right">{escape(age)}</span><span><b style="color:{colour}">{escape(code)}</b> '
+        f"{escape(text)}</span></div>"
+    )
 
 
 def block(rows: Sequence[str]) -> str:
@@ -90,7 +124,7 @@ def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
     for what, which, colour in (
         ("not heard", ~told.heard, RED),
         ("old", now.stale, AMBER),
-        ("faults", np.array([bool(each) for each in told.faults]), "#be00be"),
+        ("faults", np.array([bool(each) for each in told.faults]), PURPLE),
     ):
         these = [name for name, marked in zip(names, which, strict=True) if marked]
         if these:
@@ -120,13 +154,6 @@ def _base(model: RobotModel) -> list[str]:
     return rows
 
 
-def _refusals(now: ViewerSnapshot) -> list[str]:
-    return [
-        row("refused", _ago(now, verdict["time"]) + "; ".join(_found(verdict["verdict"]["refusals"])), AMBER)
-        for verdict in now.refusals
-    ]
-
-
 def _found(findings: Sequence[Message]) -> list[str]:
     said = [f"{each['code']}: {each['message']}" for each in findings[:2]]
     return [*said, *([f"{len(findings) - 2} more"] if len(findings) > 2 else [])]
@@ -134,12 +161,11 @@ def _found(findings: Sequence[Message]) -> list[str]:
 
 def events(now: ViewerSnapshot) -> list[str]:
     """The newest first."""
-    colours = {"error": RED, "warning": AMBER}
     return [
         row(
             each["event"]["code"],
             _ago(now, each["time"]) + str(each["event"]["message"]),
-            colours[each["event"]["level"]],
+            LEVELS[each["event"]["level"]],
         )
         for each in now.events
     ]

@@ -122,7 +122,7 @@ class StopThreads:
 # s that a notification of a failure is seen, and of what was done
 STAYS = 60.0
 LASTS = 6.0
-Press = Callable[[Any], Coroutine[Any, Any, None]]
+ButtonPress = Callable[[Any], Coroutine[Any, Any, None]]
 
 
 def stop_window(gui: Any, estop: StopAction, stop: StopAction, whom: str = "") -> None:
@@ -144,7 +144,7 @@ def stop_buttons(gui: Any, estop: StopAction, stop: StopAction, whom: str = "", 
     second.on_click(_pressed(stop, of))
 
 
-def _pressed(action: StopAction, of: str) -> Press:
+def _pressed(action: StopAction, of: str) -> ButtonPress:
     async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
         action.ask(teller(event.client, of))
 

@@ -4,6 +4,7 @@ Every web page in the user's browser, and every user of this machine, can connec
 the address has a secret in its path, which goes with every request. Host and Origin must be those of this
 page (against a foreign page, and a rebound name), and the page may not contact any other host. viser has no
 setting for that: its arguments for websockets pass through here, and a viser that does otherwise is refused.
+The page gets a script and a style of its own here, and a WebSocket that viser does not see.
 """
 
 import contextlib
@@ -11,17 +12,20 @@ import hmac
 import io
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from twind.exceptions import OperationFailed
+from twind.observe.viewing.page_channel import PATH, PageChannel
 
 HOST = "127.0.0.1"
 PORT = 8099  # where it begins to look for one that is free
 NAMES = frozenset({"127.0.0.1", "localhost"})  # of this machine; the port may be another one, by `ssh -L`
 # s between two pings of a browser, and until one that does not answer is gone
+HEAD_END = b"</head>"
 PING = 2.0
 GONE = 5.0
 POLICY = (
@@ -29,6 +33,9 @@ POLICY = (
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src 'self' data: blob: "
     "ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+
+
+Handler = Callable[[Any], Awaitable[None]]
 
 
 @dataclass(frozen=True)
@@ -65,10 +72,35 @@ class ViewerAccess:
             why = self.refusal(request.path, request.headers)
             if why is not None:
                 return _closed(connection.respond(403, f"{why}\n"), "none")
-            answer = inner(connection, replace(request, path=self.inside(request.path)))
-            return answer if answer is None else _closed(answer, request.headers["Host"])
+            headers = request.headers.copy()
+            headers.pop("Accept-Encoding", None)  # the page is changed below
+            answer = inner(connection, replace(request, path=self.inside(request.path), headers=headers))
+            return answer if answer is None else _closed(_with_own_parts(answer), request.headers["Host"])
 
         return process
+
+    def route(self, viewer: Handler, own: Handler) -> Handler:
+        """Handler of WebSockets: `own` for the page's script, `viewer` for all others."""
+
+        async def handle(connection: Any) -> None:
+            path = self.inside(connection.request.path).partition("?")[0]
+            await (own if path == PATH else viewer)(connection)
+
+        return handle
+
+
+def _with_own_parts(response: Any) -> Any:
+    """Add the viewer's script and style to a page of HTML; anything else is unchanged."""
+    folder = Path(__file__).parent
+    head, end, rest = response.body.rpartition(HEAD_END)
+    if end:
+        style = (folder / "viewer_page.css").read_bytes()
+        script = (folder / "viewer_page.js").read_bytes()
+        own = b"<style>%b</style><script>%b</script>" % (style, script)
+        response.body = head + own + end + rest
+        del response.headers["Content-Length"]  # an assignment adds a second one
+        response.headers["Content-Length"] = str(len(response.body))
+    return response
 
 
 def _name(host: str) -> str | None:
@@ -93,6 +125,7 @@ class ViewerSite:
 
     server: Any  # viser.ViserServer
     url: str
+    channel: PageChannel = field(default_factory=PageChannel)
 
 
 @contextlib.contextmanager
@@ -102,8 +135,12 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
     from viser import _messages
 
     door = ViewerAccess()
+    channel = PageChannel()
     os.environ.pop("_VISER_PORT_OVERRIDE", None)  # would win over the port
-    with contextlib.redirect_stdout(io.StringIO()), _guarded(door) as guarded:  # it prints an address without
+    with (
+        contextlib.redirect_stdout(io.StringIO()),
+        _guarded(door, channel) as guarded,
+    ):  # it prints an address without
         server = viser.ViserServer(host=HOST, port=PORT if port is None else port, label=title, verbose=False)
     try:
         if not guarded or server.get_host() != HOST:
@@ -112,14 +149,14 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
             raise OperationFailed(f"--port {port} is taken: leave --port out, and a free one is found")
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # one message would publish it on the internet
-        yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/")
+        yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/", channel)
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
 
 
 @contextlib.contextmanager
-def _guarded(door: ViewerAccess) -> Iterator[list[bool]]:
+def _guarded(door: ViewerAccess, channel: PageChannel) -> Iterator[list[bool]]:
     """While viser starts, what it serves goes through the door; one entry for each time it did."""
     from websockets.asyncio import server as websockets
 
@@ -129,7 +166,7 @@ def _guarded(door: ViewerAccess) -> Iterator[list[bool]]:
     def serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
         served.append(True)
         return before(
-            handler,
+            door.route(handler, channel.serve),
             host,
             port,
             process_request=door.guard(process_request),

@@ -35,7 +35,7 @@ def show(robot: Message, messages: Iterable[Message], *, title: str) -> int:
 
     def begun(site: ViewerSite) -> Drawing:
         known = ViewerState()
-        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
+        viewer = RobotViewer(site, known, RobotPage(site, known, None))
         return lambda ended: run(viewer, known, news(), ended)
 
     return served(begun, title=title)
@@ -64,8 +64,8 @@ def watch(
 
     def begun(site: ViewerSite) -> Drawing:
         known = ViewerState()
-        page = RobotPage(site.server, known, StopThreads(ways))
-        viewer = RobotViewer(site, known, page, OperatorControls(site.server, place) if operate else None)
+        page = RobotPage(site, known, StopThreads(ways))
+        viewer = RobotViewer(site, known, page, OperatorControls(site, place) if operate else None)
         return lambda ended: run(viewer, known, messages(ways, ended), ended)
 
     return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)

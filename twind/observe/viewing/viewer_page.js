@@ -1,0 +1,170 @@
+// The page's own script: stop buttons, buttons that move the robot only while they are held, joint angles.
+//
+// The viewer sends a token every 40 ms while a button is held. Each is returned here at once, in the thread
+// that also sees the pointer: a page that is frozen or hidden returns none, and the viewer stops the motion.
+(() => {
+  "use strict";
+  const AGAIN = 500; // ms between two tries to connect
+  const NARROW = "(max-width: 900px)"; // below it viser's own layout for small screens is used
+
+  // Before viser's script runs: its theme and its layout follow the screen.
+  const search = new URLSearchParams(location.search);
+  if (matchMedia("(prefers-color-scheme: dark)").matches && !search.has("darkMode"))
+    history.replaceState(null, "", `${location.pathname}?darkMode`);
+  const ask = window.matchMedia.bind(window);
+  window.matchMedia = (query) => ask(query === "(max-width: 36em)" ? NARROW : query);
+
+  let socket = null;
+  let number = 0;
+  let held = null; // {button, pointer, number}
+  let newest = null; // the newest of them: its refusal may come after its release
+
+  const rowOf = (button) => button.closest("[data-twind-row]");
+
+  function say(button, text, done) {
+    const place = rowOf(button)?.querySelector("[data-twind-answer]");
+    if (!place) return;
+    place.textContent = text;
+    place.dataset.done = String(done);
+  }
+
+  function send(message) {
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  }
+
+  function release() {
+    if (!held) return;
+    send({ press: held.number });
+    held.button.removeAttribute("data-held");
+    held = null;
+  }
+
+  function press(event) {
+    const button = event.target.closest?.("[data-twind-kind]");
+    if (!button || event.button !== 0 || !event.isTrusted) return;
+    event.preventDefault();
+    release();
+    if (socket?.readyState !== WebSocket.OPEN) {
+      say(button, "not moved: no connection to the viewer", false);
+      return;
+    }
+    number += 1;
+    newest = held = { button, pointer: event.pointerId, number };
+    button.setAttribute("data-held", "");
+    button.setPointerCapture(event.pointerId);
+    for (const place of document.querySelectorAll("[data-twind-answer]")) place.textContent = "";
+    const key = document.querySelector("[data-twind-key]")?.dataset.twindKey ?? "";
+    send({ press: number, key, kind: button.dataset.twindKind, name: button.dataset.twindName });
+  }
+
+  function lift(event) {
+    if (held && event.pointerId === held.pointer) release();
+  }
+
+  function leave(event) {
+    if (!held || event.pointerId !== held.pointer) return;
+    const edge = held.button.getBoundingClientRect();
+    const inside =
+      event.clientX >= edge.left && event.clientX <= edge.right &&
+      event.clientY >= edge.top && event.clientY <= edge.bottom;
+    if (!inside) release();
+  }
+
+  const isHeldHere = () =>
+    held && document.visibilityState === "visible" && held.button.isConnected;
+
+  function take(message) {
+    if ("stops" in message) {
+      if (message.stops.length) addStops();
+    } else if ("stop" in message) {
+      tell(`${message.title}: ${message.text}`, message.done);
+    } else if ("token" in message) {
+      if (held?.number !== message.press) return;
+      if (isHeldHere()) send({ press: message.press, token: message.token });
+      else release();
+    } else if ("title" in message) {
+      if (newest?.number !== message.press) return;
+      const wasHeld = held === newest;
+      release();
+      if (wasHeld || message.title !== "lapsed")
+        say(newest.button, [message.title, message.text].filter(Boolean).join(": "), message.done);
+    } else if (message.position) {
+      show(message);
+    }
+  }
+
+  document.addEventListener("pointerdown", press, true);
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"])
+    document.addEventListener(name, lift, true);
+  document.addEventListener("pointermove", leave, true);
+  document.addEventListener("contextmenu", (event) => {
+    if (event.target.closest?.("[data-twind-kind]")) event.preventDefault(); // of a long touch
+  }, true);
+  document.addEventListener("visibilitychange", release);
+  for (const name of ["pagehide", "freeze", "blur"]) window.addEventListener(name, release);
+
+  function show(values) {
+    for (const row of document.querySelectorAll("[data-twind-row][data-place]")) {
+      const place = Number(row.dataset.place);
+      const lower = Number(row.dataset.lower);
+      const span = Number(row.dataset.upper) - lower;
+      for (const [name, mark] of [["position", ".tw-is"], ["goal", ".tw-goal"]]) {
+        const value = values[name]?.[place];
+        const part = row.querySelector(mark);
+        part.hidden = typeof value !== "number";
+        if (part.hidden) continue;
+        const share = Math.min(1, Math.max(0, (value - lower) / span));
+        part.style.left = `${(100 * share).toFixed(2)}%`;
+        if (name === "position") row.dataset.near = String(share < 0.05 || share > 0.95);
+      }
+      const value = values.position[place];
+      const text = typeof value === "number" ? value.toFixed(3) : "–";
+      const number = row.querySelector(".tw-number");
+      if (number.textContent !== text) number.textContent = text;
+    }
+  }
+
+  function connect() {
+    if (socket && socket.readyState <= WebSocket.OPEN) return;
+    const base = location.pathname.replace(/\/[^/]*$/, "");
+    socket = new WebSocket(`ws://${location.host}${base}/twind`);
+    socket.onmessage = (event) => take(JSON.parse(event.data));
+    socket.onclose = release;
+  }
+
+  function tell(text, done) {
+    const place = document.querySelector(".tw-stops output");
+    place.textContent = text;
+    place.dataset.done = String(done);
+  }
+
+  function addStops() {
+    if (document.querySelector(".tw-stops")) return;
+    const bar = document.createElement("div");
+    bar.className = "tw-stops";
+    for (const [name, text, title] of [
+      ["estop", "E-STOP", "lower the robot, torque off, latched"],
+      ["stop", "Stop", "the motion comes to a hold; needs an operator"],
+    ]) {
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: text, title, className: `tw-${name}` });
+      button.addEventListener("click", () => {
+        release();
+        if (socket?.readyState !== WebSocket.OPEN) {
+          tell(`${text} NOT sent: no connection to the viewer; use its own switch`, false);
+          return;
+        }
+        tell(`${text} …`, true);
+        send({ press: number, stop: name });
+      });
+      bar.append(button);
+    }
+    bar.append(document.createElement("output"));
+    document.body.append(bar);
+    document.body.dataset.twindStops = "";
+    window.dispatchEvent(new Event("resize"));
+  }
+
+  connect();
+  setInterval(connect, AGAIN);
+})();
