@@ -33,6 +33,7 @@ class TwindRobot(LeRobotDevice):
         self._robot: Robot | None = None
         self._stream: GoalStream | None = None
         self._approached = False
+        self._clipped: set[str] = set()  # joints whose last action was clipped
         with Robot(config.socket, read_only=True) as robot:
             self.joints = robot.names
 
@@ -118,10 +119,11 @@ class TwindRobot(LeRobotDevice):
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
             return {f"{name}{KEY}": degrees(at) for name, at in self._in_force(robot).items()}
-        for change in changes:
-            if change["code"] == "POS_LIMIT" and change["joint"] in sent:
-                sent[change["joint"]] = change["bound"]
-                logger.warning("%s: action clipped: %s", robot.name, change["message"])
+        clipped = {each["joint"]: each for each in changes if each["code"] == "POS_LIMIT"}
+        for joint in clipped.keys() - self._clipped:  # once: a leader may rest beyond a limit
+            logger.warning("%s: action clipped: %s", robot.name, clipped[joint]["message"])
+        self._clipped = set(clipped)
+        sent |= {joint: each["bound"] for joint, each in clipped.items() if joint in sent}
         return {f"{name}{KEY}": degrees(at) for name, at in sent.items()}
 
     def _connected(self) -> tuple[Robot, GoalStream]:
