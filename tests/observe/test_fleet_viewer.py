@@ -16,11 +16,25 @@ from twind.observe.viewing import status_html
 from twind.observe.viewing import viewer_state as news_module
 from twind.observe.viewing.fleet.fleet_page import Broadcast
 from twind.observe.viewing.fleet.fleet_robot_place import camera, spots
-from twind.observe.viewing.fleet.robot_health import GREY, HealthLevel, described, page, standing, summary
+from twind.observe.viewing.fleet.robot_health import (
+    COLOURS,
+    GREY,
+    HealthLevel,
+    described,
+    page,
+    standing,
+    summary,
+)
 from twind.observe.viewing.robot_connections import local
 from twind.observe.viewing.stop_threads import StopOutcome, StopThreads, Tell
 from twind.observe.viewing.viewer_state import DaemonLost, News
 from twind_drivers.clock import FakeClock
+
+
+@pytest.mark.parametrize("level", HealthLevel)
+def test_each_level_has_a_colour_for_the_page_and_the_scene(level: HealthLevel) -> None:
+    assert len(status_html.rgb_of(COLOURS[level])) == 3
+
 
 SILENT = {"heard": False, "age_ms": 900.0}
 FAULT = {"code": "FOLLOW_ERR", "message": "l_knee: too far off"}

@@ -23,6 +23,14 @@ RED, AMBER, GREEN, GREY, PURPLE = (
         ("purple", "#be00be"),
     )
 )
+
+
+def rgb_of(colour: str) -> tuple[int, int, int]:
+    """Return a colour of the page, `#rrggbb` or a variable with that as its default, for the 3D scene."""
+    red, green, blue = bytes.fromhex(colour.rpartition("#")[2][:6])
+    return red, green, blue
+
+
 LEVELS = {"error": RED, "warning": AMBER}
 OLD = 1.0  # s without news of joints after which the picture is called old
 NAMED = 6  # joints that are named before the rest are counted

@@ -17,6 +17,7 @@ from twind.observe.viewing.fleet.robot_health import GREY, RobotHealth
 from twind.observe.viewing.robot_figure import Colour, RobotFigure
 from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_scene import extent, marked
+from twind.observe.viewing.status_html import rgb_of
 from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
 from twind.robot.arrays import Floats
 
@@ -71,7 +72,7 @@ class FleetRobotPlace:
         """As it is now."""
         if now.told is not None and now.told is not self._told:
             self._describe(now.told)
-        colour = _rgb(how.colour)
+        colour = rgb_of(how.colour)
         if tuple(self._plate.color) != colour:
             self._plate.color = colour
         said = f"{self._name}: {how.kind}"
@@ -141,8 +142,3 @@ class _PlacedFigure:
 
     def remove(self) -> None:
         self._root.remove()
-
-
-def _rgb(colour: str) -> Colour:
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
