@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twind.client import Client, ClientError, NoAnswer
+from twind.client import Client, ClientError, Disconnected, NoAnswer
 from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
@@ -67,6 +67,7 @@ class Robot:
         self._calling = threading.RLock()
         self._renewal = LeaseRenewal(self._client)
         self._leased = False
+        self._closed = False
         self._subscriber: StateSubscriber | None = None
         self._description: Mapping[str, Any] = self._client.call("GetRobot")["robot"]
 
@@ -90,6 +91,7 @@ class Robot:
                     with contextlib.suppress(ClientError, RuntimeError):
                         self._client.call("ReleaseLease")
                 self._leased = False
+                self._closed = True
                 self._client.close()
             if self._subscriber is not None:
                 self._subscriber.close()
@@ -269,18 +271,20 @@ class Robot:
             try:
                 for report in self._client.stream("SubmitTrajectory", trajectory=given):
                     last = report
-            except KeyboardInterrupt:
-                self.stop()
-                self._client.close()  # the reports that are left are nobody's
-                self._leased = False
-                raise
-            finally:
+            finally:  # an exception on the way, such as KeyboardInterrupt, closes the connection: it holds
                 self._client.timeout = usual
         return outcome_of(last)
 
     def stop(self) -> None:
-        """Decelerate and hold, at once and from any thread. A motion under way raises MotionFailed."""
-        self._client.notify("Cancel")
+        """Decelerate and hold, at once and from any thread. A motion under way raises MotionFailed.
+
+        Raises ClientError: no daemon is there.
+        """
+        if self._client.connected:
+            self._client.notify("Cancel")  # beside the call under way
+        else:
+            with Client(self._socket) as client:
+                client.call("Cancel")
 
     def stream(
         self,
@@ -331,6 +335,8 @@ class Robot:
 
     def _connect(self) -> None:
         """Reconnect after a restart of the daemon, whose new process knows no lease of ours."""
+        if self._closed:
+            raise Disconnected(f"{self.name}: this Robot was closed; make a new one")
         if self._client.is_hung_up():
             self._client.close()
         if not self._client.connected:

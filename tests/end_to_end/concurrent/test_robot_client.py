@@ -13,7 +13,7 @@ import pytest
 import twind.aio
 from tests.support.processes import Daemon, patiently
 from twind import Robot
-from twind.client import CallError, Client, MotionFailed, Refused
+from twind.client import CallError, Client, Disconnected, MotionFailed, Refused
 from twind.exceptions import InvalidInput
 
 
@@ -104,6 +104,15 @@ def test_after_a_restart_it_reconnects_and_takes_the_lease_again(tmp_path: Path)
             assert robot.state.joints["head_yaw"].age is not None
     finally:
         first.kill()
+
+
+def test_a_closed_robot_moves_nothing(daemon: Daemon) -> None:
+    robot = Robot(daemon.sockets)
+    robot.close()
+    robot.close()
+    with pytest.raises(Disconnected, match="closed"):
+        robot.move({"head_yaw": 0.1}, time=1.0)
+    robot.stop()  # by a connection of its own
 
 
 def test_an_observer_reads_and_cannot_move(daemon: Daemon) -> None:
