@@ -47,7 +47,7 @@ def test_robots_without_a_common_joint_are_refused() -> None:
 def test_a_reading_is_used_only_if_it_is_fresh_and_finite(past: float, age: float, position: float) -> None:
     usable = stale_reading([JointLink("a", "b")], past, {"a": position}, {"a": age}) is None
     finite = abs(position) < float("inf")
-    assert usable == (0.0 <= past <= STALE and past + age <= STALE and finite)
+    assert usable == (0.0 <= past <= STALE and past <= past + age <= STALE and finite)
 
 
 def test_a_joint_that_is_missing_in_the_reading_is_stale() -> None:

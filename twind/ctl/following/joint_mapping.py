@@ -72,7 +72,7 @@ def stale_reading(
         return f"the leader's state is {past * 1e3:.0f} ms old, bound {STALE * 1e3:.0f} ms"
     for each in links:
         age = past + ages.get(each.leader, float("nan"))
-        if not age <= STALE:
+        if not past <= age <= STALE:  # an age below 0 is no reading
             return f"the leader's {each.leader} was read {age * 1e3:.0f} ms ago, bound {STALE * 1e3:.0f} ms"
         if not isfinite(positions.get(each.leader, float("nan"))):
             return f"the leader's {each.leader} gave no position"
