@@ -1,0 +1,1 @@
+"""`twindctl follow`: goals of a follower from the readings of a leader."""
