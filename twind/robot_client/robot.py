@@ -143,20 +143,20 @@ class Robot:
         """The newest state by joint. Raises as `state`."""
         return self.state.joints
 
-    def states(self) -> Iterator[RobotSnapshot]:
-        """Yield each new state, without end. Raises ClientError when the daemon ends."""
+    def states(self, patience: float = FIRST) -> Iterator[RobotSnapshot]:
+        """Yield each new state, without end. Raises NoAnswer: none came for `patience` s; ClientError."""
         sequence = -1
         while True:
-            snapshot = self._state_after(sequence)
+            snapshot = self._state_after(sequence, FIRST if sequence < 0 else patience)
             sequence = snapshot.message.sequence
             yield snapshot
 
-    def _state_after(self, sequence: int) -> RobotSnapshot:
+    def _state_after(self, sequence: int, patience: float = FIRST) -> RobotSnapshot:
         subscriber = self._listening()
-        message = subscriber.after(sequence, time.monotonic() + FIRST)
+        message = subscriber.after(sequence, time.monotonic() + patience)
         if message is None:
             why = subscriber.ended or "is the machine busy?"
-            raise NoAnswer(f"{self.name}: no state within {FIRST:g} s; {why}")
+            raise NoAnswer(f"{self.name}: no state within {patience:g} s; {why}")
         return RobotSnapshot(self.names, message)
 
     def _listening(self) -> StateSubscriber:
