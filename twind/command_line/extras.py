@@ -11,6 +11,8 @@ from pathlib import Path
 from shlex import quote
 from urllib.parse import unquote, urlsplit
 
+from twind.version import DISTRIBUTION
+
 
 def how_to_add(extra: str) -> str:
     """The shell command for the environment that this process runs in, such as `make -C CLONE extras …`."""
@@ -37,7 +39,7 @@ def command(extra: str, prefix: Path, python: str, source: Path | None) -> str:
 def clone() -> Path | None:
     """The folder that twind was installed from, as pip recorded it; None: a wheel, or it is gone."""
     try:
-        recorded = distribution("twind-robot").read_text("direct_url.json")
+        recorded = distribution(DISTRIBUTION).read_text("direct_url.json")
     except PackageNotFoundError:
         return None
     folder = Path(unquote(urlsplit(json.loads(recorded)["url"]).path)) if recorded else None

@@ -25,6 +25,7 @@ from twind.doctor.check_context import CheckContext, Inspection
 from twind.doctor.host_inspector import BOOTED, HostInspector, is_daemon
 from twind.exceptions import OperationFailed
 from twind.loop.process.realtime import LIMIT, PRIORITY
+from twind.version import DISTRIBUTION
 from twind_drivers.ports.port_holder import command
 
 CORES = 2
@@ -237,7 +238,7 @@ def check_software(context: CheckContext) -> Iterator[DoctorFinding]:
     if sys.version_info < PYTHON:
         has = ".".join(map(str, sys.version_info[:3]))
         yield DoctorFinding("SOFTWARE_OLD", "Python", has, ".".join(map(str, PYTHON)))
-    yield from outdated(metadata.requires("twind") or [])
+    yield from outdated(metadata.requires(DISTRIBUTION) or [])
     if BOOTED.is_dir():
         version = int(context.host.program("systemctl", "--version").split()[1])
         if version < SYSTEMD:
