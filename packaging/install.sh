@@ -208,7 +208,7 @@ environment() {
         mkdir -p "$top/versions"
         "$python" -m venv "$new"
         "$new/bin/python" -m pip --disable-pip-version-check --quiet install --no-compile --no-index --find-links "$1" \
-            "$(extended twind)" || {
+            "$(extended twind-robot)" || {
             rm -rf "$new"
             fail "the environment was not made; what was installed before is as it was"
         }

@@ -126,6 +126,7 @@ def push(rig: Rig, joint: str, to: float) -> None:
 # ------------------------------------------------------------ a joint that rests on its mechanical stop
 
 STOPS = {"l_knee": -0.15, "r_elbow": 0.15}  # rad, hard limits that are the model's range, where a stop is
+COUNT = 2.0 * np.pi / 4096  # rad
 STOP_READING = 0.0007  # rad past the limit that was measured at a stop
 
 
@@ -147,8 +148,9 @@ def test_a_joint_on_its_stop_is_armed_does_not_push_outward_and_moves_inside(
     rig.seconds(0.5)
     held = rig.truth[places]
     assert (outward * (held - begun)).max() < 1e-6
-    assert np.abs(held - begun).max() <= GuardThresholds().beyond_hard
-    goals = {name: limit - 0.4 * np.sign(limit) for name, limit in STOPS.items()}
+    # The goal is the end of the range, rounded inwards to a whole count.
+    assert np.abs(held - begun).max() <= GuardThresholds().beyond_hard + COUNT
+    goals = {name: float(limit - 0.4 * np.sign(limit)) for name, limit in STOPS.items()}
     if by == "motion":
         path = rig.path("l_knee", [goals["l_knee"]], [2.0])
         path.commanded[places[1]] = True
