@@ -42,7 +42,8 @@ class StreamReport:
     late: int = 0  # periods that the caller missed
     answer_s: float = 0.0  # longest wait for an answer
     behind: dict[str, float] = field(default_factory=dict)  # rad, joints that cannot keep up now
-    changes: deque[Mapping[str, Any]] = field(default_factory=lambda: deque(maxlen=KEPT))  # made by the gate
+    # made by the gate, the newest last
+    changes: deque[Mapping[str, Any]] = field(default_factory=lambda: deque(maxlen=KEPT), repr=False)
 
 
 class GoalStream:
