@@ -214,8 +214,11 @@ def test_the_python_example_of_the_readme_moves_the_simulation(
     (example,) = fenced(README, "python")
     folder, environment = simulation
     (folder / "example.py").write_text(example)
+    before = json.loads(run("twindctl --json status", folder, environment))["status"]["loop"]["ticks"]
     said = run(f"{shlex.quote(sys.executable)} example.py", folder, environment).splitlines()
-    assert said[0].startswith("accepted") and said[-1] == "succeeded 100%"
+    after = json.loads(run("twindctl --json status", folder, environment))["status"]["loop"]["ticks"]
+    assert said[-1].startswith("JointReading(name='head_yaw', position=")
+    assert after - before > 500  # a move of 1 s and a wave of 9 s were waited for
 
 
 def test_the_setpoint_example_of_the_protocol_page_moves_the_simulation(
