@@ -3,11 +3,14 @@
 import asyncio
 import os
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
+from twind.client import ClientError
 from twind.robot_client.goal_stream import Goals, GoalStream, StreamReport
 from twind.robot_client.motion_outcome import MotionOutcome
 from twind.robot_client.robot import Robot as BlockingRobot
@@ -20,11 +23,12 @@ T = TypeVar("T")
 class AsyncRobot:
     """`twind.Robot` whose methods are awaited. `async with` connects; arguments and errors are the same.
 
-    A cancelled await of a motion stops the motion.
+    A cancelled await of a motion stops the robot, as `stop` does.
     """
 
     def __init__(self, socket: str | os.PathLike[str] | None = None, **options: Any) -> None:
         self._make = lambda: BlockingRobot(socket, **options)
+        self._stopper = ThreadPoolExecutor(1, "stop")  # never behind a motion
         self._robot: BlockingRobot | None = None
 
     async def __aenter__(self) -> "AsyncRobot":
@@ -61,7 +65,9 @@ class AsyncRobot:
 
     async def estop(self, *, cut: bool = False, reason: str = "") -> None:
         """`Robot.estop`."""
-        await asyncio.to_thread(self.blocking.estop, cut=cut, reason=reason)
+        robot = self.blocking
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._stopper, lambda: robot.estop(cut=cut, reason=reason))
 
     async def reset(self) -> None:
         """`Robot.reset`."""
@@ -85,9 +91,9 @@ class AsyncRobot:
         """`Robot.play`."""
         return await self._moving(self.blocking.play, motion, **options)
 
-    def stop(self) -> None:
-        """`Robot.stop`: it does not wait."""
-        self.blocking.stop()
+    async def stop(self) -> None:
+        """`Robot.stop`."""
+        await asyncio.get_running_loop().run_in_executor(self._stopper, self.blocking.stop)
 
     def stream(self, joints: Sequence[str] | None = None, **options: Any) -> "AsyncGoalStream":
         """`Robot.stream`, for `async with` and `async for`."""
@@ -97,7 +103,8 @@ class AsyncRobot:
         try:
             return await asyncio.to_thread(method, *args, **kwargs)
         except asyncio.CancelledError:
-            self.stop()
+            with suppress(ClientError):
+                await asyncio.shield(self.stop())
             raise
 
 

@@ -98,7 +98,8 @@ class SocketLine:
         A closed connection is no error yet: messages that the daemon sent before explain why.
         """
         sock = self._socket
-        assert sock is not None
+        if sock is None:  # closed by another thread
+            return
         deadline = time.monotonic() + patience
         rest = memoryview(message + b"\0")
         with self._sending:
@@ -106,8 +107,8 @@ class SocketLine:
                 try:
                     rest = rest[sock.send(rest) :]
                 except BlockingIOError:
-                    _wait(sock, select.POLLOUT, deadline)
-                except OSError:
+                    _wait(sock, select.POLLOUT, deadline)  # raises TimeoutError, out of this clause
+                except (OSError, ValueError):  # closed, by the daemon or by another thread
                     return
 
     def is_hung_up(self) -> bool:

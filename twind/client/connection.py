@@ -120,7 +120,6 @@ class Client:
         Leaving it before its end closes the connection. Raises as `call`.
         """
         self._send(method, parameters, more=True)
-        self._streaming = True
         return self._answers(method)
 
     def bursts(self, method: str, **parameters: Any) -> Generator[list[bytes], None, None]:
@@ -130,7 +129,6 @@ class Client:
         answer. Leaving the iterator closes the connection. Raises NoDaemon, Disconnected, NoAnswer.
         """
         self._send(method, parameters, more=True)
-        self._streaming = True
         return self._bursts(method)
 
     def _bursts(self, method: str) -> Generator[list[bytes], None, None]:
@@ -161,11 +159,15 @@ class Client:
             raise RuntimeError(f"{method}: {self._begun} is not answered yet on this connection: finish it")
         data = _message(method, parameters, {"more": True} if more else {})
         self.connect()
+        self._streaming = more
         try:
             self._line.send(data, self.timeout)
         except TimeoutError:
             self.close()
             raise NoAnswer(f"{method}: the daemon did not read the call within {self.timeout:g} s") from None
+        except BaseException:  # Ctrl-C: the answer that comes must not be taken for that of the next call
+            self.close()
+            raise
 
     def _receive(self, method: str) -> tuple[Answer, bool]:
         """Return the parameters of the next answer, and whether more follow."""
@@ -195,7 +197,7 @@ class Client:
         except EOFError:
             self.close()
             raise Disconnected(f"{self.path}: the daemon closed the connection during {method}") from None
-        except ClientError:
+        except BaseException:  # Ctrl-C too: the answer must not be taken for that of the next call
             self.close()
             raise
 

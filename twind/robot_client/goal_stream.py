@@ -191,7 +191,7 @@ class GoalStream:
                 self._next = None
             try:
                 self._exchange(*setpoint)
-            except ClientError as error:
+            except Exception as error:  # noqa: BLE001  a thread that dies in silence would send nothing for ever
                 with self._news:
                     self._failure = error if self._strict or not isinstance(error, Refused) else None
 

@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from math import radians
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twind.client import Client, ClientError, Disconnected, NoAnswer
+from twind.client import Client, ClientError, Disconnected, MotionFailed, NoAnswer, Refused
 from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
@@ -25,6 +26,8 @@ from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_subscriber import StateSubscriber
 
 FIRST = 2.0  # s for the first state
+STOP = 2.0  # s for the answer to a stop
+CLOSED = "{}: this Robot was closed; make a new one"
 MOTION = 130.0  # s without a report of a motion: its start may lie 60 s ahead
 
 
@@ -68,6 +71,8 @@ class Robot:
         self._renewal = LeaseRenewal(self._client)
         self._leased = False
         self._closed = False
+        self._stops = 0  # calls of `stop`
+        self._listening_lock = threading.Lock()
         self._subscriber: StateSubscriber | None = None
         self._description: Mapping[str, Any] = self._client.call("GetRobot")["robot"]
 
@@ -160,6 +165,12 @@ class Robot:
         return RobotSnapshot(self.names, message)
 
     def _listening(self) -> StateSubscriber:
+        with self._listening_lock:
+            return self._subscribed()
+
+    def _subscribed(self) -> StateSubscriber:
+        if self._closed:
+            raise Disconnected(CLOSED.format(self.name))
         if self._subscriber is not None and self._subscriber.ended:
             self._subscriber.close()
             self._subscriber = None
@@ -203,11 +214,13 @@ class Robot:
         `time`: s; without it slow, by the longest way. `retime`: slow down what is too fast, instead of
         refusing it. Raises Refused: the gate refused; MotionFailed: it was stopped or replaced; ClientError.
         """
+        stops = self._stops
         if not goals:
             raise InvalidInput("move: no goals")
         scale = radians(1.0) if degrees else 1.0
         wanted = {name: float(goal) * scale for name, goal in goals.items()}
         seconds = self._duration(wanted) if time is None else float(time)
+        self._require_unstopped(stops)
         return self.follow(list(wanted), [list(wanted.values())], [seconds], retime=retime)
 
     def pose(self, name: str, *, time: float | None = None, retime: bool = False) -> MotionOutcome:
@@ -263,28 +276,47 @@ class Robot:
     def submit(self, trajectory: Mapping[str, Any], *, retime: bool = False) -> MotionOutcome:
         """Run a `Trajectory` of the interface to its end. KeyboardInterrupt stops it. Raises as `move`."""
         given = {**trajectory, "policy": "retime"} if retime else dict(trajectory)
+        return self._run(given, self._stops)
+
+    def _run(self, trajectory: Mapping[str, Any], stops: int) -> MotionOutcome:
+        """Run a trajectory, unless `stop` was called since `stops` were counted."""
         with self._calling:
             self._lease()
             usual = self._client.timeout
             self._client.timeout = MOTION
             last: Mapping[str, Any] = {}
             try:
-                for report in self._client.stream("SubmitTrajectory", trajectory=given):
-                    last = report
-            finally:  # an exception on the way, such as KeyboardInterrupt, closes the connection: it holds
+                self._require_unstopped(stops)
+                # An exception on the way, such as KeyboardInterrupt, closes the connection: the robot holds.
+                with closing(self._client.stream("SubmitTrajectory", trajectory=trajectory)) as reports:
+                    for report in reports:
+                        last = report
+            except Refused as refusal:
+                self._forget_lost_lease(refusal)
+                raise
+            finally:
                 self._client.timeout = usual
         return outcome_of(last)
 
     def stop(self) -> None:
-        """Decelerate and hold, at once and from any thread. A motion under way raises MotionFailed.
+        """Decelerate and hold, at once and from any thread; a motion that is about to begin does not.
 
-        Raises ClientError: no daemon is there.
+        A motion under way, and a stream at its next `send`, raise MotionFailed. Raises ClientError.
         """
+        self._stops += 1
         if self._client.connected:
-            self._client.notify("Cancel")  # beside the call under way
-        else:
-            with Client(self._socket) as client:
-                client.call("Cancel")
+            self._client.notify("Cancel")  # at once, beside the call under way
+        with Client(self._socket, timeout=STOP) as client:  # and answered, in case that connection was lost
+            client.call("Cancel")
+
+    def _require_unstopped(self, stops: int) -> None:
+        if self._stops != stops:
+            raise MotionFailed("cancelled", ())
+
+    def _forget_lost_lease(self, refusal: Refused) -> None:
+        """Take the lease anew at the next call where this one was refused for want of it."""
+        if any(each["code"] == "LEASE_MISSING" for each in refusal.findings):
+            self._leased = False
 
     def stream(
         self,
@@ -312,7 +344,19 @@ class Robot:
             raise InvalidInput(f"no joint {unknown[0]}; there are {', '.join(known)}")
         limits = np.array([known[name]["velocity_limit"] for name in named], np.float64)
         scale = radians(1.0) if degrees else 1.0
-        return GoalStream(self._command, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
+        stops = self._stops
+
+        def send(method: str, **parameters: Any) -> Mapping[str, Any]:
+            self._require_unstopped(stops)
+            # A goal that waited for another call would be followed late.
+            if not self._calling.acquire(timeout=parameters["valid_for"]):
+                raise NoAnswer(f"{self.name}: a goal was not sent, another call of this Robot is under way")
+            try:
+                return self._command(method, **parameters)
+            finally:
+                self._calling.release()
+
+        return GoalStream(send, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
 
     def _duration(self, goals: Mapping[str, float]) -> float:
         with self._calling:
@@ -331,12 +375,16 @@ class Robot:
         """Call with the lease. Raises ClientError."""
         with self._calling:
             self._lease()
-            return self._client.call(method, **parameters)
+            try:
+                return self._client.call(method, **parameters)
+            except Refused as refusal:
+                self._forget_lost_lease(refusal)
+                raise
 
     def _connect(self) -> None:
         """Reconnect after a restart of the daemon, whose new process knows no lease of ours."""
         if self._closed:
-            raise Disconnected(f"{self.name}: this Robot was closed; make a new one")
+            raise Disconnected(CLOSED.format(self.name))
         if self._client.is_hung_up():
             self._client.close()
         if not self._client.connected:

@@ -16,7 +16,7 @@ from twind.safety.guard_types import GuardThresholds
 
 # Of the expected lag: friction, a supply below nominal and acceleration add to it, and no key states them.
 MARGIN = 1.5
-# rad: no bound is worked out beyond it, as a joint so far off is damped by default. The owner may write more.
+# rad: no bound is worked out beyond it; damping follows 0.3 rad further. The owner may write more.
 MOST = 0.5
 
 

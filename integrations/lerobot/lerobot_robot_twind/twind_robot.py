@@ -1,6 +1,7 @@
 """A robot of LeRobot that a twind daemon drives: every action passes the gate."""
 
 import logging
+from contextlib import suppress
 from functools import cached_property
 from math import degrees, radians
 from typing import Any
@@ -17,6 +18,7 @@ from twind.robot_client.goal_stream import GoalStream
 
 logger = logging.getLogger(__name__)
 KEY = ".pos"
+FAR = 0.5  # rad between a goal and the joint, beyond which it moves slowly; a joint lags by less
 
 
 class TwindRobot(LeRobotDevice):
@@ -83,6 +85,9 @@ class TwindRobot(LeRobotDevice):
             self._stream.__enter__()
         except BaseException:
             robot.close()
+            for camera in self.cameras.values():
+                if camera.is_connected:
+                    camera.disconnect()
             raise
         self._robot = robot
         self._approached = not self.config.approach
@@ -92,10 +97,13 @@ class TwindRobot(LeRobotDevice):
         robot, stream = self._connected()
         self._robot = None
         self._stream = None
-        stream.__exit__(None, None, None)
-        robot.close()
-        for camera in self.cameras.values():
-            camera.disconnect()
+        try:
+            with suppress(Refused):  # of the last action, which was logged
+                stream.__exit__(None, None, None)
+        finally:
+            robot.close()
+            for camera in self.cameras.values():
+                camera.disconnect()
 
     def get_observation(self) -> dict[str, Any]:
         """Read joints (degrees) and pictures. Raises DeviceNotConnectedError: a reading is stale."""
@@ -108,16 +116,18 @@ class TwindRobot(LeRobotDevice):
         robot, stream = self._connected()
         goals = {key.removesuffix(KEY): radians(value) for key, value in action.items() if key.endswith(KEY)}
         sent = {name: goals[name] for name in self.joints if name in goals}
-        if not self._approached:
-            sent = {
-                name: min(max(at, robot.limits[name][0]), robot.limits[name][1]) for name, at in sent.items()
-            }
-            robot.move(sent, retime=True)
+        if not self._approached or self._is_far(robot, sent):
+            limits = robot.limits
+            robot.move(
+                {name: min(max(at, limits[name][0]), limits[name][1]) for name, at in sent.items()},
+                retime=True,
+            )
             self._approached = True
         try:
             changes = stream.send_and_wait(sent)
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
+            self._approached = not self.config.approach  # the leader may be elsewhere when it goes on
             return {f"{name}{KEY}": degrees(at) for name, at in self._in_force(robot).items()}
         clipped = {each["joint"]: each for each in changes if each["code"] == "POS_LIMIT"}
         for joint in clipped.keys() - self._clipped:  # once: a leader may rest beyond a limit
@@ -125,6 +135,14 @@ class TwindRobot(LeRobotDevice):
         self._clipped = set(clipped)
         sent |= {joint: each["bound"] for joint, each in clipped.items() if joint in sent}
         return {f"{name}{KEY}": degrees(at) for name, at in sent.items()}
+
+    def _is_far(self, robot: Robot, goals: dict[str, float]) -> bool:
+        """True where a goal is so far that the robot would go there at full speed."""
+        joints = robot.joints
+        here = {name: joints[name].position for name in goals}
+        return self.config.approach and any(
+            at is None or abs(goals[name] - at) > FAR for name, at in here.items()
+        )
 
     def _connected(self) -> tuple[Robot, GoalStream]:
         if self._robot is None or self._stream is None:

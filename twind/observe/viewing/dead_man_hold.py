@@ -99,6 +99,11 @@ class DeadManHold:
             if self._hold is not None and self._hold.press == press:
                 self._hold = None
 
+    def end_all(self) -> None:
+        """End the hold of whatever tab: a stop was asked for."""
+        with self._lock:
+            self._hold = None
+
     def forget(self, tab: int) -> None:
         """End the hold of a tab that is gone. Its number is not used again."""
         with self._lock:

@@ -69,6 +69,7 @@ def _is_begun(hold: DeadManHold, press: Press) -> bool:
 def _follow(client: Client, motion: JogMotion, hold: DeadManHold, press: Press) -> StopOutcome:
     last = time.monotonic()
     done_at = None
+    is_ours = True  # a refusal may mean that another client moves the robot now: no Cancel then
     try:
         while hold.phase(press, now := time.monotonic()) is HoldPhase.HELD:
             if motion.is_done:
@@ -85,7 +86,11 @@ def _follow(client: Client, motion: JogMotion, hold: DeadManHold, press: Press) 
                 valid_for=VALID,
             )
             time.sleep(max(0.0, now + PERIOD - time.monotonic()))
+    except CallError:
+        is_ours = False
+        raise
     finally:
-        with contextlib.suppress(ClientError):
-            client.call("Cancel")
+        if is_ours:
+            with contextlib.suppress(ClientError):
+                client.call("Cancel")
     return LAPSED

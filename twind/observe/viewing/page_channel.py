@@ -87,6 +87,7 @@ class PageTab:
         press = Press(self.number, int(told["press"]))
         match told:
             case {"stop": str(name)}:
+                self._channel.hold.end_all()
                 self._channel.stops[name].ask(partial(self._tell, press, stop=name))
             case {"token": int(token)}:
                 self._channel.hold.beat(press, token, time.monotonic())

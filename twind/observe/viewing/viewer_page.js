@@ -67,7 +67,8 @@
     const inside =
       event.clientX >= edge.left && event.clientX <= edge.right &&
       event.clientY >= edge.top && event.clientY <= edge.bottom;
-    if (!inside) release();
+    // A mouse reports no pointerup while another of its buttons is down, and one may be lost.
+    if (!inside || !(event.buttons & 1)) release();
   }
 
   const isHeldHere = () =>
