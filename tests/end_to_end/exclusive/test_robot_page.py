@@ -63,12 +63,23 @@ def shown() -> Iterator[Shown]:
             drawing.join(10.0)
 
 
+def steady_picture(page: Any) -> Any:
+    """Return the picture once it no longer changes: meshes, light and shadows of a page come one by one."""
+    last = picture(page)
+    for _ in range(20):
+        now = picture(page)
+        if not changed(last, now).any():
+            return now
+        last = now
+    raise AssertionError("the picture does not come to rest")
+
+
 def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     told = h24()
     for news in (RobotAnnounced(told), status(), state(told)):
         shown.known.take(news)
     shown.page.locator("[data-twind-row]").first.wait_for(timeout=60_000)  # the robot was described
-    before = picture(shown.page)
+    before = steady_picture(shown.page)
     assert shown.against_floor() > SEEN
 
     shown.known.take(state(told, 1.0, l_shoulder_roll=1.5))
@@ -78,7 +89,8 @@ def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     assert raised[:, : middle - 8].sum() < NOISE
 
     shown.known.take(state(told, 2.0))
-    assert changed(before, picture(shown.page)).sum() < NOISE
+    # Of what the arm changed; lines of the floor differ with the resolution that a slow machine gets.
+    assert (changed(before, picture(shown.page)) & raised).sum() < NOISE
 
 
 def test_a_stale_joint_is_drawn_in_red(shown: Shown) -> None:
