@@ -119,6 +119,8 @@ def seen(running: Daemon, out: Path) -> None:
             page.add_style_tag(
                 content=".mantine-Notifications-root {display: none}"
             )  # that WebGL is software
+            page.locator("[data-twind-row]").first.wait_for(timeout=60_000)  # the robot was described
+            page.wait_for_timeout(3000.0)  # its meshes come one by one
             # Whether it waves to its end beside a browser is no part of the picture.
             threading.Thread(target=tried, args=(running,), daemon=True).start()
             until(lambda: bent(running) < UP, 2 * PATIENCE, "it did not wave")
