@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from twind.client import NoAnswer, Refused
-from twind.learn.live.setpoint_session import LONGEST, SetpointSession
+from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.policy.policy_card import RATES
+from twind.robot_client.control_timing import LONGEST
 
 
 class Line:

@@ -26,7 +26,7 @@ class Daemon:
         if open:
             self.may_answer.set()
 
-    def __call__(self, method: str, **parameters: Any) -> Mapping[str, Any]:
+    def __call__(self, **parameters: Any) -> Mapping[str, Any]:
         self.calls.append(parameters)
         self.asked.set()
         assert self.may_answer.wait(10.0)

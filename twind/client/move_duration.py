@@ -1,6 +1,7 @@
 """Duration of a point-to-point move that names none. Standard library only."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from twind.client.connection import Client
 
@@ -9,8 +10,12 @@ PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
 
 
 def present_goals(client: Client) -> dict[str, float | None]:
-    """Return the goal of each joint, or else its position, rad; None: unknown. Raises ClientError."""
-    joints = client.call("GetStatus", joints=True)["joints"]
+    """Ask for the goal of each joint, or else its position, rad; None: unknown. Raises ClientError."""
+    return goals_of(client.call("GetStatus", joints=True)["joints"])
+
+
+def goals_of(joints: Iterable[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Return the goal of each `Joint` of the interface, or else its position, rad; None: unknown."""
     return {joint["name"]: joint["position"] if joint["goal"] is None else joint["goal"] for joint in joints}
 
 

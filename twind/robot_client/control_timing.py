@@ -8,6 +8,14 @@ import numpy as np
 from twind.robot_client.state_message import StateMessage
 
 MARGIN = 3e-4  # s after which a state that comes as usual is there
+PERIODS = 3.0  # that a setpoint may be followed without the next, and for how long at least and at most (s)
+SHORTEST = 0.03
+LONGEST = 0.1  # the gate's bound
+
+
+def validity(period: float) -> float:
+    """Return how long (s) a setpoint may be followed without the next, where one comes every `period` s."""
+    return min(LONGEST, max(PERIODS * period, SHORTEST))
 
 
 class RateTimer:

@@ -14,19 +14,17 @@ from numpy.typing import ArrayLike
 from twind.client import ClientError, Refused
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
-from twind.robot_client.control_timing import RateTimer
+from twind.robot_client.control_timing import RateTimer, validity
 
-LONGEST = 0.1  # s, the gate's bound for the time that a setpoint is followed without the next
-PERIODS = 3.0  # that a setpoint is followed without the next
 KEPT = 1000  # changes that the report keeps
 
 Goals = Mapping[str, float] | ArrayLike
 
 
 class GoalSender(Protocol):
-    """Sends one call with the lease. Raises ClientError."""
+    """Sends a `Setpoint` of the interface. Raises ClientError."""
 
-    def __call__(self, method: str, **parameters: Any) -> Mapping[str, Any]:
+    def __call__(self, **parameters: Any) -> Mapping[str, Any]:
         """Return the answer."""
 
 
@@ -56,7 +54,7 @@ class GoalStream:
 
     def __init__(
         self,
-        call: GoalSender,
+        send_setpoint: GoalSender,
         joints: Sequence[str],
         velocity_limits: Floats,
         rate: float,
@@ -74,8 +72,8 @@ class GoalStream:
         self.joints = tuple(joints)
         self.report = StreamReport()
         self.period = 1.0 / rate
-        self.valid_for = min(LONGEST, max(PERIODS * self.period, 0.03))
-        self._call = call
+        self.valid_for = validity(self.period)
+        self._send_setpoint = send_setpoint
         self._limits = velocity_limits
         self._scale = scale
         self._clamp = clamp or None
@@ -199,8 +197,7 @@ class GoalStream:
         """Send a setpoint, wait for its answer, report it; return the changes. Raises ClientError."""
         begun = time.monotonic()
         try:
-            answer = self._call(
-                "Setpoint",
+            answer = self._send_setpoint(
                 joint_names=list(self.joints),
                 positions=position.tolist(),
                 velocities=velocity.tolist(),

@@ -1,11 +1,10 @@
 """`twind.Robot`: one robot, driven through its daemon in a few lines."""
 
-import contextlib
 import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from functools import partial
 from math import radians
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -14,21 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twind.client import Client, ClientError, Disconnected, MotionFailed, NoAnswer, Refused
-from twind.client.move_duration import present_goals, slow_duration
+from twind.client import Client, NoAnswer
+from twind.client.move_duration import goals_of, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind.robot_client.goal_stream import GoalStream
-from twind.robot_client.lease_renewal import LeaseRenewal
-from twind.robot_client.motion_outcome import MotionOutcome, outcome_of
+from twind.robot_client.leased_connection import LeasedConnection
+from twind.robot_client.motion_outcome import MotionOutcome
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_subscriber import StateSubscriber
 
 FIRST = 2.0  # s for the first state
 STOP = 2.0  # s for the answer to a stop
-CLOSED = "{}: this Robot was closed; make a new one"
-MOTION = 130.0  # s without a report of a motion: its start may lie 60 s ahead
 
 
 class Robot:
@@ -63,18 +60,12 @@ class Robot:
         """
         self._socket = socket
         self._role = "observe" if read_only else "control"
-        self._take = take
         self._disarm = disarm
         self._state_rate = state_rate
-        self._client = Client(socket, name=self._role)
-        self._calling = threading.RLock()
-        self._renewal = LeaseRenewal(self._client)
-        self._leased = False
-        self._closed = False
-        self._stops = 0  # calls of `stop`
+        self._connection = LeasedConnection(Client(socket, name=self._role), take=take)
         self._listening_lock = threading.Lock()
         self._subscriber: StateSubscriber | None = None
-        self._description: Mapping[str, Any] = self._client.call("GetRobot")["robot"]
+        self._description: Mapping[str, Any] = self._connection.call("GetRobot")["robot"]
 
     def __enter__(self) -> "Robot":
         return self
@@ -87,17 +78,10 @@ class Robot:
     def close(self) -> None:
         """Disarm if asked for, give the lease back and disconnect. May be called twice."""
         try:
-            if self._disarm and self._leased:
+            if self._disarm and self._connection.leased:
                 self.disarm()
         finally:
-            self._renewal.stop()
-            with self._calling:
-                if self._leased and self._client.connected:
-                    with contextlib.suppress(ClientError, RuntimeError):
-                        self._client.call("ReleaseLease")
-                self._leased = False
-                self._closed = True
-                self._client.close()
+            self._connection.close()
             if self._subscriber is not None:
                 self._subscriber.close()
                 self._subscriber = None
@@ -127,7 +111,7 @@ class Robot:
     @property
     def status(self) -> Mapping[str, Any]:
         """Mode, state, faults, buses, loop: `Status` of the interface. Raises ClientError."""
-        answer: Mapping[str, Any] = self._call("GetStatus")["status"]
+        answer: Mapping[str, Any] = self._connection.call("GetStatus")["status"]
         return answer
 
     @property
@@ -169,8 +153,7 @@ class Robot:
             return self._subscribed()
 
     def _subscribed(self) -> StateSubscriber:
-        if self._closed:
-            raise Disconnected(CLOSED.format(self.name))
+        self._connection.require_open()
         if self._subscriber is not None and self._subscriber.ended:
             self._subscriber.close()
             self._subscriber = None
@@ -184,11 +167,11 @@ class Robot:
 
     def arm(self) -> None:
         """Switch torque on where the robot is; nothing moves. Raises Refused, ClientError."""
-        self._command("Arm")
+        self._connection.command("Arm")
 
     def disarm(self) -> None:
         """Move slowly to the rest pose, then switch torque off. Raises ClientError."""
-        self._call("Disarm")
+        self._connection.call("Disarm")
 
     def estop(self, *, cut: bool = False, reason: str = "") -> None:
         """Lower the robot, then switch torque off; `cut`: torque off now. Raises ClientError."""
@@ -197,7 +180,7 @@ class Robot:
 
     def reset(self) -> None:
         """Acknowledge faults and e-stops; never arms. Raises Refused, ClientError."""
-        self._call("Reset")
+        self._connection.call("Reset")
 
     # ------------------------------------------------------------------------------------------ motion
 
@@ -214,14 +197,22 @@ class Robot:
         `time`: s; without it slow, by the longest way. `retime`: slow down what is too fast, instead of
         refusing it. Raises Refused: the gate refused; MotionFailed: it was stopped or replaced; ClientError.
         """
-        stops = self._stops
+        stops = self._connection.stops
         if not goals:
             raise InvalidInput("move: no goals")
         scale = radians(1.0) if degrees else 1.0
         wanted = {name: float(goal) * scale for name, goal in goals.items()}
-        seconds = self._duration(wanted) if time is None else float(time)
-        self._require_unstopped(stops)
-        return self.follow(list(wanted), [list(wanted.values())], [seconds], retime=retime)
+        if time is None:
+            rows = self._connection.call("GetStatus", joints=True)["joints"]
+            time = slow_duration(wanted, goals_of(rows))
+        self._connection.require_unstopped(stops)
+        return self.follow(list(wanted), [list(wanted.values())], [time], retime=retime)
+
+    def approach(self, goals: Mapping[str, float]) -> MotionOutcome:
+        """Move slowly to goals (rad), those beyond a limit to the limit. Raises as `move`."""
+        limits = self.limits
+        inside = {name: min(max(goal, limits[name][0]), limits[name][1]) for name, goal in goals.items()}
+        return self.move(inside, retime=True)
 
     def pose(self, name: str, *, time: float | None = None, retime: bool = False) -> MotionOutcome:
         """Move to a pose of the robot file. Raises InvalidInput: there is no such pose; else as `move`."""
@@ -276,47 +267,16 @@ class Robot:
     def submit(self, trajectory: Mapping[str, Any], *, retime: bool = False) -> MotionOutcome:
         """Run a `Trajectory` of the interface to its end. KeyboardInterrupt stops it. Raises as `move`."""
         given = {**trajectory, "policy": "retime"} if retime else dict(trajectory)
-        return self._run(given, self._stops)
-
-    def _run(self, trajectory: Mapping[str, Any], stops: int) -> MotionOutcome:
-        """Run a trajectory, unless `stop` was called since `stops` were counted."""
-        with self._calling:
-            self._lease()
-            usual = self._client.timeout
-            self._client.timeout = MOTION
-            last: Mapping[str, Any] = {}
-            try:
-                self._require_unstopped(stops)
-                # An exception on the way, such as KeyboardInterrupt, closes the connection: the robot holds.
-                with closing(self._client.stream("SubmitTrajectory", trajectory=trajectory)) as reports:
-                    for report in reports:
-                        last = report
-            except Refused as refusal:
-                self._forget_lost_lease(refusal)
-                raise
-            finally:
-                self._client.timeout = usual
-        return outcome_of(last)
+        return self._connection.run(given, self._connection.stops)
 
     def stop(self) -> None:
         """Decelerate and hold, at once and from any thread; a motion that is about to begin does not.
 
         A motion under way, and a stream at its next `send`, raise MotionFailed. Raises ClientError.
         """
-        self._stops += 1
-        if self._client.connected:
-            self._client.notify("Cancel")  # at once, beside the call under way
-        with Client(self._socket, timeout=STOP) as client:  # and answered, in case that connection was lost
+        self._connection.note_stop()
+        with Client(self._socket, timeout=STOP) as client:  # answered, in case that connection was lost
             client.call("Cancel")
-
-    def _require_unstopped(self, stops: int) -> None:
-        if self._stops != stops:
-            raise MotionFailed("cancelled", ())
-
-    def _forget_lost_lease(self, refusal: Refused) -> None:
-        """Take the lease anew at the next call where this one was refused for want of it."""
-        if any(each["code"] == "LEASE_MISSING" for each in refusal.findings):
-            self._leased = False
 
     def stream(
         self,
@@ -334,8 +294,8 @@ class Robot:
                 stream.send({"head_yaw": 0.3 * sin(t)})
 
         `clamp`: goals beyond a limit are clipped and reported, instead of refused. `strict`: a refusal is
-        raised by the next `send`; else it is counted in `report`. Raises InvalidInput: a
-        joint that the robot does not have.
+        raised by the next `send`; else it is counted in `report`. Raises InvalidInput: a joint that the
+        robot does not have.
         """
         named = self.names if joints is None else tuple(joints)
         known = {each["name"]: each for each in self._description["joints"]}
@@ -344,63 +304,12 @@ class Robot:
             raise InvalidInput(f"no joint {unknown[0]}; there are {', '.join(known)}")
         limits = np.array([known[name]["velocity_limit"] for name in named], np.float64)
         scale = radians(1.0) if degrees else 1.0
-        stops = self._stops
-
-        def send(method: str, **parameters: Any) -> Mapping[str, Any]:
-            self._require_unstopped(stops)
-            # A goal that waited for another call would be followed late.
-            if not self._calling.acquire(timeout=parameters["valid_for"]):
-                raise NoAnswer(f"{self.name}: a goal was not sent, another call of this Robot is under way")
-            try:
-                return self._command(method, **parameters)
-            finally:
-                self._calling.release()
-
+        send = partial(self._connection.setpoint, self._connection.stops)
         return GoalStream(send, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
-
-    def _duration(self, goals: Mapping[str, float]) -> float:
-        with self._calling:
-            self._connect()
-            return slow_duration(goals, present_goals(self._client))
-
-    # ------------------------------------------------------------------------------------------ calls
-
-    def _call(self, method: str, **parameters: Any) -> Mapping[str, Any]:
-        """Call on a connection that is open. Raises ClientError."""
-        with self._calling:
-            self._connect()
-            return self._client.call(method, **parameters)
-
-    def _command(self, method: str, **parameters: Any) -> Mapping[str, Any]:
-        """Call with the lease. Raises ClientError."""
-        with self._calling:
-            self._lease()
-            try:
-                return self._client.call(method, **parameters)
-            except Refused as refusal:
-                self._forget_lost_lease(refusal)
-                raise
-
-    def _connect(self) -> None:
-        """Reconnect after a restart of the daemon, whose new process knows no lease of ours."""
-        if self._closed:
-            raise Disconnected(CLOSED.format(self.name))
-        if self._client.is_hung_up():
-            self._client.close()
-        if not self._client.connected:
-            self._client.connect()
-            self._leased = False
-
-    def _lease(self) -> None:
-        self._connect()
-        if not self._leased:
-            self._client.call("AcquireLease", take=self._take or None)
-            self._leased = True
-            self._renewal.start()
 
     def _repr_html_(self) -> str:
         """Return the table of the newest state that a notebook shows."""
         return self.state.to_html()
 
     def __repr__(self) -> str:
-        return f"<twind.Robot {self.name} at {self._client.path}>"
+        return f"<twind.Robot {self.name} at {self._connection.client.path}>"

@@ -6,12 +6,13 @@ from typing import Any
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
+from lerobot_robot_twind.calibrated_by_twind import CalibratedByTwind
 from lerobot_robot_twind.config_twind import TwindLeaderConfig
 from lerobot_robot_twind.readings import fresh_degrees
 from twind import Robot
 
 
-class TwindLeader(Teleoperator):
+class TwindLeader(CalibratedByTwind, Teleoperator):
     """Joints in degrees under `JOINT.pos`. It only reads: the arm stays limp."""
 
     config_class = TwindLeaderConfig
@@ -39,17 +40,6 @@ class TwindLeader(Teleoperator):
     def is_connected(self) -> bool:
         """True between `connect` and `disconnect`."""
         return self._robot is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """True: calibration is twind's."""
-        return True
-
-    def calibrate(self) -> None:
-        """Do nothing: `twindctl calibrate` does it."""
-
-    def configure(self) -> None:
-        """Do nothing: the robot file has the settings."""
 
     def connect(self, calibrate: bool = True) -> None:
         """Observe the daemon."""

@@ -10,10 +10,12 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot as LeRobotDevice
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
+from lerobot_robot_twind.calibrated_by_twind import CalibratedByTwind
 from lerobot_robot_twind.config_twind import TwindRobotConfig
 from lerobot_robot_twind.readings import fresh_degrees
 from twind import Robot
 from twind.client import Refused
+from twind.client.move_duration import goals_of
 from twind.robot_client.goal_stream import GoalStream
 
 logger = logging.getLogger(__name__)
@@ -21,7 +23,7 @@ KEY = ".pos"
 FAR = 0.5  # rad between a goal and the joint, beyond which it moves slowly; a joint lags by less
 
 
-class TwindRobot(LeRobotDevice):
+class TwindRobot(CalibratedByTwind, LeRobotDevice):
     """Joints in degrees under `JOINT.pos`, and cameras. Calibration is twind's."""
 
     config_class = TwindRobotConfig
@@ -54,17 +56,6 @@ class TwindRobot(LeRobotDevice):
     def is_connected(self) -> bool:
         """True between `connect` and `disconnect`."""
         return self._robot is not None and all(each.is_connected for each in self.cameras.values())
-
-    @property
-    def is_calibrated(self) -> bool:
-        """True: twind arms only calibrated joints."""
-        return True
-
-    def calibrate(self) -> None:
-        """Do nothing: `twindctl calibrate` does it."""
-
-    def configure(self) -> None:
-        """Do nothing: the robot file has gains and limits."""
 
     def connect(self, calibrate: bool = True) -> None:
         """Take the lease and open the cameras. Raises DeviceNotConnectedError: the robot is not armed."""
@@ -117,24 +108,21 @@ class TwindRobot(LeRobotDevice):
         goals = {key.removesuffix(KEY): radians(value) for key, value in action.items() if key.endswith(KEY)}
         sent = {name: goals[name] for name in self.joints if name in goals}
         if not self._approached or self._is_far(robot, sent):
-            limits = robot.limits
-            robot.move(
-                {name: min(max(at, limits[name][0]), limits[name][1]) for name, at in sent.items()},
-                retime=True,
-            )
+            robot.approach(sent)
             self._approached = True
         try:
             changes = stream.send_and_wait(sent)
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
             self._approached = not self.config.approach  # the leader may be elsewhere when it goes on
-            return {f"{name}{KEY}": degrees(at) for name, at in self._in_force(robot).items()}
+            sent = {name: at for name, at in goals_of(robot.state.message.rows).items() if at is not None}
+            return _action(sent)
         clipped = {each["joint"]: each for each in changes if each["code"] == "POS_LIMIT"}
         for joint in clipped.keys() - self._clipped:  # once: a leader may rest beyond a limit
             logger.warning("%s: action clipped: %s", robot.name, clipped[joint]["message"])
         self._clipped = set(clipped)
         sent |= {joint: each["bound"] for joint, each in clipped.items() if joint in sent}
-        return {f"{name}{KEY}": degrees(at) for name, at in sent.items()}
+        return _action(sent)
 
     def _is_far(self, robot: Robot, goals: dict[str, float]) -> bool:
         """True where a goal is so far that the robot would go there at full speed."""
@@ -149,8 +137,7 @@ class TwindRobot(LeRobotDevice):
             raise DeviceNotConnectedError(f"{self} is not connected")
         return self._robot, self._stream
 
-    def _in_force(self, robot: Robot) -> dict[str, float]:
-        """Goal of each joint, rad; of one without a goal its position."""
-        joints = robot.joints.values()
-        known = {each.name: each.position if each.goal is None else each.goal for each in joints}
-        return {name: at for name, at in known.items() if at is not None}
+
+def _action(goals: dict[str, float]) -> dict[str, float]:
+    """Return goals (rad) by joint as an action, degrees."""
+    return {f"{name}{KEY}": degrees(at) for name, at in goals.items()}

@@ -44,7 +44,8 @@ def follow(options: argparse.Namespace) -> int:
         why = _stale(links, leader.state)
         if not why:
             _print("moving slowly to the leader's pose")
-            follower.move(_within_limits(follower, links, leader.state), retime=True)
+            start = leader.state
+            follower.approach({each.follower: each.goal(_position(start, each)) for each in links})
             _print(f"following {len(links)} joints; Ctrl-C ends it")
             why = _run(leader, links, stream)
     _print(f"ended, the follower holds: {why}")
@@ -91,12 +92,6 @@ def _stale(links: Sequence[JointLink], snapshot: RobotSnapshot) -> str | None:
 
 def _position(snapshot: RobotSnapshot, link: JointLink) -> float:
     return float(snapshot.position[snapshot.names.index(link.leader)])
-
-
-def _within_limits(robot: Robot, links: Sequence[JointLink], snapshot: RobotSnapshot) -> dict[str, float]:
-    limits = robot.limits
-    goals = {each.follower: each.goal(_position(snapshot, each)) for each in links}
-    return {name: min(max(goal, limits[name][0]), limits[name][1]) for name, goal in goals.items()}
 
 
 def _pairs(option: str, given: Sequence[str], kind: Callable[[str], T]) -> dict[str, T]:

@@ -12,11 +12,10 @@ from twind.client.errors import finding_text
 from twind.client.move_duration import present_goals, slow_duration
 from twind.exceptions import OperationFailed
 from twind.robot.arrays import Floats
+from twind.robot_client.control_timing import validity
 
 PATIENCE = 1.0  # s for an answer to a setpoint: the loop gives it within a tick
 WAY = 130.0  # s for reports of a way
-PERIODS = 3.0  # that a setpoint may be followed without the next
-LONGEST = 0.1  # s, the gate's bound for that
 ROUNDING = 1e-6  # s
 
 
@@ -29,7 +28,7 @@ class SetpointSession:
         self._joints = list(joints)
         self._dropped = False
         self._period = period
-        self._valid_for = min(LONGEST, PERIODS * period)
+        self._valid_for = validity(period)
         self.take(by_force=take)
 
     def take(self, *, by_force: bool = False) -> None:

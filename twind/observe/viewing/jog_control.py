@@ -11,6 +11,7 @@ from typing import Any
 
 from twind.client import CallError, Client, ClientError
 from twind.client.errors import Refused
+from twind.client.move_duration import present_goals
 from twind.ctl.reasons import remedy
 from twind.exceptions import InvalidInput
 from twind.observe.viewing.dead_man_hold import HOLD, DeadManHold, HoldPhase, Press
@@ -31,7 +32,7 @@ def jog(robot: Mapping[str, Any], request: JogRequest, hold: DeadManHold, press:
 
     def work(client: Client) -> StopOutcome:
         try:
-            motion = plan_jog(request, robot, _commanded(client))
+            motion = plan_jog(request, robot, present_goals(client))
             if not _is_begun(hold, press):
                 return LAPSED
             return _follow(client, motion, hold, press)
@@ -51,12 +52,6 @@ def refusal(error: CallError) -> tuple[str, str]:
     first = findings[0]
     more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
     return str(first["code"]), f"{first['message']}{more}. Remedy: {remedy(str(first['code']))}"
-
-
-def _commanded(client: Client) -> dict[str, float | None]:
-    """Goals of the joints, rad; where there is none the position."""
-    rows = client.call("GetStatus", joints=True)["joints"]
-    return {row["name"]: row["position"] if row["goal"] is None else row["goal"] for row in rows}
 
 
 def _is_begun(hold: DeadManHold, press: Press) -> bool:

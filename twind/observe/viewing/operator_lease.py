@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import Client, ClientError
+from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.trajectory_files import load_motion, motion_names
 from twind.command_line.verb import Rejected, UsageError
 from twind.observe.viewing.stop_threads import StopOutcome, Tell
@@ -23,8 +24,7 @@ RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
 # s between two checks that a page is there, and until it must have answered
 ASKED = 0.5
 ANSWER = 4.0
-PACE = 2.0  # s per rad on the way to the rest pose
-SHORTEST = 2.0  # s, of that way
+SHORTEST = 2.0  # s, of the way to the rest pose
 
 Work = Callable[[Client], StopOutcome]
 
@@ -215,11 +215,8 @@ def to_rest(robot: Mapping[str, Any]) -> Work:
     """All joints to the rest pose, slowly."""
 
     def work(client: Client) -> StopOutcome:
-        now = client.call("GetStatus", joints=True)["joints"]
         rest = robot["poses"]["rest"]
-        told = {each["name"]: each["position"] if each["goal"] is None else each["goal"] for each in now}
-        ways = [abs(rest[name] - place) for name, place in told.items() if place is not None]
-        seconds = max([SHORTEST, *(way * PACE for way in ways)])
+        seconds = max(SHORTEST, slow_duration(rest, present_goals(client)))
         point = {"positions": list(rest.values()), "time_from_start": seconds}
         path = {"joint_names": list(rest), "points": [point], "policy": "retime"}
         client.call("SubmitTrajectory", trajectory=path)
