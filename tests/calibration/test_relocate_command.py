@@ -21,6 +21,11 @@ def test_one_servo_alone_gets_the_new_id() -> None:
     assert (change.place, change.home) == (ServoLocation(1, 57_600), ServoLocation(7, 57_600))
 
 
+def test_after_an_interruption_the_same_command_finds_the_servo_at_its_new_id() -> None:
+    (change,) = planned_changes([row(7), row(2)], number=1, new_id=7, baud=MILLION)
+    assert (change.place, change.home) == (ServoLocation(7, 57_600), ServoLocation(7, MILLION))
+
+
 def test_all_servos_get_the_rate_and_those_that_have_it_are_left() -> None:
     rows = [row(1), row(2, MILLION), row(3)]
     changes = planned_changes(rows, number=None, new_id=None, baud=MILLION)

@@ -157,6 +157,17 @@ def test_a_refused_motion_is_written_and_says_so(daemon: StandIn) -> None:
     assert (daemon.folder / "swing.json").exists()
 
 
+def test_a_refused_motion_replaces_none_even_by_force(
+    daemon: StandIn, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon.folder.mkdir()
+    (daemon.folder / "swing.json").write_text("mine")
+    daemon.refusals = [{"code": "SELF_COLLISION", "joint": None, "message": "hand and head"}]
+    assert taught("swing", "--seconds", "1", "--force") == REFUSED
+    assert (daemon.folder / "swing.json").read_text() == "mine"
+    assert read_trajectory(Path(report(capsys)["path"]))["joint_names"] == list(NAMES)
+
+
 def test_the_text_names_what_was_changed_and_the_next_command(
     daemon: StandIn, capsys: pytest.CaptureFixture[str]
 ) -> None:

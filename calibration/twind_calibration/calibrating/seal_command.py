@@ -47,7 +47,8 @@ def seal(options: argparse.Namespace) -> int:
             return records(client, robot, slots(robot))
 
     try:
-        sealed = sealed_calibration(read_text(path), str(path), robot, devices, now())
+        text = read_text(path)
+        sealed = sealed_calibration(text, str(path), robot, devices, now())
         bind(robot, sealed)
     except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
@@ -59,11 +60,14 @@ def seal(options: argparse.Namespace) -> int:
         print("a wrong zero or travel moves the robot to wrong places, and no check can find it")
     if not agreed(options, f"seal {path}?"):
         raise Rejected("nothing was written")
-    file_ownership.save(sealed, path)
-    text = f"sealed: {path}, {len(sealed.joints)} joints"
+    with file_ownership.lock_folder(path) as folder:
+        if read_text(path) != text:
+            raise Rejected(f"{path} was changed during the question: nothing was written; seal it again")
+        file_ownership.save(sealed, path, folder)
+    done = f"sealed: {path}, {len(sealed.joints)} joints"
     if missing:
-        text += f"\nnot calibrated: {', '.join(missing)}"
-    show(options, {"written": str(path), "sha256": sealed.sha256, "left": missing}, text)
+        done += f"\nnot calibrated: {', '.join(missing)}"
+    show(options, {"written": str(path), "sha256": sealed.sha256, "left": missing}, done)
     return DONE
 
 

@@ -24,6 +24,8 @@ from twind_drivers.servo_tools.scan_protocol import (
 )
 
 TRIES = 3  # writes of one register
+TORQUE = "torque_enable"  # register
+TORQUE_ON = "{}: its torque is on: take its power away and give it back"
 LOCK = "lock"  # register: 0 while settings are stored
 
 

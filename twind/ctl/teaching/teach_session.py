@@ -43,12 +43,13 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
         _require_place(path, options.force)
         recorder = _record(options, client, keys, joints)
         motion, verdict = _judged(client, _motion(recorder, options.bound, robot["poses"]["rest"]))
-    written = _write(path, motion.trajectory(), options.force)
+    accepted = verdict is not None and not verdict["refusals"]
+    # A motion that was accepted is not given up for one that the gate refuses: that goes beside it.
+    written = _write(path, motion.trajectory(), options.force and accepted)
     outcome = TeachOutcome(motion, verdict, recorder, written)
     name = options.motion if written == path else str(written)
     show(options, outcome.as_sent(), "\n".join(outcome.lines(command_hint(options), name)))
-    good = verdict is not None and not verdict["refusals"] and not recorder.cut_off and written == path
-    return DONE if good else REFUSED
+    return DONE if accepted and not recorder.cut_off and written == path else REFUSED
 
 
 def _chosen(names: list[str], patterns: str | None) -> list[str]:

@@ -6,9 +6,13 @@ from twind.command_line.verb import Rejected
 from twind_drivers.servo_tools.adoption.calibration_entry_status import CalibrationEntryStatus
 from twind_drivers.servo_tools.adoption.candidate_locations import AdoptionCandidate
 from twind_drivers.servo_tools.adoption.register_plan import RegisterStep, different, plan
-from twind_drivers.servo_tools.servo_configurator import LOCK, ProberAtRate, ServoConfigurator
-
-TORQUE = "torque_enable"
+from twind_drivers.servo_tools.servo_configurator import (
+    LOCK,
+    TORQUE,
+    TORQUE_ON,
+    ProberAtRate,
+    ServoConfigurator,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +104,7 @@ def prepare(chosen: AdoptionCandidate, at: ProberAtRate, entry: CalibrationEntry
         )
     held = hand.read(tools.settings(table))
     if held[TORQUE]:
-        raise Rejected(f"{chosen.place}: its torque is on: take its power away and give it back")
+        raise Rejected(TORQUE_ON.format(chosen.place))
     steps = plan(chosen.joint, tools, table, firmware, held, new=chosen.new)
     if chosen.place == chosen.home and entry.there and steps:
         name = chosen.joint.name

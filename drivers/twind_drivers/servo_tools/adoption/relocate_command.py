@@ -11,9 +11,12 @@ from twind_calibration.calibrating.entry_writer import agreed, require_terminal
 from twind_calibration.drafting.scan_source import announce, require_devices, scan_rows
 from twind_drivers.bus import PortError
 from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation, tools_of
-from twind_drivers.servo_tools.servo_configurator import ServoConfigurator, open_writable
-
-TORQUE = "torque_enable"
+from twind_drivers.servo_tools.servo_configurator import (
+    TORQUE,
+    TORQUE_ON,
+    ServoConfigurator,
+    open_writable,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,8 @@ def planned_changes(
     Raises Rejected: several devices for one new id, one that cannot be changed, or a place that is taken.
     """
     chosen = [row for row in rows if number in (None, row["id"])]
+    if not chosen and new_id is not None:  # its id was written before an interruption, its rate was not
+        chosen = [row for row in rows if row["id"] == new_id]
     if not chosen:
         raise Rejected(f"no device has id {number}; there are {_list(rows)}")
     if new_id is not None and len(chosen) > 1:
@@ -90,7 +95,7 @@ def _change(row: Mapping[str, Any], new_id: int | None, baud: int | None) -> Loc
     if tools is None or not row.get("model_name"):
         raise Rejected(f"{place}: model {row.get('model')}: set it with its maker's tool")
     if row.get("torque"):
-        raise Rejected(f"{place}: its torque is on: take its power away and give it back")
+        raise Rejected(TORQUE_ON.format(place))
     home = ServoLocation(place.id if new_id is None else new_id, baud or place.baud)
     protocol = tools.protocol
     if not 0 <= home.id <= protocol.last_id:
@@ -112,7 +117,7 @@ def _carry_out(port: str, change: LocationChange) -> None:
         if not servo.is_free(change.home):
             raise Rejected(f"{change}: another servo answers there")
         if servo.read([TORQUE])[TORQUE]:
-            raise Rejected(f"{change.place}: its torque is on: take its power away and give it back")
+            raise Rejected(TORQUE_ON.format(change.place))
         with servo.unlocked():
             servo.move(change.home)
 
