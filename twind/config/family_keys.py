@@ -8,7 +8,8 @@ from twind.config.config_reader import ConfigStruct, Text
 from twind.config.supply_limits import HeatKeys, SupplyKeys
 
 Acceleration = Annotated[float, Meta(gt=0.0, le=1e4)]  # rad/s²
-FollowRad = Annotated[float, Meta(ge=0.02, le=1.5)]
+MOST_FOLLOW = 1.5  # rad
+FollowRad = Annotated[float, Meta(ge=0.02, le=MOST_FOLLOW)]
 FollowTime = Annotated[float, Meta(ge=0.02, le=2.0)]  # s
 Speed = Annotated[float, Meta(gt=0.0, le=100.0)]  # rad/s
 

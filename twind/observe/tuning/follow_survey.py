@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from twind.config.family_keys import MOST_FOLLOW
 from twind.observe.recording.recording_columns import Floats, RobotRecording
 from twind.robot.arrays import Bools
 from twind.robot.modes import RobotState
@@ -22,7 +23,6 @@ USUAL = GuardThresholds()
 # Of what was recorded. A supply at which a robot is settled gives an eighth less than a nominal one; the
 # rest is for friction, payload and motions that the recording does not have.
 MARGIN = 1.25
-LARGEST = 1.5  # rad, the largest that a robot file may state
 HELD = 0.5  # of the time of the bound: what passes sooner cannot latch FOLLOW_ERR
 PATIENCE = 0.5  # s, the longest time that is proposed
 LEAST_MOVED = 0.1  # rad: a goal that moves less shows no lag
@@ -57,9 +57,12 @@ def survey_follow(recording: RobotRecording) -> list[JointLag]:
     spacing = float(np.median(np.diff(recording.time))) if recording.time.size > 1 else STEP
     gaps = np.diff(recording.time, prepend=recording.time[:1]) > GAP * spacing
     off, speed = lag_behind_goal(recording, min(spacing, STEP))
+    faults = follow_faults(recording)
     return [
-        _joint_lag(recording, place, off[:, place], speed[:, place], usable & ~gaps, spacing)
-        for place in range(len(recording.joints))
+        _joint_lag(
+            recording, place, off[:, place], speed[:, place], usable & ~gaps, spacing, faults.get(name, [])
+        )
+        for place, name in enumerate(recording.joints)
     ]
 
 
@@ -114,10 +117,15 @@ def yaml_text(lags: Sequence[JointLag]) -> str:
 
 
 def _joint_lag(
-    recording: RobotRecording, place: int, off: Floats, speed: Floats, usable: Bools, spacing: float
+    recording: RobotRecording,
+    place: int,
+    off: Floats,
+    speed: Floats,
+    usable: Bools,
+    spacing: float,
+    faults: Sequence[tuple[float, float]],
 ) -> JointLag:
     name = recording.joints[place]
-    faults = follow_faults(recording).get(name, [])
     counted = usable.copy()
     for time, _ in faults:
         counted[_excursion(recording.time, off, time)] = False
@@ -136,8 +144,8 @@ def _joint_lag(
     if moved < LEAST_MOVED:
         notes.append("moved too little")
         rad = None
-    elif rad is not None and rad > LARGEST:
-        notes.append(f"needs {rad:g} rad, more than {LARGEST:g}: raise its gain")
+    elif rad is not None and rad > MOST_FOLLOW:
+        notes.append(f"needs {rad:g} rad, more than {MOST_FOLLOW:g}: raise its gain")
         rad = None
     elif rad is not None and rad > USUAL.follow and not abs(float(speed[worst])) > STILL:
         notes.append("worst while its goal stands: load, or an obstacle?")
