@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.bridge.commands.leased_motions import refusal
 from twind.bridge.uplink import remote_contract
 from twind.bridge.uplink.remote_contract import HOLDER, MOST, SMALL, check_query
 from twind.bridge.zenoh.zenoh_keys import ASKED, STOPS
@@ -71,5 +72,5 @@ def test_a_holder_name_is_cut_before_it_is_kept_or_published() -> None:
 
 
 def test_a_finding_of_ours_has_the_fields_of_the_daemons() -> None:
-    said = remote_contract.make_refusal("CMD_EXPIRED", "late", 0.5, 0.0).parameters["findings"][0]
+    said = refusal("CMD_EXPIRED", "late", value=0.5, bound=0.0).parameters["findings"][0]
     remote_contract.load(remote_contract.CONTROL).types["Finding"].check(said, "finding")

@@ -62,15 +62,6 @@ def test_replies_received_before_the_end_are_taken_before_the_end() -> None:
         inbox.take(time.monotonic())
 
 
-def test_untaken_replies_are_bounded_and_then_the_connection_ends() -> None:
-    inbox = ClientReplyQueue(answers=3)
-    for number in range(5):
-        inbox.answer(b"%d" % number)
-    assert inbox.rest() == [b"0", b"1", b"2"]
-    with pytest.raises(Disconnected, match="3 answers wait"):
-        inbox.take(0.0)
-
-
 @pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
 def test_news_without_a_drop_count_pass_unchanged(odd: bytes) -> None:
     inbox = ClientReplyQueue(room=100)

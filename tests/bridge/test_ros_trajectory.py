@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.ros_trajectory_messages import NOW, command, point
+from twind.bridge.ros.ros_commands import MORE
 from twind.bridge.ros.ros_trajectory import (
     AHEAD,
     FRAME,
@@ -19,7 +20,6 @@ from twind.bridge.ros.ros_trajectory import (
     heading,
     trajectory,
 )
-from twind.bridge.ros.trajectory_dispatcher import MORE
 from twind.client import Refused
 from twind.front.front_server import LIMITS
 from twind.ros import stamp

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind.bridge.motion_session import LEASE_LOST, MOTION
+from twind.bridge.commands.motion_end import BUSY, LEASE_LOST, MOTION
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
@@ -59,4 +59,4 @@ def test_values_on_the_wire_stay() -> None:
 
 def test_codes_of_the_ros_node_are_members() -> None:
     assert MOTION == EventCode.MOTION
-    assert LEASE_LOST == ReasonCode.LEASE_LOST
+    assert (LEASE_LOST, BUSY) == (ReasonCode.LEASE_LOST, ReasonCode.BUSY)

@@ -11,9 +11,9 @@ from pathlib import Path
 HERE = Path(__file__).parents[2]
 PATIENCE = 120.0  # s
 TESTS = (
-    "bridge/test_motion_session.py",
-    "bridge/test_lease_keeper.py",
-    "bridge/test_trajectory_dispatcher.py",
+    "bridge/test_leased_motions.py",
+    "bridge/test_remote_goals.py",
+    "bridge/test_ros_commands.py",
 )
 
 

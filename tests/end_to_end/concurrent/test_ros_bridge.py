@@ -16,6 +16,7 @@ import pytest
 
 from tests.support.loop_stand_in import StandIn
 from tests.support.processes import until
+from twind.bridge.commands.leased_motions import MotionRequest
 from twind.bridge.ros import ros_bridge
 from twind.bridge.ros.ros_bridge import RosBridge
 from twind.bridge.ros.ros_diagnostics import ERROR
@@ -259,14 +260,16 @@ def test_a_command_that_raises_an_error_does_not_prevent_the_next(loop: StandIn)
     with Run(loop.directory) as run:
         run.graph.last(HW_JOINTS)
 
-        def broken(patience: float) -> None:
-            run.course.orders.step = step  # type: ignore[method-assign]
+        def broken(request: MotionRequest) -> None:
+            motions.take = take  # type: ignore[method-assign]
             raise ZeroDivisionError
 
-        step = run.course.orders.step
-        run.course.orders.step = broken  # type: ignore[method-assign]
+        motions = run.course.commands.motions
+        take = motions.take
+        motions.take = broken  # type: ignore[method-assign]
+        run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(7))
         until(lambda: run.lines, 10.0, "it is told")
-        assert "a command was lost: ZeroDivisionError" in run.lines[0]
+        assert "trajectories: ZeroDivisionError" in run.lines[0]
         run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(7))
         until(lambda: run.graph.said.get(RESULTS.name), 10.0, "an outcome")
         assert decode(STRING, run.graph.said[RESULTS.name][0])
@@ -327,8 +330,9 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
             with suppress(BlockingIOError):
                 each.connect(str(tmp_path / "observe.sock"))
         course = RosBridge(Paper(), str(tmp_path), tell=print, stop=threading.Event())
+        course.commands.start()
         begun = time.monotonic()
-        done, words = course.service_calls.e_stop("cut")
+        done, words = course.commands.handle_request(TO_E_STOP, None)
         assert done, words
         assert time.monotonic() - begun < 15.0  # and not the 35 s that an answer may take
 

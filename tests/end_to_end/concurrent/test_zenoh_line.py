@@ -1,6 +1,5 @@
 """A robot from afar as a client sees it: real Zenoh on loopback, faults ordered at the robot's end."""
 
-import json
 import threading
 import time
 from collections.abc import Iterator
@@ -14,10 +13,9 @@ import zenoh
 from tests.support.processes import until
 from tests.support.remote_robot import CLOCK, FarRobot
 from tests.support.zenoh_router import Router
-from twind.bridge.fleet import remote_stop
-from twind.bridge.fleet import sent_goal as goal_module
-from twind.bridge.fleet.lease_renewer import RENEWED
+from twind.bridge.fleet import repeated_queries
 from twind.bridge.fleet.remote_client import PrivateSession, SharedSession, client
+from twind.bridge.fleet.repeated_queries import RENEWED, REPORTS
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
@@ -34,14 +32,19 @@ def robot() -> Iterator[FarRobot]:
         yield made
 
 
-def accepted(_asked: dict[str, Any]) -> dict[str, Any]:
-    return {"id": "7", "phase": "accepted", "progress": 0.0, "verdict": {"refusals": []}}
+class GoalAnswers:
+    """Answers of a robot to a goal: accepted, then the state that a test sets."""
 
+    def __init__(self) -> None:
+        self.state: dict[str, Any] = {"id": "7", "phase": "running", "progress": 0.1}
 
-def send_report(robot: FarRobot, **what: Any) -> None:
-    """Report progress of the submitted goal."""
-    name = robot.times("goal")[0]["goal"]
-    robot.tell(f"goals/{name}", {"id": "7", **what})
+    def __call__(self, asked: dict[str, Any]) -> dict[str, Any]:
+        if "trajectory" in asked:
+            return {"id": "7", "phase": "accepted", "progress": 0.0, "verdict": {"refusals": []}}
+        return self.state
+
+    def set(self, phase: str, progress: float) -> None:
+        self.state = {"id": "7", "phase": phase, "progress": progress}
 
 
 def test_a_question_is_asked_and_its_answer_and_its_error_come_as_beside_the_robot(robot: FarRobot) -> None:
@@ -112,7 +115,7 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
 def test_a_stop_is_sent_to_an_invisible_robot_until_a_reply_arrives(
     robot: FarRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remote_stop, "LASTING", 1.0)
+    monkeypatch.setattr(repeated_queries, "LASTING", 1.0)
     robot.alive.undeclare()
     unheard = [None, None]
     robot.answers["stop/EStop"] = lambda asked: unheard.pop() if unheard else {"state": "estop", **asked}
@@ -132,7 +135,7 @@ def test_a_stop_that_is_answered_by_an_error_is_asked_again_until_it_is_done(
     robot: FarRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A flood of others makes a robot too busy for a moment; a stop is not given up for that."""
-    monkeypatch.setattr(remote_stop, "LASTING", 1.0)
+    monkeypatch.setattr(repeated_queries, "LASTING", 1.0)
     errors = [f"{CONTROL}.Busy", "io.twind.Uplink.Failed", "io.twind.Uplink.NoDaemon"]
 
     def estop(asked: dict[str, Any]) -> dict[str, Any]:
@@ -209,31 +212,31 @@ def test_a_failed_renewal_is_repeated_until_the_lease_is_reported_missing(
             refuse_with(name, **parameters)
         return robot.grant(asked)
 
-    robot.answers |= {"lease": answer, "goal": accepted}
+    goal = GoalAnswers()
+    robot.answers |= {"lease": answer, "goal": goal}
     with robot.client() as client:
         client.call("AcquireLease")
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        threading.Timer(6.0 * RENEWED, lambda: send_report(robot, phase="aborted", progress=0.5)).start()
+        threading.Timer(6.0 * RENEWED, lambda: goal.set("aborted", 0.5)).start()
         assert list(reports)[-1]["phase"] == "aborted"
     assert [each["op"] for each in robot.times("lease")] == ["acquire", "renew", "renew"]
 
 
-def test_while_a_goal_is_judged_it_is_not_sent_again(
-    robot: FarRobot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(goal_module, "QUIET", 0.3)
+def test_while_a_goal_is_judged_it_is_not_sent_again(robot: FarRobot) -> None:
+    goal = GoalAnswers()
 
     def slowly(asked: dict[str, Any]) -> dict[str, Any]:
-        time.sleep(2.5 * goal_module.QUIET)
-        return accepted(asked)
+        if "trajectory" in asked:
+            time.sleep(4.0 * REPORTS)
+        return goal(asked)
 
     robot.answers["goal"] = slowly
     with robot.client() as client, lease(client):
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
         next(reports)
-        send_report(robot, phase="succeeded", progress=1.0)
-        list(reports)
-    assert len(robot.times("goal")) == 1
+        assert len(robot.times("goal")) == 1
+        goal.set("succeeded", 1.0)
+        assert list(reports)[-1]["phase"] == "succeeded"
 
 
 def test_news_are_the_bytes_that_the_robot_sent_and_only_of_what_was_asked(robot: FarRobot) -> None:
@@ -249,51 +252,44 @@ def test_news_are_the_bytes_that_the_robot_sent_and_only_of_what_was_asked(robot
         assert next(stream)["n"] == 3
 
 
-def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: FarRobot) -> None:
-    """Whatever overtakes whatever: here the robot tells before it answers."""
-
-    def answer(asked: dict[str, Any]) -> dict[str, Any]:
-        send_report(robot, phase="accepted", progress=0.0)
-        send_report(robot, phase="running", progress=0.3)
-        time.sleep(0.1)
-        return accepted(asked)
-
-    robot.answers["goal"] = answer
+def test_each_state_of_a_goal_is_reported_once_and_its_end_last(robot: FarRobot) -> None:
+    goal = robot.answers["goal"] = GoalAnswers()
     with robot.client() as client, lease(client):
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
         first = next(reports)
         second = next(reports)
-        send_report(robot, phase="running", progress=0.6)
-        send_report(robot, phase="succeeded", progress=1.0, findings=[])
-        rest = list(reports)
+        threading.Timer(3.0 * REPORTS, lambda: goal.set("succeeded", 1.0)).start()
+        (last,) = reports
     assert (first["phase"], first["verdict"]) == ("accepted", {"refusals": []})
-    assert [second["progress"], *(each["progress"] for each in rest)] == [0.3, 0.6, 1.0]
-    assert rest[-1]["phase"] == "succeeded"
-    (asked,) = robot.times("goal")
+    assert (second["progress"], last["phase"], last["progress"]) == (0.1, "succeeded", 1.0)
+    asked, *queries = robot.times("goal")
     assert (asked["lease"], asked["trajectory"]) == ("L1", PATH)
+    assert len(queries) > 2 and all(each == {"goal": asked["goal"], "lease": "L1"} for each in queries)
     assert robot.times("lease")[-1] == {"op": "release", "lease": "L1"}
 
 
-def test_a_missing_motion_end_is_queried_with_the_same_goal(
+def test_a_query_of_a_state_that_is_lost_or_refused_for_load_is_repeated(
     robot: FarRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(goal_module, "QUIET", 0.3)
-    asked: list[dict[str, Any]] = []
+    monkeypatch.setattr(repeated_queries, "GONE", 1.0)
+    goal = GoalAnswers()
+    faults = ["Busy", "lost", "Failed", "rubbish"]
 
-    def answer(question: dict[str, Any]) -> dict[str, Any]:
-        asked.append(question)
-        if len(asked) == 1:
-            return accepted(question)
-        if len(asked) == 2:
-            raise as_error(f"{CONTROL}.Busy", {"what": "too much is asked"})
-        return {"id": "7", "phase": "aborted", "progress": 0.4, "findings": []}
+    def answer(asked: dict[str, Any]) -> dict[str, Any] | None:
+        if "trajectory" in asked or not faults:
+            return goal(asked)
+        fault = faults.pop()
+        if fault == "rubbish":
+            return {"phase": None}
+        if fault == "lost":
+            return None
+        raise as_error(f"{CONTROL}.{fault}", {"what": "too much is asked"})
 
     robot.answers["goal"] = answer
+    goal.set("aborted", 0.4)
     with robot.client() as client, lease(client):
         *_, last = client.stream("SubmitTrajectory", trajectory=PATH)
-    assert last["phase"] == "aborted"
-    assert len(asked) == 3 and asked[0]["trajectory"] == PATH
-    assert asked[1] == asked[2] == {"goal": asked[0]["goal"], "lease": "L1"}
+    assert last["phase"] == "aborted" and not faults
 
 
 def test_a_refusal_ends_it(robot: FarRobot) -> None:
@@ -306,11 +302,11 @@ def test_a_refusal_ends_it(robot: FarRobot) -> None:
 
 
 def test_the_lease_is_renewed_in_time_however_slowly_the_robot_answers(robot: FarRobot) -> None:
-    robot.answers["goal"] = accepted
+    goal = robot.answers["goal"] = GoalAnswers()
     with robot.client() as client, lease(client):
         robot.slow = 0.8 * LEASE_S
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        threading.Timer(2.5, lambda: send_report(robot, phase="succeeded", progress=1.0)).start()
+        threading.Timer(2.5, lambda: goal.set("succeeded", 1.0)).start()
         assert list(reports)[-1]["phase"] == "succeeded"
         robot.slow = 0.0
     renewed = [at for at, part, what in robot.asked if part == "lease" and what["op"] == "renew"]
@@ -319,7 +315,7 @@ def test_the_lease_is_renewed_in_time_however_slowly_the_robot_answers(robot: Fa
 
 
 def test_a_client_that_stops_reading_reports_lets_the_lease_lapse(robot: FarRobot) -> None:
-    robot.answers["goal"] = accepted
+    robot.answers["goal"] = GoalAnswers()
     client = robot.client()
     client.call("AcquireLease")
     reports = client.stream("SubmitTrajectory", trajectory=PATH)
@@ -334,8 +330,8 @@ def test_a_client_that_stops_reading_reports_lets_the_lease_lapse(robot: FarRobo
 def test_a_goal_without_replies_is_given_up_after_a_timeout(
     robot: FarRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(goal_module, "GONE", 1.5)
-    robot.answers["goal"] = accepted
+    monkeypatch.setattr(repeated_queries, "GONE", 1.5)
+    robot.answers["goal"] = GoalAnswers()
     with robot.client() as client, lease(client):
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
         next(reports)
@@ -348,14 +344,13 @@ def test_a_deadline_is_in_the_robots_clock_and_never_later_than_a_lease_from_now
     """However long the grant was on its way: each way takes the time that it takes."""
     for slow in (0.0, 0.4):
         robot.slow = slow
-        robot.answers["goal"] = accepted
+        goal = robot.answers["goal"] = GoalAnswers()
         with robot.client() as client, lease(client):
             sent = time.monotonic()
             reports = client.stream("SubmitTrajectory", trajectory=PATH)
             next(reports)
-            deadline = robot.times("goal")[-1]["deadline"]
-            told_name = robot.times("goal")[-1]["goal"]
-            robot.tell(f"goals/{told_name}", {"id": "7", "phase": "succeeded", "progress": 1.0})
+            deadline = next(each["deadline"] for each in reversed(robot.times("goal")) if "deadline" in each)
+            goal.set("succeeded", 1.0)
             list(reports)
         assert deadline <= sent + 0.1 + CLOCK + LEASE_S
         assert deadline >= sent + CLOCK + LEASE_S - slow - 1.0
@@ -392,12 +387,3 @@ def test_invalid_bytes_from_the_network_end_a_stream_and_not_the_process(robot: 
         robot.tell("news/events", b"\xff\xfe")
         with pytest.raises(Disconnected, match="is no valid message"):
             next(stream)
-    robot.answers["goal"] = accepted
-    with robot.client() as client, lease(client):
-        reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        next(reports)
-        name = robot.times("goal")[0]["goal"]
-        for rubbish in (b"\xff", b"[]", b"{}", b'{"phase": null}', json.dumps({"phase": "dancing"}).encode()):
-            robot.tell(f"goals/{name}", rubbish)
-        send_report(robot, phase="succeeded", progress=1.0)
-        assert list(reports)[-1]["phase"] == "succeeded"

@@ -8,33 +8,26 @@ from collections import deque
 from twind.client import Disconnected
 
 ROOM = 1 << 20  # bytes of news that may wait
-ANSWERS = 256  # messages that must arrive and may wait
 
 
 class ClientReplyQueue:
     """Queue of messages as bytes. A full queue drops the oldest news, and counts them, but no answer.
 
-    Too many unread answers end the connection."""
+    Answers are few: each is to a query of the reader."""
 
-    def __init__(self, room: int = ROOM, answers: int = ANSWERS) -> None:
-        # bytes
+    def __init__(self, room: int = ROOM) -> None:
+        """`room`: bytes of news that may wait."""
         self._room = room
-        self._news = 0
-        self._most = answers
-        self._answers = 0
+        self._news = 0  # bytes
         self._messages: deque[tuple[bytes, bool]] = deque()  # message, whether it is news
         self._lost = 0  # news dropped since the last one that was read
-        self._ended: str | None = None
+        self._ended = ""
         self._came = threading.Condition()
 
     def answer(self, message: bytes) -> None:
-        """Add an answer. Without room for it, the queue ends."""
+        """Add an answer."""
         with self._came:
-            if self._answers < self._most:
-                self._answers += 1
-                self._messages.append((message, False))
-            else:
-                self._ended = self._ended or f"{self._most} answers wait and are not read"
+            self._messages.append((message, False))
             self._came.notify()
 
     def put_news(self, message: bytes) -> None:
@@ -43,7 +36,10 @@ class ClientReplyQueue:
             self._messages.append((message, True))
             self._news += len(message)
             while self._news > self._room:
-                self._drop()
+                place = next(place for place, (_, news) in enumerate(self._messages) if news)
+                self._news -= len(self._messages[place][0])
+                del self._messages[place]
+                self._lost += 1
             self._came.notify()
 
     def end(self, why: str) -> None:
@@ -57,9 +53,9 @@ class ClientReplyQueue:
         deadline = time.monotonic() + patience
         with self._came:
             while not self._messages:
-                if self._ended is not None:
-                    raise Disconnected(self._ended)
                 left = deadline - time.monotonic()
+                if self._ended:
+                    raise Disconnected(self._ended)
                 if left <= 0.0:
                     return None
                 self._came.wait(left)
@@ -73,19 +69,11 @@ class ClientReplyQueue:
     def _next(self) -> bytes:
         message, news = self._messages.popleft()
         if not news:
-            self._answers -= 1
             return message
         self._news -= len(message)
         lost = self._lost
         self._lost = 0
         return with_lost(message, lost) if lost else message
-
-    def _drop(self) -> None:
-        """Drop the oldest news message."""
-        place = next(place for place, (_, news) in enumerate(self._messages) if news)
-        self._news -= len(self._messages[place][0])
-        del self._messages[place]
-        self._lost += 1
 
 
 def with_lost(message: bytes, lost: int) -> bytes:

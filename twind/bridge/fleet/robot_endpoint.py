@@ -29,14 +29,14 @@ class RemoteRobotEndpoint:
         what: Mapping[str, Any],
         patience: float,
         answered: TakeMessage,
-        silent: Callable[[], None],
+        unanswered: Callable[[], None],
         *,
         all_robots: bool = False,
     ) -> None:
-        """Send one query. Then either `answered` gets the answer or the error, or `silent` is called.
+        """Send one query. `answered` gets the answer or the error, or `unanswered` is called.
 
-        `all_robots`: query all servers of the key, pass on each answer, so that a false server cannot hide
-        the robot. Else query one, and pass on the first answer.
+        `all_robots`: query all servers of the key, and pass on each answer. Else query one, and pass on the
+        first answer.
         """
         received = False
 
@@ -49,7 +49,7 @@ class RemoteRobotEndpoint:
 
         def on_query_end() -> None:
             if not received:
-                silent()
+                unanswered()
 
         with self._joined():
             self.session.get(
@@ -61,6 +61,11 @@ class RemoteRobotEndpoint:
                 # By default answers are kept until the last has answered, or hangs.
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
+
+    def silence(self, parts: tuple[str, ...]) -> str:
+        """Return why a query without an answer has none."""
+        query = "/".join(parts)
+        return f"{self.robot}: no answer to {query}: it is absent, or this client is not permitted"
 
     def subscribe_news(self, parts: tuple[str, ...], on_news: TakeMessage) -> "zenoh.Subscriber[None]":
         """Pass on news, as their bytes, until the subscriber is undeclared."""
@@ -90,13 +95,19 @@ class RemoteRobotEndpoint:
             raise Disconnected(f"{self.robot}: the network was left: {error}") from None
 
 
+def decoded(message: bytes) -> dict[str, Any]:
+    """Return a message as an object; empty: no message."""
+    try:
+        found = json.loads(message)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def error_name(message: bytes) -> str | None:
     """Return the error that a message carries, without its interface. "": none; None: no message."""
-    try:
-        error = json.loads(message).get("error")
-    except (ValueError, RecursionError, AttributeError):
-        return None
-    return "" if error is None else str(error).rpartition(".")[2]
+    found = decoded(message)
+    return str(found.get("error") or "").rpartition(".")[2] if found else None
 
 
 def as_message(reply: zenoh.Reply) -> bytes | None:

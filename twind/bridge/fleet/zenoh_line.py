@@ -17,10 +17,8 @@ from typing import Any, Protocol
 import zenoh
 
 from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
-from twind.bridge.fleet.lease_renewer import LeaseRenewer
-from twind.bridge.fleet.remote_stop import RemoteStop
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, error_name
-from twind.bridge.fleet.sent_goal import SentGoal
+from twind.bridge.fleet.repeated_queries import HeldLease, RemoteStop, SentGoal
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, decoded, error_name
 from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
@@ -28,6 +26,8 @@ from twind.client import Disconnected, NoDaemon, NotCarried
 FOUND = 2.0  # s within which a robot that is there is found
 IDLE = 5.0  # s between two polls of an idle line
 PARTING = 0.5  # s that giving a lease back may take when the line is closed
+LEASE = ("lease",)
+
 Parameters = Mapping[str, Any]
 
 
@@ -56,61 +56,58 @@ class ZenohClientLine:
         self.where = f"robot {robot} by {way.where}"
         self._robot = robot
         self._way = way
-        self._reach: RemoteRobotEndpoint | None = None
-        self._inbox = ClientReplyQueue()
-        self._hold: LeaseRenewer | None = None
+        self._endpoint: RemoteRobotEndpoint | None = None
+        self._replies = ClientReplyQueue()
+        self._lease: HeldLease | None = None
         self._there = threading.Event()
-        self._errand: SentGoal | RemoteStop | None = None  # goal or stop under way
+        self._repeated: SentGoal | RemoteStop | None = None  # under way
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
     def is_open(self) -> bool:
         """True while the network is joined and the line is not closed."""
-        return self._reach is not None
+        return self._endpoint is not None
 
     def open(self, patience: float) -> None:
         """Join the network. Raises NoDaemon. The first query shows whether the robot is there."""
-        if self._reach is not None:
+        if self._endpoint is not None:
             return
-        reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
-        inbox = self._inbox = ClientReplyQueue()
+        endpoint = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
+        replies = self._replies = ClientReplyQueue()
+        self._there = threading.Event()
+        gone = f"{self.where}: it went away, or the way to it is lost"
         try:
-            self._there = threading.Event()
-            gone = f"{self.where}: it went away, or the way to it is lost"
-            self._subscribers = [reach.watch(self._there.set, lambda: inbox.end(gone))]
+            self._subscribers = [endpoint.watch(self._there.set, lambda: replies.end(gone))]
         except BaseException:
-            self._forget(reach)
+            self._forget(endpoint)
             raise
-        self._reach = reach
+        self._endpoint = endpoint
 
     def close(self) -> None:
         """Close the line. A lease is given back, else it lapses: motion under it ends in a hold."""
-        if self._reach is None:
+        endpoint = self._endpoint
+        if endpoint is None:
             return
-        reach = self._reach
-        self._reach = None
-        if self._hold is not None and not self._hold.lost:
+        self._endpoint = None
+        if self._lease is not None and not self._lease.lost:
             released = threading.Event()
             with suppress(Disconnected):
-                reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
-                released.wait(
-                    PARTING
-                )  # else the session closes before the query is sent, and the lease only lapses
-        self._forget(reach)
+                query = self._lease.query("release")
+                endpoint.ask(LEASE, query, PARTING, lambda _: released.set(), released.set)
+                released.wait(PARTING)  # else the session may close before the query is sent
+        self._forget(endpoint)
 
     def cut(self) -> None:
         """End the wait for messages in another thread: nothing comes any more."""
-        self._inbox.end(f"{self.where}: hung up")
+        self._replies.end(f"{self.where}: hung up")
 
-    def _forget(self, reach: RemoteRobotEndpoint) -> None:
-        if self._errand is not None:
-            self._errand.close()
+    def _forget(self, endpoint: RemoteRobotEndpoint) -> None:
         for each in self._subscribers:
             each.undeclare()
-        self._errand = None
-        self._hold = None
+        self._repeated = None
+        self._lease = None
         self._subscribers = []
-        self._way.release_session(reach.session)
+        self._way.release_session(endpoint.session)
 
     # ------------------------------------------------------------------------------------------ messages
 
@@ -119,143 +116,133 @@ class ZenohClientLine:
 
         A stop is sent without waiting for the robot to be seen.
         """
-        assert self._reach is not None
+        endpoint = self._endpoint
+        assert endpoint is not None
         call = json.loads(message)
         method = call["method"].rpartition(".")[2]
-        more = bool(call.get("more"))
-        parameters: Parameters = call["parameters"]
+        given: Parameters = call["parameters"]
         if method in STOPS:  # the presence token may be late or lost, and the robot would go on moving
-            self._errand = RemoteStop(self._reach, method, parameters, self._inbox, time.monotonic())
+            self._repeated = RemoteStop(endpoint, method, given, self._replies)
             return
-        carry = self._carrier(method, more)
+        carry = self._carrier(endpoint, method, more=bool(call.get("more")))
         if not self._there.wait(min(patience, FOUND)):
             self.close()
             raise NoDaemon(f"{self.where}: not present; `twindctl fleet` lists the robots", absent=True)
-        carry(parameters, patience)
+        carry(given, patience)
 
     def receive(self, patience: float) -> bytes:
         """The next message. Raises TimeoutError, Disconnected, NoDaemon."""
         deadline = time.monotonic() + patience
         while (left := deadline - time.monotonic()) > 0.0:
-            message = self._inbox.take(min(left, self._keep_requests_alive()))
+            repeated = self._repeated
+            idle = repeated is None or repeated.over
+            due = IDLE if repeated is None or idle else repeated.poll(time.monotonic())
+            message = self._replies.take(min(left, due))
             if message is not None:
                 return self._understood(message)
         raise TimeoutError
 
     def take_received(self) -> list[bytes]:
         """Return the messages that have come already."""
-        return self._inbox.rest()
-
-    def _keep_requests_alive(self) -> float:
-        """Tend the call under way, alive only while a caller waits here; return s until the next time."""
-        errand = self._errand
-        return IDLE if errand is None or errand.over else errand.poll(time.monotonic())
+        return self._replies.rest()
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":
-            why = json.loads(message).get("parameters", {}).get("message", "")
+            why = decoded(message).get("parameters", {}).get("message", "")
             raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {why}")
         return message
 
     # ------------------------------------------------------------------------------------------ calls
 
-    def _carrier(self, method: str, more: bool) -> Callable[[Parameters, float], None]:
+    def _carrier(
+        self, endpoint: RemoteRobotEndpoint, method: str, *, more: bool
+    ) -> Callable[[Parameters, float], None]:
         """Return the function that makes a call. Raises NotCarried."""
-        if method in ASKED:
-            return partial(self._ask, ("ask", method))
-        if method == "Check":
-            return partial(self._ask, ("check",))
-        if method in _LEASE:
-            return partial(_LEASE[method], self)
-        if method in _STREAMS and more:
-            return partial(_STREAMS[method], self)
-        raise NotCarried(
-            f"{method}: not for remote clients; arm {self._robot} and set it up beside the robot"
-        )
+        calls: dict[str, Callable[[Parameters, float], None]] = {
+            **{each: partial(self._ask, endpoint, ("ask", each)) for each in ASKED},
+            "Check": partial(self._ask, endpoint, ("check",)),
+            "AcquireLease": partial(self._acquire, endpoint),
+            "RenewLease": partial(self._renew, endpoint),
+            "ReleaseLease": partial(self._release, endpoint),
+        }
+        streams = {
+            "Monitor": partial(self._monitor, endpoint),
+            "SubmitTrajectory": partial(self._go, endpoint),
+        }
+        found = calls.get(method) or (streams.get(method) if more else None)
+        if found is None:
+            here = f"arm {self._robot} and set it up beside the robot"
+            raise NotCarried(f"{method}: not for remote clients; {here}")
+        return found
 
     def _ask(
         self,
+        endpoint: RemoteRobotEndpoint,
         parts: tuple[str, ...],
         what: Parameters,
         patience: float,
         answered: TakeMessage | None = None,
     ) -> None:
-        assert self._reach is not None
-        inbox = self._inbox
-        silent = (
-            f"{self.where}: no answer to {'/'.join(parts)}: it went away, or this client is not permitted"
-        )
-        self._reach.ask(parts, what, patience, answered or inbox.answer, lambda: inbox.end(silent))
+        replies = self._replies
+        silence = endpoint.silence(parts)
+        endpoint.ask(parts, what, patience, answered or replies.answer, lambda: replies.end(silence))
 
-    def _acquire(self, parameters: Parameters, patience: float) -> None:
-        assert self._reach is not None
-        inbox = self._inbox
-        reach = self._reach
+    def _acquire(self, endpoint: RemoteRobotEndpoint, given: Parameters, patience: float) -> None:
+        replies = self._replies
         what = {"op": "acquire", "holder": holder()}
 
         def on_lease_reply(message: bytes) -> None:
             """Take a lease held by another, by a deadline in the robot's clock from its reply."""
-            now = _held_at(message) if parameters.get("take") else None
-            if now is None:
+            now = decoded(message).get("parameters", {}).get("now")
+            held = error_name(message) == "LeaseHeld" and isinstance(now, int | float)
+            if not (held and given.get("take")):
                 granted(message)
                 return
             taking = what | {"take": True, "deadline": now + LEASE_S}
             with suppress(Disconnected):  # closed meanwhile
-                reach.ask(("lease",), taking, patience, granted, lambda: inbox.answer(message))
+                endpoint.ask(LEASE, taking, patience, granted, lambda: replies.answer(message))
 
         def granted(message: bytes) -> None:
-            came = time.monotonic()
-            try:
-                answer = json.loads(message)
-                if "error" in answer:  # LeaseHeld has a lease and a clock as well
-                    inbox.answer(message)
-                    return
-                grant = answer["parameters"]
-                self._hold = LeaseRenewer(reach, grant, came)
-            except (ValueError, KeyError, TypeError):
-                inbox.answer(message)  # the caller reports an invalid answer
-            else:
-                lease = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
-                inbox.answer(json.dumps({"parameters": {"lease": lease}}).encode())
+            grant = decoded(message).get("parameters")
+            if error_name(message) == "" and isinstance(grant, dict):
+                with suppress(KeyError, TypeError, ValueError):  # else the caller reports an invalid answer
+                    self._lease = HeldLease(endpoint, grant)
+                    shown = {key: grant.get(key) for key in ("holder", "expires_in")}
+                    message = json.dumps({"parameters": {"lease": shown}}).encode()
+            replies.answer(message)
 
-        self._ask(("lease",), what, patience, on_lease_reply)
+        self._ask(endpoint, LEASE, what, patience, on_lease_reply)
 
-    def _release(self, _parameters: Parameters, patience: float) -> None:
-        hold = self._hold
-        self._hold = None
-        if hold is None:
-            self._inbox.answer(b'{"parameters":{}}')
+    def _release(self, endpoint: RemoteRobotEndpoint, _given: Parameters, patience: float) -> None:
+        lease = self._lease
+        self._lease = None
+        if lease is None:
+            self._replies.answer(b'{"parameters":{}}')
         else:
-            self._ask(*_release(hold), patience)
+            self._ask(endpoint, LEASE, lease.query("release"), patience)
 
-    def _renew(self, _parameters: Parameters, patience: float) -> None:
-        if self._hold is None:
-            raise NotCarried("RenewLease: AcquireLease comes first")
-        self._ask(("lease",), {"op": "renew", "lease": self._hold.id}, patience)
+    def _renew(self, endpoint: RemoteRobotEndpoint, _given: Parameters, patience: float) -> None:
+        self._ask(endpoint, LEASE, self._held("RenewLease").query("renew"), patience)
 
-    def _submit(self, parameters: Parameters, _patience: float) -> None:
-        if self._hold is None:
-            raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
-        assert self._reach is not None
-        now = time.monotonic()
-        self._errand = SentGoal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+    def _go(self, endpoint: RemoteRobotEndpoint, given: Parameters, _patience: float) -> None:
+        lease = self._held("SubmitTrajectory: from afar only under a lease")
+        self._repeated = SentGoal(endpoint, lease, given["trajectory"], self._replies)
 
-    def _monitor(self, parameters: Parameters, _patience: float) -> None:
-        assert self._reach is not None
-        rate = parameters.get("rate")
-        for topic, parts in keys(parameters["topics"], rate).items():
-            self._subscribers.append(
-                self._reach.subscribe_news(parts, self._thinned(TopicRateLimiter(topic, rate)))
-            )
+    def _held(self, call: str) -> HeldLease:
+        if self._lease is None:
+            raise NotCarried(f"{call}: AcquireLease comes first")
+        return self._lease
 
-    def _thinned(self, thinned: TopicRateLimiter) -> Callable[[bytes], None]:
-        inbox = self._inbox
+    def _monitor(self, endpoint: RemoteRobotEndpoint, given: Parameters, _patience: float) -> None:
+        rate = given.get("rate")
+        for topic, parts in keys(given["topics"], rate).items():
+            on_news = partial(_put_due, self._replies, TopicRateLimiter(topic, rate))
+            self._subscribers.append(endpoint.subscribe_news(parts, on_news))
 
-        def on_message(message: bytes) -> None:
-            if thinned.takes(message):
-                inbox.put_news(message)
 
-        return on_message
+def _put_due(replies: ClientReplyQueue, limiter: TopicRateLimiter, message: bytes) -> None:
+    if limiter.takes(message):
+        replies.put_news(message)
 
 
 def holder() -> str:
@@ -264,25 +251,3 @@ def holder() -> str:
         return f"{getpass.getuser()}@{socket.gethostname()}"
     except (KeyError, OSError):  # a user without a name
         return socket.gethostname()
-
-
-def _held_at(message: bytes) -> float | None:
-    """Return the time (s, robot's clock) at which another client had the lease; None: another message."""
-    try:
-        answer = json.loads(message)
-        held = str(answer.get("error")).endswith(".LeaseHeld")
-        return float(answer["parameters"]["now"]) if held else None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None
-
-
-def _release(hold: LeaseRenewer) -> tuple[tuple[str, ...], Parameters]:
-    return ("lease",), {"op": "release", "lease": hold.id}
-
-
-_LEASE = {
-    "AcquireLease": ZenohClientLine._acquire,
-    "RenewLease": ZenohClientLine._renew,
-    "ReleaseLease": ZenohClientLine._release,
-}
-_STREAMS = {"Monitor": ZenohClientLine._monitor, "SubmitTrajectory": ZenohClientLine._submit}

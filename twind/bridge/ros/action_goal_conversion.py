@@ -29,7 +29,7 @@ CODES = {
 
 COLUMNS = (*TAKEN, "effort")
 
-GoalReport = Mapping[str, Any]  # of `TrajectoryDispatcher.goal`: phase, findings, message
+GoalReport = Mapping[str, Any]  # of `RosCommands.goal`: phase, findings, message
 State = Mapping[str, Any]  # an answer of Monitor, topic `state`
 
 

@@ -42,7 +42,7 @@ PATIENCE = 1.0  # s for a word of the daemon
 
 
 class GoalConsumer(Protocol):
-    """Receiver of trajectories: `TrajectoryDispatcher.goal`."""
+    """Receiver of trajectories: `RosCommands.goal`."""
 
     def __call__(
         self,

@@ -38,7 +38,7 @@ def main(words: Sequence[str]) -> int:
             tell=print_line,
             stop=stop,
         )
-        node.goals = course.orders.goal if options.commands else None
+        node.goals = course.commands.goal if options.commands else None
         return course.run()
 
 

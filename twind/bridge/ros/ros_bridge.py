@@ -1,9 +1,9 @@
 """One run of a ROS bridge, over any number of daemons and lives of the graph. Library, 3.10.
 
-Two threads listen to the daemon, one to its readings, one to all else, and publish at once. One takes
-trajectories to the gate, three do stops and modes. This one joins the graph, again after a loss, and reports
-its state once a second. No thread waits for a reader: messages that the graph does not accept are dropped,
-and those that the daemon had to drop are counted.
+Two threads listen to the daemon, one to its readings, one to all else, and publish at once. `RosCommands` has
+those of commands. This one joins the graph, again after a loss, and reports its state once a second. No
+thread waits for a reader: messages that the graph does not accept are dropped, and those that the daemon had
+to drop are counted.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from twind.bridge.commands.permission import denied
+from twind.bridge.commands.stop_queues import Outcome
 from twind.bridge.ros.command_journal import CommandJournal
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
+from twind.bridge.ros.ros_commands import RosCommands, error_text
 from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
@@ -27,15 +30,12 @@ from twind.bridge.ros.ros_endpoints import (
     SERVICES,
     STATUS,
     TOPICS,
-    TRAJECTORY,
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.ros_service_calls import RosServiceCalls, denied
 from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
 from twind.bridge.ros.ros_transport import RosTransport
-from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
-from twind.client import Client, NoDaemon
+from twind.client import Client, ClientError, NoDaemon
 from twind.client.clock_pair import clocks
 from twind.client.monitor_stream import RepeatedFaultFilter
 from twind.exceptions import OperationFailed
@@ -43,7 +43,6 @@ from twind.exceptions import OperationFailed
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
 AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
-STEP = 0.1  # s that a command may wait where no event wakes its thread
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
 REACH = 0.5  # s to be let in at observe.sock: a full queue must not hold up an e-stop
@@ -54,7 +53,7 @@ GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
 class RosBridge:
     """Running bridge.
 
-    `run` returns the exit code. `orders` takes trajectories, of a back end's actions too.
+    `run` returns the exit code. `commands` takes goals of a back end's actions too.
     """
 
     def __init__(
@@ -84,15 +83,13 @@ class RosBridge:
         self._journal = CommandJournal(tell)
         self._neighbours = PeerBridges()
         self._alone = RepeatedFaultFilter()
-        self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
-        self.service_calls = RosServiceCalls(
+        self.commands = RosCommands(
             self._operator,
             self._observer,
-            self.orders.stop,
-            self._status_text,
-            self._closed,
-            self._result,
-            tell,
+            status=self._status_text,
+            closed=self._closed,
+            on_result=self._result,
+            tell=tell,
         )
         self._readings = RosSubscriber(self._observer, ("state",), self._reading, tell, stop, rate=rate)
         self._news = RosSubscriber(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
@@ -107,20 +104,17 @@ class RosBridge:
 
     def run(self) -> int:
         """Run until a stop signal; return 0."""
-        taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
         try:
             self._journal.start()
-            self.service_calls.start()
+            self.commands.start()
             self._readings.start()
             self._news.start()
-            taking.start()
             while not self._stop.is_set():
                 self._tended()
                 self._stop.wait(AGAIN)
         finally:
             self._stop.set()
-            self.orders.stop()
-            self._end(taking)
+            self._end()
         return 0
 
     # ------------------------------------------------------------------------------------------ the graph
@@ -187,13 +181,11 @@ class RosBridge:
         """A message of the graph; in a thread of the back end."""
         if topic == NEIGHBOURS:
             self._neighbours.on_bridge_status(data)
-        elif topic is TRAJECTORY:
-            self.orders.put(data)
         else:
-            self.service_calls.on_message(topic, data)
+            self.commands.on_message(topic, data)
 
     def _handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        done, message = self.service_calls.handle_request(service, data)
+        done, message = self.commands.handle_request(service, data)
         if service is not GET_STATUS:
             phase = "done" if done else "refused"
             self._journal.note({"topic": service.name, "phase": phase, "message": message})
@@ -241,7 +233,7 @@ class RosBridge:
             self._publish(LATENCY, latencies(answer["latency"]))
         elif topic == "trajectories":
             self._send(self._messages.accepted(answer, clocks()))
-        self.orders.on_monitor_reply(answer)
+        self.commands.motions.on_monitor_reply(answer)
 
     def _send(self, messages: Sequence[Message]) -> None:
         for topic, data in messages:
@@ -255,14 +247,6 @@ class RosBridge:
         if news or time - self._published_at >= STATUS_PERIOD:
             self._published_at = time
             self._publish_status()
-
-    def _take_orders(self) -> None:
-        while not self._stop.is_set():
-            try:
-                self.orders.step(STEP)
-            except Exception as error:  # noqa: BLE001  a command that fails must not be the last one
-                self._tell(f"a command was lost: {type(error).__name__}: {error}")
-        self.orders.close()
 
     def _ask_rights(self) -> None:
         """Request the rights once for each daemon: without them no commands are offered."""
@@ -285,7 +269,7 @@ class RosBridge:
             "refuses": self._closed() or None,
             "dropped": self._readings.dropped + self._news.dropped,
             "undelivered": getattr(self._transport, "dropped", 0),  # counted by DDS alone
-            "driving": 0 if self._over else len(self.orders.driving),
+            "driving": 0 if self._over else len(self.commands.motions.moving),
         }
 
     def _make_status(self) -> dict[str, Any]:
@@ -295,16 +279,17 @@ class RosBridge:
     def _publish_status(self) -> None:
         self._publish(STATUS, encode_string(self._make_status()))
 
-    def _status_text(self, now: Mapping[str, Any] | str) -> str:
+    def _status_text(self, now: Outcome) -> str:
         """Return the status text from the daemon's present status, or the reason why there is none."""
         bridge = self._bridge()
-        if isinstance(now, str):
-            return json.dumps({"bridge": bridge | {"daemon": False, "error": now}}, ensure_ascii=False)
-        return json.dumps({**now, "bridge": bridge}, ensure_ascii=False)
+        if isinstance(now, ClientError):
+            bridge |= {"daemon": False, "error": error_text(now)}
+        status = {} if isinstance(now, ClientError) else now["status"]
+        return json.dumps({**status, "bridge": bridge}, ensure_ascii=False)
 
-    def _end(self, taking: threading.Thread) -> None:
+    def _end(self) -> None:
         """Release the lease first, so that motions end. A thread that hangs is left behind after GRACE."""
-        taking.join(GRACE)
+        self.commands.stop(GRACE)
         self._journal.close()
         leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
         leaving.start()

@@ -14,9 +14,8 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from twind.client.errors import CallError, as_error
+from twind.bridge.commands.leased_motions import refusal
 from twind.exceptions import InvalidInput
-from twind.protocol import CONTROL
 from twind.ros import JOINT_TRAJECTORY, MessageDefinitions, decode, definition_text
 from twind.ros.cdr import CdrReader
 from twind.ros.joint_state_message import SECOND
@@ -29,13 +28,6 @@ POINTS = 2000  # limit of the gate; an empty point takes as long to read as a fu
 NUMBERS = 150_000  # of all columns: as JSON they have to stay below the socket's 4 MiB
 COLUMNS = ("positions", "velocities", "accelerations")
 MESSAGE = MessageDefinitions(JOINT_TRAJECTORY, definition_text(JOINT_TRAJECTORY))
-
-Finding = Mapping[str, Any]  # as the interface has it
-
-
-def invalid_command(code: str, message: str, **more: Any) -> CallError:
-    """Build the Refused for a command that never reaches the gate, in the form of the gate's own."""
-    return as_error(f"{CONTROL}.Refused", {"findings": [{"code": code, "message": message, **more}]})
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +77,12 @@ def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
     try:
         message = decode(JOINT_TRAJECTORY, data)
     except (InvalidInput, RecursionError) as error:
-        raise invalid_command("BAD_SCHEMA", f"malformed: {error}") from None
+        raise refusal("BAD_SCHEMA", f"malformed: {error}") from None
     joints = message["joint_names"]
     points = [_point(place, point, joints) for place, point in enumerate(message["points"])]
     count = sum(len(point.get(key) or ()) for point in points for key in COLUMNS)
     if count > NUMBERS:
-        raise invalid_command(
-            "FRAME_TOO_LARGE", f"{count} numbers: must be at most {NUMBERS}; send fewer points"
-        )
+        raise refusal("FRAME_TOO_LARGE", f"{count} numbers: must be at most {NUMBERS}; send fewer points")
     start_in, points = _when(nanoseconds(message["header"]["stamp"]), now_ns, points)
     return {"joint_names": joints, "points": points, "start_in": start_in}
 
@@ -105,17 +95,17 @@ def nanoseconds(time: Mapping[str, int]) -> int:
 def _bounded(data: bytes) -> None:
     """Check by the counts in the bytes that decoding costs little. Raises Refused."""
     if len(data) > LONGEST:
-        raise invalid_command("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
+        raise refusal("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
     place = _front(data)[1]
     if not place and len(data) > FRONT:
         why = f"frame and joint names take more than {FRONT} bytes, or are none: shorten them"
-        raise invalid_command("FRAME_TOO_LARGE", why)
+        raise refusal("FRAME_TOO_LARGE", why)
     if place:
         source = CdrReader(data)
         source.place = place
         count = _count(source)
         if count > POINTS:
-            raise invalid_command("FRAME_TOO_LARGE", f"{count} points: must be at most {POINTS}")
+            raise refusal("FRAME_TOO_LARGE", f"{count} points: must be at most {POINTS}")
 
 
 def _count(source: CdrReader) -> int:
@@ -130,7 +120,7 @@ def _count(source: CdrReader) -> int:
 def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
     """Return a point, time in s. Raises Refused for a non-finite number and for efforts."""
     if point["effort"]:
-        raise invalid_command("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
+        raise refusal("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
     content: dict[str, Any] = {"positions": point["positions"]}
     for key in COLUMNS:
         row = point[key]
@@ -138,7 +128,7 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
             if not isfinite(value):
                 joint = joints[column] if column < len(joints) else None
                 text = f"{joint or 'a joint'}, point {place}: {key} is {value}"
-                raise invalid_command("NONFINITE", text, joint=joint, point=place)
+                raise refusal("NONFINITE", text, joint=joint, point=place)
         if row:
             content[key] = row
     return content | {"time_from_start": nanoseconds(point["time_from_start"]) / SECOND}
@@ -151,17 +141,15 @@ def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[flo
     ahead = (stamp_ns - now_ns) / SECOND
     if ahead > AHEAD:
         why = f"the stamp is {ahead:.3f} s ahead of the robot's clock: must be at most {AHEAD:g}"
-        raise invalid_command("TOO_DISTANT", f"{why}; stamp 0 means now", value=ahead, bound=AHEAD)
+        raise refusal("TOO_DISTANT", f"{why}; stamp 0 means now", value=ahead, bound=AHEAD)
     if ahead >= 0.0 or not points:
         return max(ahead, 0.0), points
     times = [point["time_from_start"] for point in points]
     if any(after <= before for before, after in pairwise(times)) or times[0] < 0.0:
-        raise invalid_command(
-            "TIME_ORDER", "times must increase from 0 on"
-        )  # else which points are over is unknown
+        raise refusal("TIME_ORDER", "times must increase from 0 on")  # else which points are over is unknown
     left = [point | {"time_from_start": time + ahead} for point, time in zip(points, times, strict=True)]
     left = [point for point in left if point["time_from_start"] > 0.0]
     if not left:
         why = f"its end lies {-ahead - times[-1]:.3f} s in the past of the robot's clock"
-        raise invalid_command("CMD_EXPIRED", f"{why}; stamp 0 means now", value=ahead + times[-1], bound=0.0)
+        raise refusal("CMD_EXPIRED", f"{why}; stamp 0 means now", value=ahead + times[-1], bound=0.0)
     return 0.0, left

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
 
-from twind.bridge.uplink.remote_contract import SMALL, UPLINK, busy, check_query, check_size, no_daemon
+from twind.bridge.commands.stop_queues import Outcome, Tell
+from twind.bridge.uplink.remote_contract import (
+    SMALL,
+    UPLINK,
+    as_call_error,
+    busy,
+    check_query,
+    check_size,
+)
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.client import CallError, ClientError
 
 JSON = zenoh.Encoding.APPLICATION_JSON
-Tell = Callable[[str], None]
-Serve = Callable[[dict[str, Any]], dict[str, Any]]  # parameters -> answer; raises ClientError
-Outcome = dict[str, Any] | CallError
+Serve = Callable[[dict[str, Any]], Mapping[str, Any]]  # parameters -> answer; raises ClientError
 
 
 class RemoteQuery:
-    """Query received at key `where`. `asked`: its parameters; of a large query empty until `answer`."""
+    """Query received at key `where`. `parameters`: empty until `answer` for a large query."""
 
     def __init__(self, method: str, where: str, query: zenoh.Query, tell: Tell) -> None:
         self._method = method
@@ -27,7 +33,7 @@ class RemoteQuery:
         self._query = query
         self._tell = tell
         self._size = 0 if query.payload is None else len(query.payload)
-        self.asked: dict[str, object] = {}
+        self.parameters: dict[str, Any] = {}
 
     def look(self) -> None:
         """Read the query if that is quick. Raises CallError: invalid, or too large to be copied."""
@@ -37,29 +43,26 @@ class RemoteQuery:
 
     def answer(self, serve: Serve) -> None:
         """Answer the query here and now, and release it."""
-        self.reply(self.outcome(serve))
-
-    def outcome(self, serve: Serve) -> Outcome:
-        """Return the result of `serve`, or its error."""
+        outcome: Outcome
         try:
             if self._size > SMALL:
                 self._read()
-            return serve(self.asked)
-        except CallError as error:
-            return error
+            outcome = serve(self.parameters)
         except ClientError as error:
-            return no_daemon(error)
+            outcome = error
         except Exception as error:  # noqa: BLE001  one query must not end the queue of the others
             message = f"{type(error).__name__}: {error}"
             self._tell(f"{self._where}: {message}")
-            return CallError(f"{UPLINK}.Failed", {"message": message})
+            outcome = CallError(f"{UPLINK}.Failed", {"message": message})
+        self.reply(outcome)
 
     def reply(self, outcome: Outcome) -> None:
         """Send the answer, and release the query."""
         try:
             with self._query as query:  # releasing the query reports the end of the answer to its sender
-                if isinstance(outcome, CallError):
-                    message = {"error": outcome.error, "parameters": dict(outcome.parameters)}
+                if isinstance(outcome, ClientError):
+                    error = as_call_error(outcome)
+                    message = {"error": error.error, "parameters": dict(error.parameters)}
                     query.reply_err(encoded(message), encoding=JSON)
                 else:
                     query.reply(self._where, encoded(outcome), encoding=JSON, express=True)
@@ -73,7 +76,7 @@ class RemoteQuery:
 
     def _read(self) -> None:
         payload = self._query.payload
-        self.asked = check_query(self._method, b"" if payload is None else payload.to_bytes())
+        self.parameters = check_query(self._method, b"" if payload is None else payload.to_bytes())
 
 
 Take = Callable[[RemoteQuery], bool]  # in a thread of the engine; False: there is no room for it
@@ -102,9 +105,8 @@ class QueryServer:
             if not take(one):
                 one.reply(busy(f"{'/'.join(key)}: too many queries wait; retry later"))
 
-        self._open.append(
-            self._session.declare_queryable(where, zenoh.handlers.Callback(came, indirect=False))
-        )
+        callback = zenoh.handlers.Callback(came, indirect=False)
+        self._open.append(self._session.declare_queryable(where, callback))
 
     def close(self) -> None:
         """Accept no more queries."""
@@ -112,6 +114,6 @@ class QueryServer:
             self._open.pop().undeclare()
 
 
-def encoded(answer: dict[str, Any]) -> bytes:
+def encoded(answer: Mapping[str, Any]) -> bytes:
     """Encode an answer as JSON."""
     return json.dumps(answer, ensure_ascii=False, separators=(",", ":")).encode()

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from twind.client.errors import CallError, as_error
+from twind.client.errors import CallError, ClientError, as_error
 from twind.exceptions import InvalidInput
 from twind.protocol import CONTROL, SERVICE, load, parse
 from twind.protocol.strict_json import loads
@@ -106,28 +106,6 @@ def busy(what: str) -> CallError:
     return as_error(f"{CONTROL}.Busy", {"what": what})
 
 
-def make_refusal(
-    code: str, message: str, value: float | None = None, bound: float | None = None
-) -> CallError:
-    """Return the refusal with one finding in the daemon's form."""
-    return as_error(f"{CONTROL}.Refused", {"findings": [finding(code, message, value, bound)]})
-
-
-def no_daemon(error: Exception) -> CallError:
-    """Return the error for a daemon that is away, silent, or refuses the connection."""
-    return as_error(f"{UPLINK}.NoDaemon", {"message": str(error)})
-
-
-def finding(
-    code: str, message: str, value: float | None = None, bound: float | None = None
-) -> dict[str, object]:
-    """Return a `Finding` of the interface."""
-    return {
-        "code": code,
-        "joint": None,
-        "point": None,
-        "time": None,
-        "value": value,
-        "bound": bound,
-        "message": message,
-    }
+def as_call_error(error: ClientError) -> CallError:
+    """Return the error as remote clients get it: NoDaemon for one that is away, silent, or refuses."""
+    return error if isinstance(error, CallError) else as_error(f"{UPLINK}.NoDaemon", {"message": str(error)})

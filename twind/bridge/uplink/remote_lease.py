@@ -9,12 +9,14 @@ from __future__ import annotations
 import secrets
 import threading
 
-from twind.bridge.uplink.remote_contract import make_refusal
+from twind.bridge.commands.leased_motions import refusal
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client.errors import CallError, as_error
 from twind.protocol import CONTROL
 from twind.robot.finding import ReasonCode
 from twind.safety.lease import Lease
+
+CLIENT = 1  # number of every remote holder in the lease; a grant ends the one before
 
 
 class RemoteLease:
@@ -23,7 +25,6 @@ class RemoteLease:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._lease = Lease()
-        self._number = 0
         self._token = ""
 
     def admits(self, now: float, *, take: bool) -> None:
@@ -37,15 +38,15 @@ class RemoteLease:
     def grant(self, holder: str, now: float) -> dict[str, object]:
         """Grant the lease to `holder`, even if another holds it. Return the Grant."""
         with self._lock:
-            self._number += 1
+            self._lease.release(CLIENT)
             self._token = secrets.token_urlsafe(16)
-            self._lease.acquire(self._number, holder, -1, now, take=True)
+            self._lease.acquire(CLIENT, holder, -1, now)
         return self.granted(now)
 
     def renew(self, token: str, now: float) -> dict[str, object]:
         """Renew the lease; return the Grant. Raises CallError: LEASE_MISSING."""
         with self._lock:
-            renewed = token == self._token and self._lease.renew(self._number, now)
+            renewed = token == self._token and self._lease.renew(CLIENT, now)
         if not renewed:
             raise missing()
         return self.granted(now)
@@ -53,7 +54,7 @@ class RemoteLease:
     def holds(self, token: str, now: float) -> bool:
         """Return True if this token holds the lease now."""
         with self._lock:
-            return bool(token) and token == self._token and self._lease.held_by(self._number, now)
+            return bool(token) and token == self._token and self._lease.holds(now)
 
     def is_held(self, now: float) -> bool:
         """Return True if the lease is held now."""
@@ -63,7 +64,7 @@ class RemoteLease:
     def end(self) -> None:
         """End the lease: no token holds it any more."""
         with self._lock:
-            self._lease.release(self._number)
+            self._lease.release(CLIENT)
             self._token = ""
 
     def granted(self, now: float) -> dict[str, object]:
@@ -77,4 +78,4 @@ class RemoteLease:
 def missing() -> CallError:
     """Return the refusal of a client that does not hold the lease."""
     message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
-    return make_refusal(ReasonCode.LEASE_MISSING, message)
+    return refusal(ReasonCode.LEASE_MISSING, message)

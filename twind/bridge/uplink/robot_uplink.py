@@ -1,8 +1,7 @@
 """One robot's uplink while it runs: publications, queries, and the command lease.
 
-Threads: one for each publishing connection of the daemon (`topic_outlets.py`), for each kind of query
-(`worker_queue.py`), and for each kind of stop, which waits only for the stop before it (`coalesced_stop.py`).
-The threads of the Zenoh engine run no code here that waits.
+Threads: one for each publishing connection of the daemon (`topic_outlets.py`), and for each kind of query and
+of stop (`twind.bridge.commands`). The threads of the Zenoh engine run no code here that waits.
 """
 
 from __future__ import annotations
@@ -11,26 +10,26 @@ import argparse
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import zenoh
 from msgspec import convert
 
-from twind.bridge.motion_session import MotionSession
-from twind.bridge.uplink.coalesced_stop import CoalescedStop
-from twind.bridge.uplink.lease_keeper import PERIOD, LeaseKeeper
+from twind.bridge.commands.leased_motions import LeasedMotions
+from twind.bridge.commands.permission import denied
+from twind.bridge.commands.request_queue import LONG, PACE, RequestQueue
+from twind.bridge.commands.stop_queues import CUT, HOLD, SETTLE, StopQueues, Tell
 from twind.bridge.uplink.name_claim import NameClaim
 from twind.bridge.uplink.query_server import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
 from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
-from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.uplink.remote_goals import PERIOD, RemoteGoals
 from twind.bridge.uplink.topic_outlets import MonitorRelay
-from twind.bridge.uplink.uplink_goals import PlannedDurations
-from twind.bridge.uplink.worker_queue import WorkerQueue
 from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key, robot_name
-from twind.client import Client, ClientError, NoDaemon
+from twind.client import Client, ClientError
 from twind.client.monitor_stream import RepeatedFaultFilter
-from twind.command_line.verb import connected, observer, operator
+from twind.command_line.verb import observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
 ON_DEMAND = "latency"  # read only with subscribers; all other topics are always read
@@ -42,7 +41,6 @@ PATIENCE = 5.0
 SLOW = 35.0
 AGAIN = 0.5  # s between two attempts to reach it: without a pause a refused connect would fill a core
 END = 1.0  # s at the end for what is under way
-Tell = Callable[[str], None]
 
 
 class RobotUplink:
@@ -63,10 +61,11 @@ class RobotUplink:
         self._trouble = RepeatedFaultFilter()
         self._limits = RepeatedFaultFilter()
         self._renamed = False
-        self._plans = PlannedDurations()
-        self._lease = RemoteLease()
-        self._driving = MotionSession(partial(operator, options))
-        self._lease_keeper = LeaseKeeper(self._driving, self._lease, self._plans, self._publish, tell)
+        motions = LeasedMotions(partial(operator, options))
+        self._goals = RemoteGoals(motions, self._publish, tell)
+        self._stops = StopQueues(
+            partial(operator, options), partial(observer, options), motions.stopped, tell
+        )
         self._presence = NameClaim(session, robot)
         self._relays = self._make_relays()
         self._door = QueryServer(session, robot, tell)
@@ -104,7 +103,7 @@ class RobotUplink:
 
     def tally(self) -> dict[str, dict[str, int]]:
         """Counts of answered queries, and of those that found no room, by queue."""
-        return {queue.name: {"answered": queue.done, "refused": queue.full} for queue in self._queues}
+        return {queue.name: {"answered": queue.answered, "refused": queue.refused} for queue in self._queues}
 
     # ------------------------------------------------------------------------------------------ telling
 
@@ -139,12 +138,7 @@ class RobotUplink:
 
         Without permission for it the uplink only observes: the robot can only be watched and stopped.
         """
-        why = ""
-        try:
-            with operator(self._options) as client:
-                client.connect()
-        except NoDaemon as error:
-            why = "" if error.absent else str(error)
+        why = denied(partial(operator, self._options)) or ""
         if self._limits.is_transition(why, time.monotonic()):
             self._tell(f"{why}; so no remote client can command" if why else "commands are taken again")
 
@@ -153,74 +147,63 @@ class RobotUplink:
             self._tell(f"{why}; waiting for the daemon")
 
     def _on_message(self, topic: str, data: bytes) -> None:
-        if topic in ("events", "status"):
-            self._lease_keeper.on_monitor_reply(json.loads(data)["parameters"])
-        elif topic == "trajectories":
-            self._plans.on_monitor_reply(json.loads(data)["parameters"])
+        if topic in ("events", "status", "trajectories"):
+            self._goals.on_monitor_reply(json.loads(data)["parameters"])
 
     # ------------------------------------------------------------------------------------------ answering
 
-    def _open_queues(self) -> list[WorkerQueue | CoalescedStop]:
-        door = self._door
-        # A settling may last, and a cut must not wait for it.
-        stops = [
-            CoalescedStop(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")
-        ]
-        cancelling = CoalescedStop("cancelling", partial(self._stopped, "Cancel", PATIENCE))
-        asking = WorkerQueue("asking")
-        checking = WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD)
-        goals = WorkerQueue(
-            "goals",
-            length=LARGE_WAITING,
-            tend=self._lease_keeper.renew_and_report,
-            period=PERIOD,
-            last=self._lease_keeper.close,
-        )
+    def _open_queues(self) -> list[RequestQueue[Any]]:
+        """Accept queries; return the queues that answer them."""
+        goals = self._queue("goals", LARGE_WAITING, tend=self._goals.keep, last=self._goals.close)
+        asking = self._queue("asking")
+        checking = self._queue("checking", LARGE_WAITING, CHECK_PERIOD)
 
         def goal(one: RemoteQuery) -> bool:
             came = time.monotonic()
-            return goals.put(
-                lambda: one.answer(lambda asked: self._lease_keeper.goal(convert(asked, GoalQuery), came))
-            )
+            return _put(goals, one, lambda asked: self._goals.goal(convert(asked, GoalQuery), came))
 
         def lease(one: RemoteQuery) -> bool:
-            if one.asked["op"] == "renew":  # needs no reply of the daemon, so it does not wait
-                one.answer(lambda asked: self._lease_keeper.renew(convert(asked, LeaseQuery)))
-                return True
-            return goals.put(
-                lambda: one.answer(lambda asked: self._lease_keeper.lease(convert(asked, LeaseQuery)))
-            )
+            if one.parameters["op"] != "renew":
+                return _put(goals, one, lambda asked: self._goals.lease(convert(asked, LeaseQuery)))
+            one.answer(lambda asked: self._goals.renew(convert(asked, LeaseQuery)))  # waits for nothing
+            return True
 
-        door.open("EStop", lambda one: stops[one.asked.get("level") == "cut"].put(one), "stop", "EStop")
-        door.open("Cancel", cancelling.put, "stop", "Cancel")
+        door = self._door
+        door.open("EStop", lambda one: self._stop(CUT if _cuts(one) else SETTLE, one), "stop", "EStop")
+        door.open("Cancel", partial(self._stop, HOLD), "stop", "Cancel")
         door.open("Lease", lease, "lease")
         door.open("Goal", goal, "goal")
-        door.open("Check", _within(checking, partial(self._relayed, "Check", SLOW)), "check")
+        door.open("Check", _in_queue(checking, partial(self._relayed, "control", "Check", SLOW)), "check")
         for method in ASKED:
-            door.open(method, _within(asking, partial(self._relayed, method, PATIENCE)), "ask", method)
-        return [
-            *stops,
-            cancelling,
-            asking,
-            checking,
-            goals,
-            WorkerQueue("watching", tend=self._lease_keeper.watch, period=PERIOD),
-        ]
+            serve = partial(self._relayed, "observe", method, PATIENCE)
+            door.open(method, _in_queue(asking, serve), "ask", method)
+        watching = self._queue("watching", tend=self._goals.watch)
+        return [*self._stops.queues.values(), asking, checking, goals, watching]
 
-    def _relayed(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
+    def _queue(
+        self,
+        name: str,
+        length: int = LONG,
+        pace: float = PACE,
+        *,
+        tend: Callable[[], None] | None = None,
+        last: Callable[[], None] | None = None,
+    ) -> RequestQueue[Callable[[], None]]:
+        """Return a queue of calls."""
+        period = None if tend is None else PERIOD
+        tell = self._tell
+        return RequestQueue(name, _call, tell, length=length, pace=pace, tend=tend, period=period, last=last)
+
+    def _stop(self, kind: str, one: RemoteQuery) -> bool:
+        if not self._stops.put(kind, one):
+            one.forget()
+        return True
+
+    def _relayed(self, socket: str, method: str, patience: float, given: dict[str, Any]) -> dict[str, Any]:
         """Return the daemon's answer. Raises ClientError."""
-        names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
-        with connected(self._options, *names) as client:
+        with operator(self._options) if socket == "control" else observer(self._options) as client:
             client.timeout = patience
-            return client.call(method, **parameters)
-
-    def _stopped(self, method: str, patience: float, parameters: dict[str, object]) -> dict[str, object]:
-        """Relay a stop: no goal that arrived here before its answer begins after it. Raises ClientError."""
-        self._lease_keeper.stopped(time.monotonic())
-        try:
-            return self._relayed(method, patience, parameters)
-        finally:
-            self._lease_keeper.stopped(time.monotonic())
+            return client.call(method, **given)
 
     def _publish(self, goal: str, answer: dict[str, object]) -> None:
         self._session.put(
@@ -233,9 +216,22 @@ class RobotUplink:
         )
 
 
-def _within(queue: WorkerQueue, serve: Serve) -> Take:
+def _cuts(one: RemoteQuery) -> bool:
+    return one.parameters.get("level") == CUT
+
+
+def _call(calls: Sequence[Callable[[], None]]) -> None:
+    for call in calls:
+        call()
+
+
+def _put(queue: RequestQueue[Callable[[], None]], one: RemoteQuery, serve: Serve) -> bool:
+    return queue.put(lambda: one.answer(serve)) is not None
+
+
+def _in_queue(queue: RequestQueue[Callable[[], None]], serve: Serve) -> Take:
     """Return a taker that answers each query in its turn."""
-    return lambda one: queue.put(lambda: one.answer(serve))
+    return lambda one: _put(queue, one, serve)
 
 
 def reported_name(client: Client) -> str:

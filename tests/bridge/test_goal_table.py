@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.remote_contract import make_refusal
-from twind.bridge.uplink.uplink_goals import AHEAD, MOST, UplinkGoalTable
+from twind.bridge.commands.leased_motions import refusal
+from twind.bridge.uplink.goal_table import AHEAD, MOST, RemoteGoalTable
 from twind.client import CallError, Refused
 
 
 @given(st.floats(allow_nan=True), st.floats(allow_nan=True))
 def test_a_goal_begins_only_within_its_deadline_and_that_is_near(deadline: float, now: float) -> None:
-    goals = UplinkGoalTable()
+    goals = RemoteGoalTable()
     with suppress(CallError):
         goals.begin("a", "lease", deadline, now)
     begun = goals.find_repeated("a", "lease") is not None
@@ -21,7 +21,7 @@ def test_a_goal_begins_only_within_its_deadline_and_that_is_near(deadline: float
 
 
 def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> None:
-    goals = UplinkGoalTable()
+    goals = RemoteGoalTable()
     first = goals.begin("wave", "mine", 11.0, 10.0)
     first.id = "d1"
     first.answer = {"phase": "accepted"}
@@ -33,8 +33,8 @@ def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> Non
 
 
 def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
-    goals = UplinkGoalTable()
-    goals.begin("wave", "mine", 11.0, 10.0).refusal = make_refusal("POS_LIMIT", "no")
+    goals = RemoteGoalTable()
+    goals.begin("wave", "mine", 11.0, 10.0).refusal = refusal("POS_LIMIT", "no")
     for _ in range(2):
         known = goals.find_repeated("wave", "mine")
         assert known is not None
@@ -43,7 +43,7 @@ def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
 
 
 def test_a_dropped_goal_is_past_its_deadline_and_cannot_begin_again() -> None:
-    goals = UplinkGoalTable()
+    goals = RemoteGoalTable()
     now = 10.0
     for number in range(MOST):
         goals.begin(f"g{number}", "mine", now + 1.0, now)

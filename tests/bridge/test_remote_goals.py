@@ -13,45 +13,44 @@ from typing import Any
 import pytest
 from msgspec import convert
 
-from tests.support.scripted_line import ScriptedDaemon, ended, ended_in_words
-from twind.bridge.motion_session import MotionSession
-from twind.bridge.uplink.lease_keeper import LeaseKeeper
+from tests.support.scripted_line import ScriptedDaemon, ended
+from twind.bridge.commands.leased_motions import LeasedMotions
 from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
-from twind.bridge.uplink.remote_lease import RemoteLease
-from twind.bridge.uplink.uplink_goals import PlannedDurations
+from twind.bridge.uplink.remote_goals import MOST_SHARE, RemoteGoals
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client import CallError, Refused
 
 PATH = {"joint_names": ["l_knee"], "points": [{"positions": [0.5], "time_from_start": 9.0}]}
 BESIDE: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
-THROWN_AWAY: Any = ("Refused", {"findings": [{"code": "BUSY", "message": "the robot was stopped"}]})
 PATIENCE = 10.0  # s
 
 
 class Hand:
-    """Reins whose time the test moves, and their daemon."""
+    """Remote goals whose time the test moves, and their daemon."""
 
     def __init__(self) -> None:
         self.time = 1000.0
         self.daemon = ScriptedDaemon()
         self.said = list[str]()
-        self.tenancy = RemoteLease()
-        driving = MotionSession(self.daemon.client)
-        self.reins = LeaseKeeper(
-            driving,
-            self.tenancy,
-            PlannedDurations(),
-            lambda name, answer: None,
-            self.said.append,
-            lambda: self.time,
-        )
+        self.published = list[tuple[str, dict[str, Any]]]()
+        self.motions = LeasedMotions(self.daemon.client)
+        publish = lambda name, answer: self.published.append((name, answer))  # noqa: E731
+        self.goals = RemoteGoals(self.motions, publish, self.said.append, lambda: self.time)
 
     def acquire(self, holder: str, **more: Any) -> str:
-        return str(self.reins.lease(LeaseQuery("acquire", holder, **more))["lease"])
+        return str(self.goals.lease(LeaseQuery("acquire", holder, **more))["lease"])
 
     def goal(self, name: str, lease: str, came: float | None = None) -> dict[str, Any]:
         asked = {"goal": name, "lease": lease, "deadline": self.time + 20.0, "trajectory": PATH}
-        return self.reins.goal(convert(asked, GoalQuery), time.monotonic() if came is None else came)
+        return self.goals.goal(convert(asked, GoalQuery), time.monotonic() if came is None else came)
+
+    def holds(self, lease: str) -> bool:
+        """The lease can be renewed."""
+        try:
+            self.goals.renew(LeaseQuery("renew", lease=lease))
+        except Refused:
+            return False
+        return True
 
     @property
     def sent(self) -> int:
@@ -79,46 +78,11 @@ def test_a_goal_that_was_here_before_a_stop_does_not_begin_after_it_nor_when_it_
 ) -> None:
     lease = hand.acquire("desk")
     came = time.monotonic()
-    hand.reins.stopped(time.monotonic())
+    hand.motions.stopped(time.monotonic())
     assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
     assert code_of(lambda: hand.goal("waited", lease)) == "BUSY", "its repetition came after the stop"
     assert hand.sent == 0
     assert hand.goal("new", lease)["phase"] == "accepted"
-
-
-def test_a_goal_that_is_accepted_after_a_stop_is_let_go(hand: Hand) -> None:
-    lease = hand.acquire("desk")
-    hand.daemon.meanwhile = lambda method: (
-        hand.reins.stopped(time.monotonic()) if method == "SubmitTrajectory" else None
-    )
-    assert code_of(lambda: hand.goal("judged", lease)) == "BUSY"
-    assert hand.sent == 1 and hand.given_back
-
-
-def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_does_not(hand: Hand) -> None:
-    lease = hand.acquire("desk")
-    name = hand.goal("runs", lease)["id"]
-    came = time.monotonic()
-    stop = ended(name, "cancelled")
-    hand.reins.on_monitor_reply({**stop, "time": time.monotonic()})
-    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
-
-    second = hand.goal("more", lease)["id"]
-    came = time.monotonic()
-    hand.reins.lease(LeaseQuery("release", lease=lease))
-    lease = hand.acquire("next")
-    hand.reins.on_monitor_reply({**ended(second, "aborted"), "time": time.monotonic()})
-    assert hand.goal("own", lease, came)["phase"] == "accepted"
-
-
-def test_a_goal_that_waits_behind_a_goal_refused_by_the_gate_does_not_begin(hand: Hand) -> None:
-    lease = hand.acquire("desk")
-    came = time.monotonic()
-    hand.daemon.refuse["SubmitTrajectory"] = THROWN_AWAY
-    assert code_of(lambda: hand.goal("judged", lease, came)) == "BUSY"
-    del hand.daemon.refuse["SubmitTrajectory"]
-    assert code_of(lambda: hand.goal("behind", lease, came)) == "BUSY"
-    assert hand.sent == 1
 
 
 def test_a_lease_that_lapses_during_the_check_of_a_goal_is_released_at_once(hand: Hand) -> None:
@@ -133,17 +97,19 @@ def test_a_lease_that_lapses_during_the_check_of_a_goal_is_released_at_once(hand
 
     hand.daemon.meanwhile = judge
     refusals: list[str] = []
-    lane = threading.Thread(target=lambda: refusals.append(code_of(lambda: hand.goal("long", lease))))
-    lane.start()
+    queue = threading.Thread(target=lambda: refusals.append(code_of(lambda: hand.goal("long", lease))))
+    queue.start()
     assert judged.wait(PATIENCE)
-    hand.reins.watch()
+    hand.goals.watch()
     assert not hand.daemon.dead, "it is renewed yet"
     hand.time += LEASE_S + 0.1
-    hand.reins.watch()
+    hand.goals.watch()
     assert hand.daemon.dead, "hung up, though the answer is still waited for"
     answer.set()
-    lane.join(PATIENCE)
-    assert refusals == ["LEASE_MISSING"] and hand.given_back
+    queue.join(PATIENCE)
+    assert refusals == ["LEASE_MISSING"]
+    hand.goals.keep()
+    assert hand.given_back
 
 
 def test_a_goal_that_is_accepted_after_its_lease_lapsed_is_let_go(hand: Hand) -> None:
@@ -155,6 +121,8 @@ def test_a_goal_that_is_accepted_after_its_lease_lapsed_is_let_go(hand: Hand) ->
 
     hand.daemon.meanwhile = lapse
     assert code_of(lambda: hand.goal("late", lease)) == "LEASE_MISSING"
+    assert hand.daemon.named("Cancel")
+    hand.goals.keep()
     assert hand.given_back
 
 
@@ -169,9 +137,9 @@ def test_a_remote_lease_refusal_names_holder_and_time_and_a_late_take_is_ignored
         hand.acquire("second", take=True)
     hand.time += 0.9
     assert code_of(lambda: hand.acquire("second", take=True, deadline=now + 0.5)) == "CMD_EXPIRED"
-    assert hand.tenancy.holds(first, hand.time)
+    assert hand.holds(first)
     second = hand.acquire("second", take=True, deadline=now + 1.0)
-    assert hand.tenancy.holds(second, hand.time) and not hand.tenancy.holds(first, hand.time)
+    assert hand.holds(second) and not hand.holds(first)
 
 
 def test_a_remote_client_does_not_take_the_lease_of_a_local_holder(hand: Hand) -> None:
@@ -180,15 +148,14 @@ def test_a_remote_client_does_not_take_the_lease_of_a_local_holder(hand: Hand) -
         hand.acquire("far", take=True, deadline=hand.time + 1.0)
     assert held.value.parameters["now"] == hand.time
     assert hand.daemon.named("AcquireLease") == [{}], "it is not even asked for with take"
-    assert not hand.tenancy.is_held(hand.time)
 
 
 def test_a_goal_is_asked_after_by_its_name(hand: Hand) -> None:
     lease = hand.acquire("desk")
     accepted = hand.goal("wave", lease)
-    assert hand.reins.goal(GoalQuery("wave", lease), time.monotonic()) == accepted
+    assert hand.goals.goal(GoalQuery("wave", lease), time.monotonic()) == accepted
     with pytest.raises(CallError, match="not known"):
-        hand.reins.goal(GoalQuery("bow", lease), time.monotonic())
+        hand.goals.goal(GoalQuery("bow", lease), time.monotonic())
     assert hand.sent == 1
 
 
@@ -198,17 +165,31 @@ def test_the_remote_clock_includes_the_time_of_suspend() -> None:
     if subprocess.run([*asleep, "true"], capture_output=True, check=False).returncode != 0:
         pytest.skip("no namespace of times here")
     said = (
-        "import time; from twind.bridge.uplink.lease_keeper import clock; print(clock() - time.monotonic())"
+        "import time; from twind.bridge.uplink.remote_goals import clock; print(clock() - time.monotonic())"
     )
     done = subprocess.run([*asleep, sys.executable, "-c", said], capture_output=True, check=True, text=True)
     assert float(done.stdout) > 4999.0
 
 
-def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(hand: Hand) -> None:
+def test_a_goal_is_published_with_its_share_until_its_end(hand: Hand) -> None:
     lease = hand.acquire("desk")
-    hand.goal("runs", lease)
-    came = time.monotonic()
-    hand.reins.on_monitor_reply({**ended_in_words("of_another", "succeeded"), "time": time.monotonic()})
-    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
-    hand.reins.renew_and_report()
-    assert hand.given_back and not hand.tenancy.holds(lease, hand.time)
+    name = hand.goal("wave", lease)["id"]
+    begun = time.monotonic() - 4.5
+    hand.goals.on_monitor_reply(
+        {"topic": "trajectories", "time": begun, "accepted": {"id": name, "trajectory": PATH}}
+    )
+    hand.goals.keep()
+    goal, running = hand.published[-1]
+    assert (goal, running["phase"]) == ("wave", "running") and 0.5 <= running["progress"] <= MOST_SHARE
+    hand.goals.on_monitor_reply(ended(name, "succeeded", time=time.monotonic()))
+    hand.goals.keep()
+    end = {"id": name, "phase": "succeeded", "progress": 1.0, "findings": []}
+    assert hand.published[-1] == ("wave", end) and hand.goal("wave", lease) == end
+
+
+def test_a_lease_that_the_daemon_took_is_given_up(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    taken = {"topic": "events", "event": {"code": "LEASE_LOST", "message": "x"}, "time": time.monotonic()}
+    hand.goals.on_monitor_reply(taken)
+    hand.goals.keep()
+    assert not hand.holds(lease) and hand.given_back and "the daemon took" in hand.said[-1]
