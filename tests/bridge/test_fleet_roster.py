@@ -68,6 +68,14 @@ def test_a_lost_robot_is_shown_with_the_reason_and_without_its_old_state() -> No
     assert "armed" in shown(roll, 101.0)[1]
 
 
+def test_a_simulated_robot_is_not_shown_as_disconnected() -> None:
+    roll = FleetRoster()
+    roll.update_status("h1", UPLINK, answer(mode="sim", state="disconnected"), 10.0, 0.02)
+    roll.update_status("h2", UPLINK, answer(mode="mirror", state="disconnected"), 10.0, 0.02)
+    _, simulated, mirrored = shown(roll, 10.0)
+    assert "simulated" in simulated and "disconnected" not in simulated and "disconnected" in mirrored
+
+
 def test_a_present_robot_without_an_answer_is_not_shown_with_its_old_state() -> None:
     roll = FleetRoster()
     roll.there("new", UPLINK)

@@ -54,13 +54,15 @@ def test_a_package_that_is_missing_is_named_with_its_remedy(
     monkeypatch.setattr(ros_command, "find_spec", lambda name: None)
     module = ros_command.BACK_ENDS[name][1][0]
     with pytest.raises(UsageError, match=rf"needs {module}.*{re.escape(how_to_add('ros'))}"):
-        ros_command.made(options("--backend", name), DiscoverySettings())
+        ros_command.made(options("--backend", name), DiscoverySettings(), print)
 
 
 @pytest.mark.parametrize("name", ros_command.BACK_ENDS)
 def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str) -> None:
     pytest.importorskip(ros_command.BACK_ENDS[name][1][0], reason="no wheel for this machine")
-    assert bool(ros_command.made(options("--backend", name), DiscoverySettings()).refuses) == (name == "dds")
+    assert bool(ros_command.made(options("--backend", name), DiscoverySettings(), print).refuses) == (
+        name == "dds"
+    )
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import pytest
@@ -36,6 +37,7 @@ from twind.bridge.ros.ros_endpoints import (
     RosTopic,
 )
 from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.ros_transport import answer_to
 from twind.ros import STRING, encode
 
 FAR: Any = (
@@ -287,7 +289,7 @@ def test_every_service_is_answered(desk: Desk) -> None:
     answer = desk.daemon.answer
     status = b'{"parameters": {"status": {"mode": "sim"}}}'
     desk.daemon.answer = lambda message: status if b"GetStatus" in message else answer(message)  # type: ignore[method-assign]
-    ask = desk.commands.handle_request
+    ask = partial(answer_to, desk.commands.on_request)
     assert {GET_STATUS, TO_STOP, TO_E_STOP, SET_LIVE, *TO_MODE.values()} == set(SERVICES)
     assert ask(GET_STATUS, None) == (True, '{"status": {"mode": "sim"}}')
     assert ask(TO_STOP, None) == (True, STOPPING) and ask(TO_E_STOP, None) == (True, "estop")
@@ -297,10 +299,10 @@ def test_every_service_is_answered(desk: Desk) -> None:
 
 def test_a_service_that_is_closed_or_fails_replies_with_the_reason(desk: Desk) -> None:
     desk.closed = {True: "it only looks", False: "another bridge"}
-    assert desk.commands.handle_request(TO_STOP, None) == (False, "it only looks")
-    assert desk.commands.handle_request(SET_LIVE, True) == (False, "another bridge")
+    assert answer_to(desk.commands.on_request, TO_STOP, None) == (False, "it only looks")
+    assert answer_to(desk.commands.on_request, SET_LIVE, True) == (False, "another bridge")
     assert not desk.daemon.calls
     desk.closed = {}
     desk.daemon.absent = True
-    assert desk.commands.handle_request(TO_STOP, None) == (False, "nobody listens")
-    assert desk.commands.handle_request(GET_STATUS, None) == (True, "nobody listens")
+    assert answer_to(desk.commands.on_request, TO_STOP, None) == (False, "nobody listens")
+    assert answer_to(desk.commands.on_request, GET_STATUS, None) == (True, "nobody listens")

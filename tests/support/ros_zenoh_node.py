@@ -13,6 +13,7 @@ from twind.bridge.ros.ros_endpoints import (
     RosService,
     RosTopic,
 )
+from twind.bridge.ros.ros_transport import Reply
 from twind.bridge.ros.zenoh import ZenohTransport
 from twind.ros import STRING, encode
 
@@ -41,13 +42,15 @@ class Us:
         if self.fails:
             raise OSError("a fault of ours")
 
-    def _answer(self, service: RosService, data: bool | None) -> tuple[bool, str]:
+    def _answer(self, service: RosService, data: bool | None, reply: Reply) -> None:
         self.asked.append((service, data))
         if self.fails:
             raise OSError("a fault of ours")
+        answer = data is not False, f"{service.name}: {data}"
         if service == self.held:
-            self.hold.wait(PATIENCE)
-        return data is not False, f"{service.name}: {data}"
+            threading.Thread(target=lambda: (self.hold.wait(PATIENCE), reply(*answer))).start()
+        else:
+            reply(*answer)
 
 
 @contextmanager

@@ -138,6 +138,8 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
     held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
+    if "now" in p and lease["uid"] >= 0:  # by an uplink: the holder is a client of the robot's machine
+        return f"{held}, beside the robot; no remote client can take it: let its holder release it"
     return f"{held}; `take` takes it over (twindctl: --take)"
 
 

@@ -38,7 +38,7 @@ from twind.bridge.ros.ros_endpoints import (
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler, answer_to
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, decode, encode
 
@@ -191,7 +191,7 @@ def test_a_bridge_without_commands_executes_e_stops_and_refuses_all_else_with_th
         for topic, data in ((TRAJECTORY, b"\0\1\0\0"), (STOP, b""), (SET_MODE, text("live"))):
             told = run.outcome(topic, data)
             assert told["phase"] == "refused" and "only reads: --no-commands" in told["message"]
-        assert run.graph.asked(TO_STOP, None)[0] is False
+        assert answer_to(run.graph.asked, TO_STOP, None)[0] is False
         assert run.outcome(E_STOP, b"")["phase"] == "done"
 
 
@@ -244,7 +244,7 @@ def test_an_absent_daemon_is_reported_in_log_and_status(tmp_path: Path) -> None:
         bridge = run.graph.words(STATUS)["bridge"]
         assert not bridge["daemon"] and "no daemon" in bridge["error"]
         assert "waiting for the daemon" in run.lines[0]
-        assert run.graph.asked(TO_E_STOP, None)[0] is False
+        assert answer_to(run.graph.asked, TO_E_STOP, None)[0] is False
 
 
 def test_a_back_end_that_hangs_at_the_end_is_left_behind(loop: StandIn) -> None:
@@ -332,7 +332,7 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
         course = RosBridge(Paper(), str(tmp_path), tell=print, stop=threading.Event())
         course.commands.start()
         begun = time.monotonic()
-        done, words = course.commands.handle_request(TO_E_STOP, None)
+        done, words = answer_to(course.commands.on_request, TO_E_STOP, None)
         assert done, words
         assert time.monotonic() - begun < 15.0  # and not the 35 s that an answer may take
 

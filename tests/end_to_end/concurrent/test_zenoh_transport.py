@@ -208,7 +208,7 @@ def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> N
             self.sent.append(number)
 
     channel: Any = Slow()
-    writer = ZenohWriter(channel, bytes(16), labelled=False)
+    writer = ZenohWriter(channel, bytes(16))
     threads = [threading.Thread(target=writer.put, args=(b"x",)) for _ in range(3)]
     for thread in threads:
         thread.start()
@@ -218,19 +218,18 @@ def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> N
     assert channel.sent == [1, 2, 3]
 
 
-@pytest.mark.parametrize("labelled", [False, True])
 def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publishers_token(
-    router: Router, labelled: bool
+    router: Router,
 ) -> None:
     """Read by a bare session of Zenoh, as a subscription of rmw_zenoh would."""
     config = zenoh.Config.from_json5(
         json.dumps({"mode": "client", "connect": {"endpoints": [router.endpoint]}, "scouting": QUIET})
     )
-    domain = 100 + labelled  # nobody else's
-    node = ZenohTransport(DiscoverySettings(domain), lambda line: None, router.endpoint, labelled=labelled)
+    domain = 100  # nobody else's
+    node = ZenohTransport(DiscoverySettings(domain), lambda line: None, router.endpoint)
     with zenoh.open(config) as session:
         samples = session.declare_subscriber(f"{domain}/bridge/results/**")
-        node.open([RESULTS], [], lambda topic, data: None, lambda service, data: (True, ""))
+        node.open([RESULTS], [], lambda topic, data: None, lambda service, data, reply: None)
         try:
             begun = time.time_ns()
             seen = []
@@ -248,7 +247,7 @@ def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publisher
     assert len(tokens) == 1 and {each.gid for each in seen} == {gid(tokens[0])}
     numbers = [each.number for each in seen]
     assert numbers == list(range(numbers[0], numbers[0] + len(seen)))
-    assert all(each.labelled == labelled and begun < each.time_ns <= time.time_ns() for each in seen)
+    assert all(begun < each.time_ns <= time.time_ns() for each in seen)
 
 
 def test_no_joint_state_of_24_joints_is_lost_at_500_hz(us: Us, router: Router) -> None:

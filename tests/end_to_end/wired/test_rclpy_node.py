@@ -12,7 +12,7 @@ from tests.support.ros_graphs import REAL, Graph, Peer, here
 # Live waits for a daemon that hangs, mirror raises; a trajectory of 5 bytes is looked at for long.
 # `again` on stdin: leaves and joins; else: what it heard.
 HOST = """
-import json, os, sys, time
+import json, os, sys, threading, time
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
 from twind.bridge.ros.rclpy_node import RclpyTransport
@@ -27,12 +27,13 @@ def hear(topic, data):
         time.sleep(5.0)
         heard.append("looked at")
 
-def asked(service, data):
+def asked(service, data, reply):
     if service is TO_MODE["live"]:
-        time.sleep(3.0)
+        threading.Timer(3.0, reply, [True, service.name]).start()
+        return
     if service is TO_MODE["mirror"]:
         raise ValueError("a fault of ours")
-    return True, service.name
+    reply(True, service.name)
 
 def begin(node):
     node.open(TOPICS, SERVICES, hear, asked)

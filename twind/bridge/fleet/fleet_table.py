@@ -61,7 +61,7 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
     old = bool(robot.lost or robot.odd) or age is None or age > OLD
     cells: list[Span] = [
         (str(status["mode"]), "title" if status["mode"] == "live" else ""),
-        (str(status["state"]), "" if status["mode"] == "sim" else STATES.get(status["state"], "")),
+        _state(str(status["state"]), status["mode"]),
         (str(status["motion"]), ""),
         _joints(robot),
         _faults(robot),
@@ -71,6 +71,13 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
         cells = [(text, "dim") for text, _ in cells]
         cells[1] = silent
     return [(robot.name, "dim" if old else ""), (where, "dim" if old else ""), *cells, _age(age, robot)]
+
+
+def _state(state: str, mode: str) -> Span:
+    """Return the state and its style; a simulated robot needs no device, so it is not disconnected."""
+    if mode != "sim":
+        return state, STATES.get(state, "")
+    return ("simulated" if state == "disconnected" else state), ""
 
 
 def _joints(robot: RobotRecord) -> Span:

@@ -9,10 +9,10 @@ import argparse
 import os
 from collections.abc import Sequence
 
+from twind.bridge.bridge_log import BridgeLog, print_line
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import RclpyTransport, check
 from twind.bridge.ros.ros_bridge import RosBridge
-from twind.bridge.ros.ros_command import print_line
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.exceptions import OperationFailed
 
@@ -28,18 +28,19 @@ def main(words: Sequence[str]) -> int:
     options = parser.parse_args(words)
     if options.check:
         return _checked()
-    node = RclpyTransport(discovery(os.environ, domain=options.domain), print_line, sockets=options.socket)
-    with catch_stop_signals() as stop:
-        course = RosBridge(
+    log = BridgeLog()
+    node = RclpyTransport(discovery(os.environ, domain=options.domain), log, sockets=options.socket)
+    with catch_stop_signals() as stop, log.writing():
+        bridge = RosBridge(
             node,
             sockets=options.socket,
             rate=options.rate,
             commands=options.commands,
-            tell=print_line,
+            tell=log,
             stop=stop,
         )
-        node.goals = course.commands.goal if options.commands else None
-        return course.run()
+        node.goals = bridge.commands.goal if options.commands else None
+        return bridge.run()
 
 
 def _checked() -> int:

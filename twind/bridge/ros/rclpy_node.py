@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
 from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
-from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
+from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler, answer_to
 from twind.exceptions import OperationFailed
 from twind.ros import STRING, decode
 
@@ -174,7 +174,7 @@ class _Graph:
 
         def answer(request: Any, response: Any) -> Any:
             try:
-                response.success, response.message = asked(service, getattr(request, "data", None))
+                response.success, response.message = answer_to(asked, service, getattr(request, "data", None))
             except Exception as error:  # noqa: BLE001  the client gets an answer in any case
                 response.success = False
                 response.message = f"{type(error).__name__}: {error}"
@@ -267,7 +267,7 @@ class ModeParameter:
             return f"mode {mode!r}: must be one of {', '.join(TO_MODE)}"
         if TO_MODE[mode] not in self._offered:
             return "no commands are taken from ROS here"
-        done, words = self._call_service(TO_MODE[mode], None)
+        done, words = answer_to(self._call_service, TO_MODE[mode], None)
         if done:
             self._mode = mode  # another client may have set another mode since
         return "" if done else words

@@ -16,10 +16,9 @@ from typing import Any
 
 from twind.bridge.commands.permission import denied
 from twind.bridge.commands.stop_queues import Outcome
-from twind.bridge.ros.command_journal import CommandJournal
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
-from twind.bridge.ros.ros_commands import RosCommands, error_text
+from twind.bridge.ros.ros_commands import RosCommands, error_text, result_line
 from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
@@ -34,7 +33,7 @@ from twind.bridge.ros.ros_endpoints import (
     RosTopic,
 )
 from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
-from twind.bridge.ros.ros_transport import RosTransport
+from twind.bridge.ros.ros_transport import Reply, RosTransport
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.clock_pair import clocks
 from twind.client.monitor_stream import RepeatedFaultFilter
@@ -80,7 +79,6 @@ class RosBridge:
         self._graph = RepeatedFaultFilter()
         self._deaf = RepeatedFaultFilter()
         self._odd = RepeatedFaultFilter()
-        self._journal = CommandJournal(tell)
         self._neighbours = PeerBridges()
         self._alone = RepeatedFaultFilter()
         self.commands = RosCommands(
@@ -105,7 +103,6 @@ class RosBridge:
     def run(self) -> int:
         """Run until a stop signal; return 0."""
         try:
-            self._journal.start()
             self.commands.start()
             self._readings.start()
             self._news.start()
@@ -154,7 +151,7 @@ class RosBridge:
     def _join(self) -> None:
         self._transport.close()
         try:
-            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._handle_request)
+            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._on_request)
         except OperationFailed as error:
             self._wrong = str(error)
         else:
@@ -184,15 +181,19 @@ class RosBridge:
         else:
             self.commands.on_message(topic, data)
 
-    def _handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        done, message = self.commands.handle_request(service, data)
-        if service is not GET_STATUS:
-            phase = "done" if done else "refused"
-            self._journal.note({"topic": service.name, "phase": phase, "message": message})
-        return done, message
+    def _on_request(self, service: RosService, data: bool | None, reply: Reply) -> None:
+        """A request of the graph; in a thread of the back end."""
+
+        def on_reply(done: bool, message: str) -> None:
+            if service is not GET_STATUS:
+                phase = "done" if done else "refused"
+                self._tell(result_line({"topic": service.name, "phase": phase, "message": message}))
+            reply(done, message)
+
+        self.commands.on_request(service, data, on_reply)
 
     def _result(self, result: Mapping[str, Any]) -> None:
-        self._journal.note(result)
+        self._tell(result_line(result))
         robot = (self._status or {}).get("robot")
         self._publish(RESULTS, encode_string({**result, "robot": robot, "bridge": self._neighbours.id}))
 
@@ -290,7 +291,6 @@ class RosBridge:
     def _end(self) -> None:
         """Release the lease first, so that motions end. A thread that hangs is left behind after GRACE."""
         self.commands.stop(GRACE)
-        self._journal.close()
         leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
         leaving.start()
         leaving.join(GRACE)

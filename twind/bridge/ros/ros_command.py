@@ -10,23 +10,23 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twind.bridge.bridge_log import BridgeLog, print_line
 from twind.bridge.ros.backend_choice import DDS, RCLPY, ZENOH, usual
 from twind.command_line.extras import how_to_add
 from twind.command_line.stop_signals import catch_stop_signals
-from twind.command_line.verb import Rejected, UsageError, harmless
+from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
+    from twind.bridge.commands.stop_queues import Tell
     from twind.bridge.ros.discovery import DiscoverySettings
     from twind.bridge.ros.ros_transport import RosTransport
 
@@ -79,9 +79,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(str(error)) from None
     options.backend = options.backend or usual(os.environ, options.distro, print_line)
     _sensible(options, graph)
-    with catch_stop_signals() as stop:
+    log = BridgeLog()
+    with catch_stop_signals() as stop, log.writing():
         try:
-            return _bridge(options, graph, stop)
+            return _bridge(options, graph, stop, log)
         except OperationFailed as error:
             raise Rejected(str(error)) from None
 
@@ -95,7 +96,9 @@ def _sensible(options: argparse.Namespace, graph: DiscoverySettings) -> None:
         raise UsageError(f"--zenoh-connect {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT")
 
 
-def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threading.Event) -> int:
+def _bridge(
+    options: argparse.Namespace, graph: DiscoverySettings, stop: threading.Event, log: BridgeLog
+) -> int:
     if options.backend == RCLPY:
         from twind.bridge.ros.rclpy_launcher import launch
 
@@ -103,15 +106,15 @@ def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threadi
         return launch(options, print_line)
     from twind.bridge.ros.ros_bridge import RosBridge
 
-    transport = made(options, graph)
+    transport = made(options, graph, log)
     print_line(_headline(options, graph, transport.refuses))
-    course = RosBridge(
-        transport, options.socket, rate=options.rate, commands=options.commands, tell=print_line, stop=stop
+    bridge = RosBridge(
+        transport, options.socket, rate=options.rate, commands=options.commands, tell=log, stop=stop
     )
-    return course.run()
+    return bridge.run()
 
 
-def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
+def made(options: argparse.Namespace, graph: DiscoverySettings, tell: Tell) -> RosTransport:
     """The back end. Raises UsageError: a package that it needs is missing."""
     where, needs = BACK_ENDS[options.backend]
     missing = [each for each in needs if find_spec(each) is None]
@@ -121,7 +124,7 @@ def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
     session = {"connect": options.zenoh_connect, "config": options.zenoh_config}
-    transport: RosTransport = kind(graph, print_line, **(session if options.backend == ZENOH else {}))
+    transport: RosTransport = kind(graph, tell, **(session if options.backend == ZENOH else {}))
     return transport
 
 
@@ -145,9 +148,3 @@ def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: st
     if why:
         return f"{where}; read only: {why}; from ROS only the e-stop is executed"
     return f"{where}; {reach} may move the robot"
-
-
-def print_line(line: str) -> None:
-    """Print one line on standard error."""
-    with suppress(OSError):  # no reader is left: the bridge itself goes on
-        print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)

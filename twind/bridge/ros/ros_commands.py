@@ -9,7 +9,6 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -31,11 +30,11 @@ from twind.bridge.ros.ros_endpoints import (
     RosTopic,
 )
 from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, heading, trajectory
+from twind.bridge.ros.ros_transport import Reply
 from twind.client import CallError, ClientError, Refused
 from twind.exceptions import InvalidInput
 from twind.ros import STRING, decode
 
-PATIENCE = 75.0  # s for the answer of a service: a stop waits for one before it, at most
 SOON = 2.0  # s for an answer that waits for nothing
 REASON = "requested over ROS"
 STOPPING = "stopping: the robot decelerates and holds"
@@ -81,7 +80,7 @@ class RosMotion:
 class RosCommands:
     """Commands of one graph. `motions`: needs the answers of `Monitor`.
 
-    `on_message` and `goal` return at once; `handle_request` waits for the daemon. Any thread may call them.
+    `on_message`, `on_request` and `goal` return at once, from any thread.
     """
 
     def __init__(
@@ -119,6 +118,7 @@ class RosCommands:
             operator, observer, self.motions.stopped, tell, closed=hold_closed, hold_pace=STOP_PACE
         )
         self._modes = RequestQueue[RosRequest]("mode", self._set_mode, tell, length=ROOM, pace=MODE_PACE)
+        self._asking = RequestQueue[Reply]("status", self._answer_status, tell, together=True)
         self.trajectories = RequestQueue[RosMotion](
             "trajectories",
             lambda motions: self.motions.take(motions[0].request),
@@ -139,6 +139,7 @@ class RosCommands:
         for queue in self.stops.queues.values():
             queue.start()
         self._modes.start()
+        self._asking.start()
         self.trajectories.start()
 
     def stop(self, patience: float) -> None:
@@ -166,21 +167,28 @@ class RosCommands:
             request = RosRequest({"mode": mode}, partial(self._report, SET_MODE, mode), by_topic=True)
             self._modes.put(request, lambda older: older.by_topic)  # of a flood the last one wins
 
-    def handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        """Handle a request of a service; return success, and a text. Waits for the daemon."""
+    def on_request(self, service: RosService, data: bool | None, reply: Reply) -> None:
+        """Handle a request of a service. Its reply has a text for ROS users."""
+
+        def on_outcome(outcome: Outcome) -> None:
+            reply(*_as_text(outcome, stopping=service is TO_STOP))
+
         if service is GET_STATUS:
-            return True, self._status(call((self._observer,), "GetStatus", SOON, {}))
-        answered: Future[Outcome] = Future()
-        if service is TO_STOP or service is TO_E_STOP:
+            room = self._asking.put(reply) is not None
+        elif service is TO_STOP or service is TO_E_STOP:
             kind = HOLD if service is TO_STOP else SETTLE
-            room = self.stops.put(kind, RosRequest({"reason": REASON}, answered.set_result))
+            room = self.stops.put(kind, RosRequest({"reason": REASON}, on_outcome))
         else:
             modes = {known: mode for mode, known in TO_MODE.items()}
             mode = modes[service] if service is not SET_LIVE else "live" if data else "mirror"
-            room = self._modes.put(RosRequest({"mode": mode}, answered.set_result)) is not None
+            room = self._modes.put(RosRequest({"mode": mode}, on_outcome)) is not None
         if not room:
-            return False, f"{service.name}: too many requests wait; send it again"
-        return _as_text(answered.result(PATIENCE), stopping=service is TO_STOP)
+            reply(False, f"{service.name}: too many requests wait; send it again")
+
+    def _answer_status(self, replies: Sequence[Reply]) -> None:
+        text = self._status(call((self._observer,), "GetStatus", SOON, {}))
+        for reply in replies:
+            reply(True, text)
 
     def _set_mode(self, requests: Sequence[RosRequest]) -> None:
         (request,) = requests
@@ -322,3 +330,12 @@ def error_text(error: ClientError) -> str:
         return "; ".join(str(error).splitlines())
     held = f"the lease is held by {lease.get('holder')}, which keeps it as long as it moves the robot"
     return f"{held}; none is taken by force from ROS: let that one end, then send it again"
+
+
+def result_line(result: Result) -> str:
+    """Format `/cmd/joint_trajectory from 'mine': refused: POS_LIMIT: ...`."""
+    who = f" from {result['frame_id']!r}" if result.get("frame_id") else ""
+    request = f" {result['asked']}" if result.get("asked") else ""
+    name = f" {result['id']}" if result.get("id") else ""
+    why = f": {str(result['message'])[:500]}" if result.get("message") else ""
+    return f"{result['topic']}{request}{who}: {result['phase']}{name}{why}"

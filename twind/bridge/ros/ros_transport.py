@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from typing import Protocol
 
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
 
 MessageHandler = Callable[[RosTopic, bytes], None]  # CDR, header included; returns at once, from any thread
-# a request's `data` (None: the type has none) -> (success, message); waits for the daemon, seconds at most
-RequestHandler = Callable[[RosService, "bool | None"], "tuple[bool, str]"]
+Reply = Callable[[bool, str], None]  # success, message; from any thread
+# with a request's `data` (None: the type has none); returns at once, the reply comes within PATIENCE
+RequestHandler = Callable[[RosService, "bool | None", Reply], None]
+
+PATIENCE = 75.0  # s: a stop waits for one before it, at most
+
+
+def answer_to(handle: RequestHandler, service: RosService, data: bool | None) -> tuple[bool, str]:
+    """Wait for the reply to a request: success, and a message."""
+    replied: Future[tuple[bool, str]] = Future()
+    handle(service, data, lambda done, message: replied.set_result((done, message)))
+    return replied.result(PATIENCE)
 
 
 class RosTransport(Protocol):

@@ -11,50 +11,19 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
+from twind.bridge.bridge_log import BridgeLog, print_line
 from twind.bridge.zenoh import zenoh_session
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.bridge.zenoh.zenoh_session import NetworkConfig
 from twind.command_line.stop_signals import catch_stop_signals
-from twind.command_line.verb import DONE, Rejected, UsageError, harmless, show
-
-AT_ONCE = 20  # lines
-EACH = 1.0  # s from one to the next after that
-
-
-@dataclass(slots=True)
-class RateLimitedLog:
-    """`write` gets a line; `now`: s. Lines without room are counted, and reported with the next one."""
-
-    write: Callable[[str], None]
-    now: Callable[[], float]
-    _room: float = AT_ONCE
-    _looked: float = float("-inf")
-    _left_out: int = 0
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def __call__(self, line: str) -> None:
-        """Log a line. From any thread."""
-        with self._lock:
-            now = self.now()
-            self._room = min(AT_ONCE, self._room + (now - self._looked) / EACH)
-            self._looked = now
-            if self._room < 1.0:
-                self._left_out += 1
-                return
-            self._room -= 1.0
-            more = self._left_out
-            self._left_out = 0
-        self.write(f"{line} (and {more} lines before it, left out)" if more else line)
-
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 group = "connect"
 
@@ -84,36 +53,37 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--seconds {options.seconds:g}: must be above 0")
     place = zenoh_session.place(options, os.environ)
     for each in zenoh_session.readable(place):
-        _tell(f"{each}: every host on the path can read and command; use tls/ with certificates")
-    with catch_stop_signals() as stop, _for(options.seconds, stop):
+        print_line(f"{each}: every host on the path can read and command; use tls/ with certificates")
+    log = BridgeLog()
+    with catch_stop_signals() as stop, _for(options.seconds, stop), log.writing():
         tally: dict[str, object] = {}
         while not stop.is_set():
-            tally = _joined(options, place, stop) or tally
+            tally = _joined(options, place, stop, log) or tally
             stop.wait(AGAIN)
     show(options, tally, _text(tally))
     return DONE
 
 
 def _joined(
-    options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
+    options: argparse.Namespace, place: NetworkConfig, stop: threading.Event, log: BridgeLog
 ) -> dict[str, object] | None:
     """Run under one name to its end; return the tally of calls, None for none.
 
     Raises Rejected: name taken.
     """
-    session = zenoh_session.open_session(place, stop, _tell)
+    session = zenoh_session.open_session(place, stop, log)
     if session is None:
         return None
     from twind.bridge.uplink.robot_uplink import RobotUplink, awaited_name
 
     with session:
-        robot = options.name or awaited_name(options, stop, _tell)
+        robot = options.name or awaited_name(options, stop, log)
         if not robot:
             return None
-        uplink = RobotUplink(options, session, robot, _tell)
+        uplink = RobotUplink(options, session, robot, log)
         try:
             uplink.start()
-            _tell(f"{robot} is up at {place}")
+            log(f"{robot} is up at {place}")
             while not (stop.wait(LOOK) or uplink.is_over(time.monotonic())):
                 pass
         finally:
@@ -142,8 +112,3 @@ def _text(tally: dict[str, Any]) -> str:
     counts = [f"{name} {each['answered']}" for name, each in queues.items() if each["answered"]]
     full = sum(each["refused"] for each in queues.values())
     return f"answered: {', '.join(counts) or 'nothing'}" + (f"; no room for {full}" if full else "")
-
-
-_tell = RateLimitedLog(
-    lambda line: print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True), time.monotonic
-)

@@ -19,19 +19,16 @@ from twind.bridge.ros.zenoh.zenoh_names import ZenohNames, gid
 from twind.bridge.ros.zenoh.zenoh_service import ZenohServiceServer
 
 HEARTBEAT_S = 0.5  # as rmw_zenoh: how soon a reader learns that it missed the last of a latched topic
-_END_S = 0.5  # for what is being answered or handed over when the graph is left
+_END_S = 0.5  # s for what is being handed over when the graph is left
 
 
 class ZenohNode:
     """One node; its endpoints live as long as it is open. Raises zenoh.ZError where the session fails."""
 
-    def __init__(
-        self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
-    ) -> None:
+    def __init__(self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None]) -> None:
         """Make the node; `tell` receives a line where handling of a message or request fails."""
         self._session = session
         self._names = names
-        self._labelled = labelled
         self._tell = tell
         self._numbers = itertools.count(1)
         self._tokens = [session.liveliness().declare_token(names.node_token())]
@@ -45,7 +42,7 @@ class ZenohNode:
             token = self._token(topic)
             if topic.out:
                 channel = _channel(self._session, self._names.key(topic), topic)
-                self._writers[topic] = ZenohWriter(channel, gid(token), labelled=self._labelled)
+                self._writers[topic] = ZenohWriter(channel, gid(token))
             else:
                 self._subscribe(topic, on_message)
             self._tokens.append(self._session.liveliness().declare_token(token))
@@ -65,7 +62,7 @@ class ZenohNode:
     def close(self) -> None:
         """Leave the graph; nodes that watch its tokens notice at once."""
         for served in self._served:
-            served.close(_END_S)
+            served.close()
         with suppress(zenoh.ZError):
             self._session.close()
         for thread in self._hearing:
@@ -94,19 +91,16 @@ class ZenohNode:
 class ZenohWriter:
     """One publisher. Several threads may send: messages go out in the order of their numbers."""
 
-    def __init__(
-        self, channel: zenoh.Publisher | zenoh.ext.AdvancedPublisher, gid: bytes, *, labelled: bool
-    ) -> None:
+    def __init__(self, channel: zenoh.Publisher | zenoh.ext.AdvancedPublisher, gid: bytes) -> None:
         self._put: Callable[..., None] = channel.put
         self._gid = gid
-        self._labelled = labelled
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
 
     def put(self, data: bytes) -> None:
         """Send a message; a reader's path without room for it within a millisecond drops it."""
         with self._lock:
-            beside = ZenohAttachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
+            beside = ZenohAttachment(next(self._numbers), time.time_ns(), self._gid)
             self._put(data, attachment=beside.pack())
 
 

@@ -25,9 +25,9 @@ class ZenohTransport:
 
     `connect`: the router, several by commas; `config`: a Zenoh configuration file.
 
-    `tell` is given a line when a router is found or lost, from any thread. `labelled`: attachments in the
-    form of rmw_zenoh before spring 2025. Of `discovery` domain and distribution count. The session's
-    configuration determines its reach, as in rmw_zenoh; the default is this machine.
+    `tell` is given a line when a router is found or lost, from any thread. Of `discovery` domain and
+    distribution count. The session's configuration determines its reach, as in rmw_zenoh; the default is this
+    machine.
     """
 
     refuses = ""
@@ -38,12 +38,9 @@ class ZenohTransport:
         tell: Callable[[str], None],
         connect: str | None = None,
         config: Path | str | None = None,
-        *,
-        labelled: bool = False,
     ) -> None:
         self._discovery = discovery
         self._tell = tell
-        self._labelled = labelled
         self._connect = connect
         self._config = config
         self._node: ZenohNode | None = None
@@ -67,7 +64,7 @@ class ZenohTransport:
         try:
             self._watch(session)
             names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
-            self._node = ZenohNode(session, names, self._tell, labelled=self._labelled)
+            self._node = ZenohNode(session, names, self._tell)
             self._node.offer(topics, on_message)
             self._node.serve(services, asked)
         except zenoh.ZError as error:
