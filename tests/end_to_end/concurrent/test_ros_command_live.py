@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from twind.bridge.ros.ros_command_queue import PACE
 
 from tests.support.processes import Daemon, until
 from tests.support.zenoh_router import Router
+from twind.bridge.ros.ros_commands import PACE
 
 pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
 from tests.support.ros_bytes_peer import Peer
