@@ -126,9 +126,7 @@ def test_a_goal_that_is_accepted_after_its_lease_lapsed_is_let_go(hand: Hand) ->
     assert hand.given_back
 
 
-def test_a_remote_lease_refusal_names_holder_and_time_and_a_late_take_is_ignored(
-    hand: Hand,
-) -> None:
+def test_a_remote_lease_refusal_names_holder_and_time_and_a_late_take_is_ignored(hand: Hand) -> None:
     first = hand.acquire("first")
     with pytest.raises(CallError, match="first") as held:
         hand.acquire("second")

@@ -61,7 +61,12 @@ def test_requests_that_wait_together_are_served_by_one_call_and_later_ones_by_th
 
 def test_a_call_that_raises_is_reported_and_the_next_is_made() -> None:
     lines = list[str]()
-    queue = RequestQueue[float]("dividing", lambda numbers: print(1.0 / numbers[0]), lines.append, pace=0.0)
+
+    def tell(line: str) -> None:
+        lines.append(line)
+        raise BrokenPipeError("nobody reads it")
+
+    queue = RequestQueue[float]("dividing", lambda numbers: print(1.0 / numbers[0]), tell, pace=0.0)
     queue.put(0.0)
     queue.put(1.0)
     queue.start()

@@ -137,9 +137,7 @@ def test_the_header_of_a_command_is_read_without_decoding_the_rest(monkeypatch: 
     assert heading(command(frame="x" * 1_000_000)) is None
 
 
-def test_empty_points_beyond_the_gate_limit_are_not_decoded(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_empty_points_beyond_the_gate_limit_are_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     many = command(*[point(place / 1000.0, []) for place in range(POINTS + 1)])
     monkeypatch.setattr("twind.bridge.ros.ros_trajectory.decode", None)
     assert code_of(many) == "FRAME_TOO_LARGE"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 PACE = 0.01  # s, shortest time between two calls: bounds the load of a client without pauses
@@ -108,4 +109,5 @@ class RequestQueue(Generic[T]):
         try:
             call()
         except Exception as error:  # noqa: BLE001  the next request may be a stop
-            self._tell(f"{self.name}: {type(error).__name__}: {error}")
+            with suppress(Exception):  # the log too
+                self._tell(f"{self.name}: {type(error).__name__}: {error}")

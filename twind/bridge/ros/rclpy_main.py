@@ -32,12 +32,7 @@ def main(words: Sequence[str]) -> int:
     node = RclpyTransport(discovery(os.environ, domain=options.domain), log, sockets=options.socket)
     with catch_stop_signals() as stop, log.writing():
         bridge = RosBridge(
-            node,
-            sockets=options.socket,
-            rate=options.rate,
-            commands=options.commands,
-            tell=log,
-            stop=stop,
+            node, sockets=options.socket, rate=options.rate, commands=options.commands, tell=log, stop=stop
         )
         node.goals = bridge.commands.goal if options.commands else None
         return bridge.run()

@@ -7,16 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twind.ros import (
-    DIAGNOSTIC_ARRAY,
-    FLOATS,
-    IMU,
-    JOINT_STATE,
-    JOINT_TRAJECTORY,
-    SET_BOOL,
-    STRING,
-    TRIGGER,
-)
+from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, IMU, JOINT_STATE, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER
 
 NODE = "twind"  # the node's name; no namespace
 MODES = ("sim", "mirror", "live")

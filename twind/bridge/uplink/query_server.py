@@ -9,14 +9,7 @@ from typing import Any
 import zenoh
 
 from twind.bridge.commands.stop_queues import Outcome, Tell
-from twind.bridge.uplink.remote_contract import (
-    SMALL,
-    UPLINK,
-    as_call_error,
-    busy,
-    check_query,
-    check_size,
-)
+from twind.bridge.uplink.remote_contract import SMALL, UPLINK, as_call_error, busy, check_query, check_size
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.client import CallError, ClientError
 

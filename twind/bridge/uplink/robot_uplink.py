@@ -46,13 +46,7 @@ END = 1.0  # s at the end for what is under way
 class RobotUplink:
     """Uplink of one robot under one name, which it claims until `close`."""
 
-    def __init__(
-        self,
-        options: argparse.Namespace,
-        session: zenoh.Session,
-        robot: str,
-        tell: Tell,
-    ) -> None:
+    def __init__(self, options: argparse.Namespace, session: zenoh.Session, robot: str, tell: Tell) -> None:
         """Make the uplink. Raises Rejected: the name is taken."""
         self._options = options
         self._session = session
