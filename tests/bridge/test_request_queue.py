@@ -25,16 +25,15 @@ def test_requests_are_served_in_order_and_one_without_room_is_refused_and_counte
     assert served == [0, 1, 2]
 
 
-def test_a_request_takes_the_place_of_those_that_it_voids_in_a_full_queue_too() -> None:
-    served = list[Sequence[str]]()
-    queue = RequestQueue[str]("modes", served.append, print, length=2, pace=0.0)
-    queue.put("sim")
-    queue.put("live")
-    assert queue.put("mirror", lambda older: older != "live") == ["sim"]
+def test_a_full_queue_of_the_newest_drops_the_oldest_and_serves_the_chosen_first() -> None:
+    served = list[Sequence[int]]()
+    queue = RequestQueue[int]("motions", served.append, print, length=3, pace=0.0, newest=True, choose=max)
+    assert [queue.put(number) for number in (1, 4, 3, 2)] == [[], [], [], [1]]
+    assert queue.remove(lambda waiting: waiting == 3) == [3]
     queue.start()
     until(lambda: queue.answered == 2, 10.0, "both are served")
     queue.stop()
-    assert served == [["live"], ["mirror"]]
+    assert served == [[4], [2]]
 
 
 def test_requests_that_wait_together_are_served_by_one_call_and_later_ones_by_the_next() -> None:

@@ -152,24 +152,37 @@ def test_a_closed_bridge_refuses_a_trajectory_with_the_reason(desk: Desk) -> Non
     assert not desk.daemon.calls
 
 
-def test_a_newer_command_takes_the_place_of_those_of_which_it_leaves_nothing(still: Desk) -> None:
-    def put(*joints: str, when: int = 0) -> None:
-        frame = ",".join(joints)
-        still.commands.on_message(TRAJECTORY, command(point(1.0), joints=joints, when=when, frame=frame))
+def for_joints(desk: Desk, *joints: str, when: int = 0, frame: str = "") -> None:
+    data = command(point(1.0), joints=joints, when=when, frame=frame or ",".join(joints))
+    desk.commands.on_message(TRAJECTORY, data)
 
-    put("a")
-    put("b")
-    put("later", when=NOW + 10**9)
+
+def test_a_newer_command_drops_those_of_which_it_leaves_nothing(still: Desk) -> None:
+    for_joints(still, "a")
+    for_joints(still, "b")
+    for_joints(still, "later", when=NOW + 10**9)
     goals: list[str] = []
     still.commands.goal(command(point(1.0), joints=("a",)), lambda result: goals.append(result["phase"]))
     still.commands.on_message(TRAJECTORY, b"malformed")
-    put("a", "c")
-    put("later")
+    for_joints(still, "a", "c")
+    for_joints(still, "later", frame="sooner")
     still.commands.start()
     until(lambda: len(still.results) == 7, 10.0, lambda: f"{still.results}")
     phases = {each["frame_id"]: each["phase"] for each in still.results}
     assert phases["a"] == "dropped" and {phases[each] for each in ("b", "a,c", "later")} == {"accepted"}
-    assert goals[0] == "accepted"
+    assert goals[0] == phases["sooner"] == "accepted"
+
+
+def test_a_newer_command_that_is_refused_drops_nothing(still: Desk) -> None:
+    for_joints(still, "a")
+    nothing = command(point(1.0, [float("nan")]), joints=("a",), frame="newer")
+    still.commands.on_message(TRAJECTORY, nothing)
+    still.commands.start()
+    until(lambda: len(still.results) == 2, 10.0, lambda: f"{still.results}")
+    assert [(each["frame_id"], each["phase"]) for each in still.results] == [
+        ("newer", "refused"),
+        ("a", "accepted"),
+    ]
 
 
 def test_a_flood_reaches_the_daemon_at_a_bounded_rate_and_each_command_is_accounted_for(desk: Desk) -> None:
@@ -205,11 +218,11 @@ def test_a_goal_that_finds_no_room_and_one_with_long_tolerances_are_refused(stil
     tolerances = [{"joint": "x" * MORE}]
     for each in reports:
         still.commands.goal(GOOD, lambda result, each=each: each.append(dict(result)), tolerances=tolerances)
-    assert [len(each) for each in reports] == [0] * ROOM + [1]
-    assert "wait: send it again" in reports[-1][0]["message"]
+    assert [len(each) for each in reports] == [1] + [0] * ROOM
+    assert "wait: send it again" in reports[0][0]["message"]
     still.commands.start()
-    until(lambda: reports[0], 10.0, "a report")
-    assert "tolerances of" in reports[0][0]["message"] and not still.daemon.calls
+    until(lambda: reports[1], 10.0, "a report")
+    assert "tolerances of" in reports[1][0]["message"] and not still.daemon.calls
 
 
 def test_a_defect_is_reported_to_the_sender(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,9 +134,9 @@ class LeasedMotions:
         except CallError as error:
             if BUSY in {each["code"] for each in getattr(error, "findings", ())}:
                 self.stopped(self._now())  # the gate drops paths at a stop: none that waits begins after it
-            request.report("refused", {"error": error})
+            request.report("refused", {"error": error.with_traceback(None)})  # its frames have the path
         except ClientError as error:
-            request.report("refused", {"error": self._void(request) or error})
+            request.report("refused", {"error": self._void(request) or error.with_traceback(None)})
         except Exception as error:  # noqa: BLE001  the sender gets a report of any failure
             request.report("refused", {"error": ClientError(f"{type(error).__name__}: {error}")})
         else:

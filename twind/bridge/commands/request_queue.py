@@ -13,10 +13,6 @@ LONG = 64  # requests that may wait: a client gives up on a later answer, and th
 T = TypeVar("T")
 
 
-def _never(_request: object) -> bool:
-    return False
-
-
 class RequestQueue(Generic[T]):
     """Queue from `start` to `stop`. `answered`, `refused`: requests served, and those without room."""
 
@@ -29,12 +25,16 @@ class RequestQueue(Generic[T]):
         length: int = LONG,
         pace: float = PACE,
         together: bool = False,
+        newest: bool = False,
+        choose: Callable[[Sequence[T]], T] = lambda waiting: waiting[0],
         tend: Callable[[], None] | None = None,
         period: float | None = None,
         last: Callable[[], None] | None = None,
     ) -> None:
         """Make the queue. `serve` gets the next request, or with `together` all that wait.
 
+        `newest`: a full queue drops its oldest request, instead of refusing the new one. `choose` returns the
+        next of those that wait.
         `tell` gets a line if `serve` or `tend` raises; the next request is served all the same. `tend` is
         called after each request and at least each `period` s, `last` at the end; all in the queue's thread.
         """
@@ -43,6 +43,8 @@ class RequestQueue(Generic[T]):
         self._length = length
         self._pace = pace
         self._together = together
+        self._newest = newest
+        self._choose = choose
         self._tend = tend
         self._period = period
         self._last = last
@@ -58,19 +60,27 @@ class RequestQueue(Generic[T]):
         """Begin to serve."""
         self._thread.start()
 
-    def put(self, request: T, voids: Callable[[T], bool] = _never) -> Sequence[T] | None:
-        """Queue a request in place of those that it `voids`, and return these; None: there is no room.
+    def put(self, request: T) -> Sequence[T] | None:
+        """Queue a request, and return those that were dropped for it; None: there is no room.
 
         Returns at once, from any thread.
         """
         with self._changed:
-            gone = [each for each in self._waiting if voids(each)]
-            if len(self._waiting) - len(gone) >= self._length:
+            gone: list[T] = []
+            if len(self._waiting) >= self._length:
                 self.refused += 1
-                return None
-            self._waiting = [each for each in self._waiting if each not in gone]
+                if not self._newest:
+                    return None
+                gone.append(self._waiting.pop(0))
             self._waiting.append(request)
             self._changed.notify()
+            return gone
+
+    def remove(self, voids: Callable[[T], bool]) -> Sequence[T]:
+        """Drop the waiting requests that are void, and return them. Returns at once, from any thread."""
+        with self._changed:
+            gone = [each for each in self._waiting if voids(each)]
+            self._waiting = [each for each in self._waiting if each not in gone]
             return gone
 
     def stop(self, patience: float = 1.0) -> None:
@@ -98,11 +108,10 @@ class RequestQueue(Generic[T]):
         """Return the next request or all that wait; empty: none came within the period, or the queue ends."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._ended.is_set(), self._period)
-            if self._ended.is_set():
+            if self._ended.is_set() or not self._waiting:
                 return []
-            count = len(self._waiting) if self._together else 1
-            requests = self._waiting[:count]
-            del self._waiting[:count]
+            requests = self._waiting if self._together else [self._choose(self._waiting)]
+            self._waiting = [] if self._together else [e for e in self._waiting if e is not requests[0]]
             return requests
 
     def _guard(self, call: Callable[[], None]) -> None:

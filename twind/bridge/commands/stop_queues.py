@@ -73,7 +73,8 @@ class StopQueues:
 
         A request that waits already is not queued again.
         """
-        return self.queues[kind].put(request, lambda waiting: waiting is request) is not None
+        self.queues[kind].remove(lambda waiting: waiting is request)
+        return self.queues[kind].put(request) is not None
 
     def _serve(self, kind: str, requests: Sequence[StopRequest]) -> None:
         outcome = self._stop(kind, requests[0].parameters)
@@ -113,7 +114,7 @@ def call(connections: Sequence[Connect], method: str, patience: float, given: Ma
                 client.timeout = patience
                 return client.call(method, **given)
         except ClientError as error:
-            outcome = error
+            outcome = error.with_traceback(None)
         except Exception as error:  # noqa: BLE001  the queue of stops must survive any defect
             outcome = ClientError(f"{method}: {type(error).__name__}: {error}")
     return outcome

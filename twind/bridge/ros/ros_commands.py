@@ -60,21 +60,36 @@ class RosRequest:
     by_topic: bool = False
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class RosMotion:
-    """Trajectory of a topic or an action. `head`: None for malformed bytes."""
+    """Trajectory of a topic or an action, by its header (None: malformed).
+
+    `followed`: its sender waits for reports, so no newer command takes its place.
+    """
 
     request: MotionRequest
-    head: CommandHeader | None
-    followed: bool  # its sender waits for reports: no newer one takes its place
+
+    def __init__(self, head: CommandHeader | None, followed: bool) -> None:
+        self.head = head
+        self.followed = followed
 
     def voids(self, older: RosMotion) -> bool:
-        """Return True if following this command leaves nothing of the older."""
+        """Return True if following this command leaves nothing of the other, which came before it."""
         new = self.head
         old = older.head
-        if new is None or old is None or older.followed:
+        if new is None or old is None or older.followed or older.request.came > self.request.came:
             return False
         return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)
+
+
+def _next_motion(waiting: Sequence[RosMotion]) -> RosMotion:
+    """Return the oldest command, or the newest that leaves nothing of it.
+
+    If that is accepted, the older ones are dropped; if it is refused, they stay valid.
+    """
+    chosen = waiting[0]
+    for newer in waiting:
+        chosen = newer if newer.voids(chosen) else chosen
+    return chosen
 
 
 class RosCommands:
@@ -125,6 +140,8 @@ class RosCommands:
             tell,
             length=ROOM,
             pace=PACE,
+            newest=True,
+            choose=_next_motion,
             tend=self.keep,
             period=STEP,
             last=self.motions.close,
@@ -165,7 +182,8 @@ class RosCommands:
         else:
             mode = text[:80]
             request = RosRequest({"mode": mode}, partial(self._report, SET_MODE, mode), by_topic=True)
-            self._modes.put(request, lambda older: older.by_topic)  # of a flood the last one wins
+            self._modes.remove(lambda older: older.by_topic)  # of a flood the last one wins
+            self._modes.put(request)
 
     def on_request(self, service: RosService, data: bool | None, reply: Reply) -> None:
         """Handle a request of a service. Its reply has a text for ROS users."""
@@ -228,22 +246,26 @@ class RosCommands:
     def _put(self, data: bytes, receiver: Results | None, more: Mapping[str, Any]) -> RosMotion:
         head = heading(data)
         came = self._now()
-        request = MotionRequest(
+        motion = RosMotion(head, receiver is not None)
+        motion.request = MotionRequest(
             partial(self._trajectory, data[: LONGEST + 1], came, more),
-            partial(self._report_motion, head, receiver),
+            partial(self._report_motion, motion, receiver),
             came,
             self._objection,
         )
-        motion = RosMotion(request, head, receiver is not None)
-        gone = self.trajectories.put(motion, motion.voids)
-        if gone is None and receiver is not None:
-            error = ClientError(f"more than {ROOM} commands wait: send it again")
-            request.report("refused", {"error": error})
-        elif gone is None or gone:
-            with self._dropping:
-                self._dropped += 1 if gone is None else len(gone)
-                self._last_dropped = (head if gone is None else gone[-1].head) or CommandHeader()
+        self._drop(self.trajectories.put(motion) or ())
         return motion
+
+    def _drop(self, motions: Sequence[RosMotion]) -> None:
+        """Report dropped commands: at once to those who wait for it, else their number, later."""
+        for each in motions:
+            if each.followed:
+                error = ClientError(f"more than {ROOM} commands wait: send it again")
+                each.request.report("refused", {"error": error})
+                continue
+            with self._dropping:
+                self._dropped += 1
+                self._last_dropped = each.head or CommandHeader()
 
     def _objection(self) -> ClientError | None:
         why = self._closed(False)
@@ -261,9 +283,11 @@ class RosCommands:
         return {**trajectory(data, self._wall_ns()), **more}
 
     def _report_motion(
-        self, head: CommandHeader | None, receiver: Results | None, phase: str, fields: Mapping[str, Any]
+        self, motion: RosMotion, receiver: Results | None, phase: str, fields: Mapping[str, Any]
     ) -> None:
-        result = _motion_result(head, phase, fields)
+        if phase == "accepted":
+            self._drop(self.trajectories.remove(motion.voids))
+        result = _motion_result(motion.head, phase, fields)
         if phase != "running":
             self._on_result(result)
         if receiver is not None:

@@ -29,7 +29,7 @@ class RemoteGoal:
     def latest_reply(self) -> dict[str, Any]:
         """Return the newest report. Raises CallError: it was refused."""
         if self.refusal is not None:
-            raise self.refusal
+            raise self.refusal.with_traceback(None)
         return self.answer
 
 

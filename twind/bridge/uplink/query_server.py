@@ -36,18 +36,20 @@ class RemoteQuery:
 
     def answer(self, serve: Serve) -> None:
         """Answer the query here and now, and release it."""
-        outcome: Outcome
+        self.reply(self._outcome(serve))
+
+    def _outcome(self, serve: Serve) -> Outcome:
+        """Return the result of `serve`, or its error, which no variable keeps: its frames have the data."""
         try:
             if self._size > SMALL:
                 self._read()
-            outcome = serve(self.parameters)
+            return serve(self.parameters)
         except ClientError as error:
-            outcome = error
+            return error
         except Exception as error:  # noqa: BLE001  one query must not end the queue of the others
             message = f"{type(error).__name__}: {error}"
             self._tell(f"{self._where}: {message}")
-            outcome = CallError(f"{UPLINK}.Failed", {"message": message})
-        self.reply(outcome)
+            return CallError(f"{UPLINK}.Failed", {"message": message})
 
     def reply(self, outcome: Outcome) -> None:
         """Send the answer, and release the query."""
