@@ -27,7 +27,15 @@ def test_requests_are_served_in_order_and_one_without_room_is_refused_and_counte
 
 def test_a_full_queue_of_the_newest_drops_the_oldest_and_serves_the_chosen_first() -> None:
     served = list[Sequence[int]]()
-    queue = RequestQueue[int]("motions", served.append, print, length=3, pace=0.0, newest=True, choose=max)
+    queue = RequestQueue[int](
+        "motions",
+        served.append,
+        print,
+        length=3,
+        pace=0.0,
+        newest=True,
+        choose=lambda waiting: [max(waiting)],
+    )
     assert [queue.put(number) for number in (1, 4, 3, 2)] == [[], [], [], [1]]
     assert queue.remove(lambda waiting: waiting == 3) == [3]
     queue.start()
@@ -46,7 +54,7 @@ def test_requests_that_wait_together_are_served_by_one_call_and_later_ones_by_th
         begun.set()
         assert gate.wait(10.0)
 
-    queue = RequestQueue[int]("stops", serve, print, together=True)
+    queue = RequestQueue[int]("stops", serve, print, choose=list)
     queue.put(0)
     queue.start()
     assert begun.wait(10.0)

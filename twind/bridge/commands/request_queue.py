@@ -24,25 +24,22 @@ class RequestQueue(Generic[T]):
         *,
         length: int = LONG,
         pace: float = PACE,
-        together: bool = False,
         newest: bool = False,
-        choose: Callable[[Sequence[T]], T] = lambda waiting: waiting[0],
+        choose: Callable[[Sequence[T]], Sequence[T]] = lambda waiting: waiting[:1],
         tend: Callable[[], None] | None = None,
         period: float | None = None,
         last: Callable[[], None] | None = None,
     ) -> None:
-        """Make the queue. `serve` gets the next request, or with `together` all that wait.
+        """Make the queue. `serve` gets what `choose` returns of the requests that wait: usually the first.
 
-        `newest`: a full queue drops its oldest request, instead of refusing the new one. `choose` returns the
-        next of those that wait.
-        `tell` gets a line if `serve` or `tend` raises; the next request is served all the same. `tend` is
-        called after each request and at least each `period` s, `last` at the end; all in the queue's thread.
+        `newest`: a full queue drops its oldest request, instead of refusing the new one. `tell` gets a line
+        if `serve` or `tend` raises; the next request is served all the same. `tend` is called after each
+        request and at least each `period` s, `last` at the end; all in the queue's thread.
         """
         self._serve = serve
         self._tell = tell
         self._length = length
         self._pace = pace
-        self._together = together
         self._newest = newest
         self._choose = choose
         self._tend = tend
@@ -79,9 +76,7 @@ class RequestQueue(Generic[T]):
     def remove(self, voids: Callable[[T], bool]) -> Sequence[T]:
         """Drop the waiting requests that are void, and return them. Returns at once, from any thread."""
         with self._changed:
-            gone = [each for each in self._waiting if voids(each)]
-            self._waiting = [each for each in self._waiting if each not in gone]
-            return gone
+            return self._taken([each for each in self._waiting if voids(each)])
 
     def stop(self, patience: float = 1.0) -> None:
         """Serve no more. Returns when the last call has ended, or after `patience` s."""
@@ -104,15 +99,19 @@ class RequestQueue(Generic[T]):
         if self._last is not None:
             self._guard(self._last)
 
-    def _next(self) -> list[T]:
-        """Return the next request or all that wait; empty: none came within the period, or the queue ends."""
+    def _next(self) -> Sequence[T]:
+        """Return the next requests; empty: none came within the period, or the queue ends."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._ended.is_set(), self._period)
             if self._ended.is_set() or not self._waiting:
                 return []
-            requests = self._waiting if self._together else [self._choose(self._waiting)]
-            self._waiting = [] if self._together else [e for e in self._waiting if e is not requests[0]]
-            return requests
+            return self._taken(self._choose(self._waiting))
+
+    def _taken(self, requests: Sequence[T]) -> Sequence[T]:
+        """Take these out of the queue, and return them. The caller holds the lock."""
+        gone = {id(each) for each in requests}
+        self._waiting = [each for each in self._waiting if id(each) not in gone]
+        return requests
 
     def _guard(self, call: Callable[[], None]) -> None:
         try:

@@ -63,7 +63,7 @@ class StopQueues:
                 tell,
                 length=WAITING,
                 pace=hold_pace if kind == HOLD else PACE,
-                together=True,
+                choose=list,  # all: one call answers them
             )
             for kind in (SETTLE, CUT, HOLD)  # a cut is requested because the robot does not settle
         }

@@ -51,7 +51,7 @@ Result = Mapping[str, Any]
 Results = Callable[[Result], None]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class RosRequest:
     """Request of a topic or a service. `reply` gets the outcome."""
 
@@ -81,7 +81,7 @@ class RosMotion:
         return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)
 
 
-def _next_motion(waiting: Sequence[RosMotion]) -> RosMotion:
+def _next_motion(waiting: Sequence[RosMotion]) -> Sequence[RosMotion]:
     """Return the oldest command, or the newest that leaves nothing of it.
 
     If that is accepted, the older ones are dropped; if it is refused, they stay valid.
@@ -89,7 +89,7 @@ def _next_motion(waiting: Sequence[RosMotion]) -> RosMotion:
     chosen = waiting[0]
     for newer in waiting:
         chosen = newer if newer.voids(chosen) else chosen
-    return chosen
+    return [chosen]
 
 
 class RosCommands:
@@ -133,7 +133,7 @@ class RosCommands:
             operator, observer, self.motions.stopped, tell, closed=hold_closed, hold_pace=STOP_PACE
         )
         self._modes = RequestQueue[RosRequest]("mode", self._set_mode, tell, length=ROOM, pace=MODE_PACE)
-        self._asking = RequestQueue[Reply]("status", self._answer_status, tell, together=True)
+        self._asking = RequestQueue[Reply]("status", self._answer_status, tell, choose=list)
         self.trajectories = RequestQueue[RosMotion](
             "trajectories",
             lambda motions: self.motions.take(motions[0].request),
