@@ -13,12 +13,13 @@ import threading
 import time
 from collections.abc import Sequence
 
+from twind.bridge.bridge_log import print_line
 from twind.bridge.fleet.fleet_monitor import PERIOD, FleetMonitor
 from twind.bridge.fleet.fleet_roster import FleetRoster, RobotRecord
 from twind.bridge.fleet.fleet_table import rows, to_json
 from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
 from twind.command_line.stop_signals import catch_stop_signals
-from twind.command_line.verb import DONE, NO_DAEMON, UsageError, harmless
+from twind.command_line.verb import DONE, NO_DAEMON, UsageError
 from twind.ctl.dashboard.terminal_screen import TerminalScreen, is_live
 
 group = "connect"
@@ -55,11 +56,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _once(monitor: FleetMonitor, options: argparse.Namespace) -> int:
-    monitor.once(PATIENCE, _print_error)
+    monitor.once(PATIENCE, print_line)
     robots = monitor.roster.robots()
     network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
     if monitor.trouble and (network or not robots):
-        _print_error(monitor.trouble)
+        print_line(monitor.trouble)
     _show(robots, options)
     named = [each for each in robots if each.name in options.robots]
     silent = [each for each in named if each.lost or each.odd or each.reported_at is None]
@@ -72,7 +73,7 @@ def _watch(monitor: FleetMonitor, options: argparse.Namespace) -> int:
             monitor.begin(lambda _why: None)
             _draw(monitor, options.count, stop)
             return DONE
-        monitor.begin(_print_error)
+        monitor.begin(print_line)
         shown = 0
         while shown != options.count and not stop.wait(PERIOD):
             shown += 1
@@ -108,7 +109,7 @@ def _view(monitor: FleetMonitor, options: argparse.Namespace) -> int:
     from twind.bridge.fleet.viewer_robots import found
     from twind.observe.viewing.fleet import watch
 
-    monitor.begin(_print_error)
+    monitor.begin(print_line)
     return watch(lambda: found(monitor), port=options.port, open_page=options.open, as_json=options.json)
 
 
@@ -129,7 +130,3 @@ def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
     else:
         text = plain(rows(robots, now, int(os.environ.get("COLUMNS") or 0) or WIDTH))
     print((text if robots else "no robots") + ("\n" if options.watch else ""), flush=True)
-
-
-def _print_error(why: str) -> None:
-    print(f"twindctl: {harmless(why)}", file=sys.stderr, flush=True)

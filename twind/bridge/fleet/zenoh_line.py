@@ -4,6 +4,8 @@ Calls that no uplink carries are refused here, before anything is sent: arming a
 presence beside the robot.
 """
 
+from __future__ import annotations
+
 import getpass
 import json
 import socket
@@ -12,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
@@ -23,6 +25,9 @@ from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 
+if TYPE_CHECKING:
+    from twind.bridge.fleet.remote_client import PrivateSession, SharedSession
+
 FOUND = 2.0  # s within which a robot that is there is found
 IDLE = 5.0  # s between two polls of an idle line
 PARTING = 0.5  # s that giving a lease back may take when the line is closed
@@ -31,27 +36,13 @@ LEASE = ("lease",)
 Parameters = Mapping[str, Any]
 
 
-class SessionProvider(Protocol):
-    """Source of sessions: one of its own for each line, or one that many share."""
-
-    @property
-    def where(self) -> str:
-        """Name of the network, for display."""
-
-    def open_session(self, patience: float) -> zenoh.Session:
-        """Return a session. Raises ClientError: the network cannot be joined."""
-
-    def release_session(self, session: zenoh.Session) -> None:
-        """Release a session that is needed no more."""
-
-
 class ZenohClientLine:
     """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space.
 
     Raises ValueError: not a valid name.
     """
 
-    def __init__(self, robot: str, way: SessionProvider) -> None:
+    def __init__(self, robot: str, way: PrivateSession | SharedSession) -> None:
         robot_key(robot)
         self.where = f"robot {robot} by {way.where}"
         self._robot = robot
