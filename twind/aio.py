@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from types import TracebackType
@@ -55,9 +55,9 @@ class AsyncRobot:
         """The newest state by joint."""
         return (await self.state()).joints
 
-    async def arm(self) -> None:
+    async def arm(self, *, limp: Collection[str] = ()) -> None:
         """`Robot.arm`."""
-        await asyncio.to_thread(self.blocking.arm)
+        await asyncio.to_thread(self.blocking.arm, limp=limp)
 
     async def disarm(self) -> None:
         """`Robot.disarm`."""

@@ -30,9 +30,12 @@ def rig() -> ProcedureRig:
     return ProcedureRig()
 
 
+NOBODY = np.zeros(3, np.bool_)
+
+
 def arm(rig: ProcedureRig, judge: Callable[[float], Verdict] = granted, edited: tuple[str, ...] = ()) -> Any:
     """Begin to arm; the outcome comes when it is over."""
-    assert rig.own(Priority.ARM, lambda: arming.arm(rig, judge, edited, rig.clock.now()))
+    assert rig.own(Priority.ARM, lambda: arming.arm(rig, judge, edited, NOBODY, rig.clock.now()))
 
 
 def armed(rig: ProcedureRig, **options: Any) -> Any:

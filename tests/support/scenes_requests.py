@@ -82,6 +82,15 @@ def it_shall_move_without_torque(made: Rig) -> None:
     ask(made)
 
 
+@leads_to(ReasonCode.JOINT_LIMP, arm=False)
+def a_joint_that_stays_limp_shall_move(made: Rig) -> None:
+    made.connect()
+    made.lease()
+    made.call(link.Arm, joints=list(range(1, len(made.names))))
+    made.submit(made.path(made.names[0], [0.1], [1.0]))
+    made.ticks(5)
+
+
 @leads_to(ReasonCode.CALIB_MISSING, arm=False)
 def a_joint_without_a_zero_shall_be_armed(made: Rig) -> None:
     made.connect()

@@ -43,7 +43,10 @@ class ReleaseLease(Command, frozen=True, kw_only=True):
 
 
 class Arm(Command, frozen=True, kw_only=True):
-    """Goal := present, read back, then torque. Reply when armed: {joints: [index]}."""
+    """Goal := present, read back, then torque in `joints`; the others stay limp. None: in all joints.
+
+    Reply when armed: {joints: [index]}.
+    """
 
     joints: Sequence[int] | None = None
     edited: Sequence[str] = ()  # files of the robot that were changed since they were read

@@ -49,6 +49,7 @@ class TrajectoryExecutor:
         self.stream: SetpointStream | None = None
         self._ended: list[GoalOutcome] = []
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
+        self._limp: tuple[Bools, Floats] | None = None  # (n,) joints without torque, and where they are, rad
 
     # ------------------------------------------------------------------------------- what is
 
@@ -134,7 +135,7 @@ class TrajectoryExecutor:
         now = self._reference
         layers = tuple(self.layers)
         stream = self.stream
-        changing = self.slowed or stream is not None
+        changing = self.slowed or stream is not None or self._limp is not None
         return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
@@ -155,6 +156,7 @@ class TrajectoryExecutor:
         self._end_all("aborted", ())
         self._reference = None
         self._floor = None
+        self._limp = None
 
     def submit(
         self,
@@ -248,6 +250,13 @@ class TrajectoryExecutor:
             self._floor = self._yielding
         self._yielding.aim_at(np.isfinite(place), place)
 
+    def follow_limp(self, joints: Bools, place: Floats) -> None:
+        """Let the reference of limp `joints` (n,) follow their `place` (n,), rad, until idle.
+
+        It keeps within their speed, acceleration and hard limits, whatever motion names them.
+        """
+        self._limp = (joints, place)
+
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float, missed: int = 0) -> Reference | None:
@@ -266,6 +275,8 @@ class TrajectoryExecutor:
         self._keep_time(missed)
         self._tick += 1
         reference = self._next(self._floor)
+        if self._limp is not None:
+            reference = choose(self._limp[0], self._pursue(*self._limp), reference)
         if not isfinite(float(reference.position @ reference.position)):
             self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -287,14 +298,14 @@ class TrajectoryExecutor:
         if t < duration:
             out = layer.outside(error, tolerances.path)
             if some(out):
-                self._give_up(layer, ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
+                self._give_up(ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
         out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
             self._end(layer.goal, "succeeded", layer=layer)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
-            self._give_up(layer, ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+            self._give_up(ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
 
     # ------------------------------------------------------------------------------- inside
 
@@ -303,7 +314,10 @@ class TrajectoryExecutor:
 
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
         assert self._floor is not None  # `ahead` has checked it
-        return overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+        reference = overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+        if self._limp is None or self._reference is None:
+            return reference
+        return choose(self._limp[0], still(self._reference.position), reference)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.
@@ -358,22 +372,18 @@ class TrajectoryExecutor:
         self._reference = reference
         self._floor = StopRamp(reference, self.limits, self._period)
 
-    def _give_up(
-        self,
-        layer: MotionLayer,
-        code: ReasonCode,
-        out: Bools,
-        error: Floats,
-        bound: Floats,
-        state: JointState,
-    ) -> None:
+    def _pursue(self, joints: Bools, place: Floats) -> Reference:
+        """Return the reference one period on, with `joints` (n,) on their way to `place` (n,), rad."""
+        assert self._reference is not None  # `goal` has checked it
+        follower = CompliantFollower(self._reference, self.limits, self._period)
+        follower.aim_at(joints, place)
+        return follower.step()
+
+    def _give_up(self, code: ReasonCode, out: Bools, error: Floats, bound: Floats, state: JointState) -> None:
         """Abort: brake; hold blocked joints at measured positions (FOLLOW_ERR), the others as commanded."""
-        assert self._reference is not None  # `observe` has checked it
-        self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
-        follower = LimitedFollower(self._reference, self.limits, self._period)
-        there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
-        follower.set_target(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
-        self._floor = follower
+        assert self._running is not None  # `observe` has checked it
+        findings = off(code, out, error, bound, self._running.elapsed(self._tick))
+        self.give_in(np.flatnonzero(out).tolist(), state.position, findings)
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)

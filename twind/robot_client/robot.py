@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from math import radians
 from pathlib import Path
@@ -165,9 +165,16 @@ class Robot:
 
     # ------------------------------------------------------------------------------------------ torque
 
-    def arm(self) -> None:
-        """Switch torque on where the robot is; nothing moves. Raises Refused, ClientError."""
-        self._connection.command("Arm")
+    def arm(self, *, limp: Collection[str] = ()) -> None:
+        """Switch torque on where the robot is; nothing moves. Joints `limp` stay without torque.
+
+        Raises Refused, ClientError; InvalidInput for an unknown joint.
+        """
+        unknown = set(limp).difference(self.names) if limp else ()
+        if unknown:
+            raise InvalidInput(f"limp: no joint {sorted(unknown)[0]!r}; there are {', '.join(self.names)}")
+        held = [name for name in self.names if name not in limp] if limp else None
+        self._connection.command("Arm", joints=held)
 
     def disarm(self) -> None:
         """Move slowly to the rest pose, then switch torque off. Raises ClientError."""

@@ -54,6 +54,12 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.NOT_ARMED: ReasonText(
         REFUSED, "Motion in `live`, but the robot is not armed or holds no position.", "`twindctl arm`"
     ),
+    ReasonCode.JOINT_LIMP: ReasonText(
+        REFUSED,
+        "The joint was left limp when the others were armed, or may not be: a leg of a robot that stands "
+        "freely, a joint that shares motors with others.",
+        "`twindctl disarm`, then arm it too",
+    ),
     ReasonCode.ROBOT_UNFINISHED: ReasonText(
         REFUSED, "`todo` of the robot file has open items.", "`twindctl robot finish`"
     ),

@@ -66,5 +66,7 @@ class TeachOutcome:
             if any(each["code"] == ReasonCode.TOO_MANY_POINTS for each in refusals):
                 lines.append("teach less at a time, guide more slowly, or permit more with --bound")
         lines.append(f"its start is reached in {motion.lead:.1f} s")
-        lines.append(hint.command(f"next: twindctl arm, then twindctl play {name} --approach"))
+        about_now = () if self.verdict is None else (each["code"] for each in self.verdict["warnings"])
+        first = "disarm, twindctl " if ReasonCode.JOINT_LIMP in about_now else ""
+        lines.append(hint.command(f"next: twindctl {first}arm, then twindctl play {name} --approach"))
         return lines

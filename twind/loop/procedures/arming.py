@@ -1,4 +1,4 @@
-"""Arming: torque on in all joints, or in none.
+"""Arming: torque on in all joints, or in none; joints may be left limp by request.
 
 Order: device watchdogs armed and read back, goal := present read back, torque on and read back, no joint
 jumped. A failure, an interruption or a lost client ends with torque off again. Torque that was on before
@@ -15,6 +15,7 @@ import numpy as np
 
 from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallRefusal, CallReply
+from twind.loop.procedures.lowering import CARRIED
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, ticks
 from twind.loop.procedures.torque_readback import torque_inherited
@@ -26,7 +27,7 @@ from twind.loop.procedures.torque_switching import (
     switch_torque_off,
     take,
 )
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Bools, Floats, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_map import JointMap
 from twind.robot.modes import RobotState
@@ -48,18 +49,24 @@ JUMP = 0.05  # rad a joint may move within the first ticks of torque; beyond it 
 
 
 def arm(
-    context: ProcedureContext, judge: Callable[[float], Verdict], edited: Sequence[str], now: float
+    context: ProcedureContext,
+    judge: Callable[[float], Verdict],
+    edited: Sequence[str],
+    limp: Bools,
+    now: float,
 ) -> Procedure:
     """Set goal := present, read it back, switch torque on, read it back, then hold.
 
-    `judge` returns the gate's verdict at a time (s); `edited`: files whose present content differs.
+    `judge` returns the gate's verdict at a time (s); `edited`: files whose present content differs; `limp`
+    (n,): joints that stay without torque.
     """
     refusals = yield from _check_arming_request(judge, now)
-    if refusals := (*refusals, *_find_edited_files(edited)):
+    if refusals := (*refusals, *_find_edited_files(edited), *_find_needed_joints(context, limp)):
         return CallRefusal(refusals)
     inherited = torque_inherited(context)
     context.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
     context.condition.change(RobotEvent.ARM)
+    context.torque.leave_limp(limp)
     try:
         held = yield from _energise(context, inherited)
     except (BusError, ProcedureFailed) as error:
@@ -72,14 +79,30 @@ def arm(
         raise
     take(context, held)
     context.condition.change(RobotEvent.ARMED)
-    return CallReply(_joints_and_warnings(context.robot.joints))
+    return CallReply(_joints_and_warnings(context.robot.joints, context.torque.held))
 
 
-def _joints_and_warnings(joints: JointMap) -> dict[str, Any]:
+def _joints_and_warnings(joints: JointMap, held: Bools) -> dict[str, Any]:
     """Return the parameters of the reply: joints armed, and those without a watchdog that is read back."""
-    findings = [Finding(ReasonCode.DEVICE_MISMATCH, joint, message=UNWATCHED) for joint in joints.unwatched]
-    every = {"joints": list(range(len(joints)))}
-    return every | {"warnings": findings} if findings else every
+    unwatched = [joint for joint in joints.unwatched if held[joint]]
+    findings = [Finding(ReasonCode.DEVICE_MISMATCH, joint, message=UNWATCHED) for joint in unwatched]
+    armed = {"joints": np.flatnonzero(held).tolist()}
+    return armed | {"warnings": findings} if findings else armed
+
+
+def _find_needed_joints(context: ProcedureContext, limp: Bools) -> list[Finding]:
+    """Return JOINT_LIMP for joints (n,) that must not stay limp.
+
+    A free-standing robot needs its legs, and joints that share motors have torque together.
+    """
+    free = context.robot.support not in CARRIED
+    legs = np.flatnonzero(limp & context.robot.description.ratings.leg) if free else ()
+    message = "a robot that stands freely needs torque in its legs: do not leave this joint limp"
+    found = [Finding(ReasonCode.JOINT_LIMP, int(joint), message=message) for joint in legs]
+    groups = context.robot.joints.transmission_groups
+    message = "shares motors with a joint that gets torque: leave all of them limp, or none"
+    shared = np.flatnonzero(limp & spread_over_groups(~limp, groups))
+    return [*found, *(Finding(ReasonCode.JOINT_LIMP, int(joint), message=message) for joint in shared)]
 
 
 def _check_arming_request(
@@ -116,11 +139,12 @@ def _find_edited_files(edited: Sequence[str]) -> list[Finding]:
 def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, float, Floats]:
     """Run all steps from the watchdogs to torque read back; return the position (n,) that is held, rad."""
     hardware = context.hardware
+    wanted = ~context.torque.limp
     _require_all_or_none(context)
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
     # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
     # the servo would resume its old goal.
-    yield from all_of(hardware.prepare(hardware.reachable(present(context))))
+    yield from all_of(hardware.prepare(hardware.reachable(present(context)), wanted))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
     held = yield from _write_present_goals(context)
     _require_undisturbed(context)
@@ -131,7 +155,7 @@ def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, flo
     # Torque needs a few ticks to act; only then a wrong goal shows as movement.
     yield from ticks(3)
     _require_undisturbed(context)
-    jump = np.abs(context.robot.measured.position - held)
+    jump = np.where(wanted, np.abs(context.robot.measured.position - held), 0.0)
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
@@ -151,7 +175,7 @@ def _require_one_turn(context: ProcedureContext) -> None:
         return
     count = readings.raw.ticks + readings.shift
     then = expected(readings.raw.ticks, turns)
-    beyond = turns.known & turns.falls & (count != then)
+    beyond = turns.known & turns.falls & (count != then) & ~context.torque.limp
     if beyond.any():
         joint = int(np.argmax(beyond))
         message = (
@@ -176,6 +200,7 @@ def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Fl
         held = hardware.quantised(hardware.reachable(here))
         yield from all_of(hardware.write_goals(held))
         moved = np.abs(context.robot.measured.position - here) / hardware.resolution
+        moved[context.torque.limp] = 0.0
         if (moved <= STILL).all():
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
@@ -191,7 +216,7 @@ def _require_undisturbed(context: ProcedureContext) -> None:
 
 def _require_all_or_none(context: ProcedureContext) -> None:
     on = context.hardware.slow.torque == 1
-    if on.any() and not on.all():
+    if on.any() and not np.array_equal(on, ~context.torque.limp):
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, on.sum(), 0.0, message, joint)
@@ -209,7 +234,7 @@ def present(context: ProcedureContext) -> Floats:
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
         raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
-    outside = beyond_hard_limit(context) | ~np.isfinite(state.position)
+    outside = (beyond_hard_limit(context) & ~context.torque.limp) | ~np.isfinite(state.position)
     if outside.any():
         joint = int(np.argmax(outside))
         value = float(state.position[joint])
@@ -229,6 +254,7 @@ def back_out(context: ProcedureContext, inherited: bool) -> Steps:
             yield from switch_torque_off(context)
         except BusError as error:
             say_unconfirmed(context, error)
+    context.torque.leave_limp(np.zeros_like(context.torque.limp))
     context.condition.change_if(RobotEvent.ARM_FAILED)
 
 

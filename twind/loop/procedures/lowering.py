@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,7 @@ def lower(
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
         way = settle(reference, robot.rest, robot.limits, profile.way, profile.speed)
+        way = replace(way, commanded=~context.torque.limp)
         refused = context.executor.submit("settle", way)
         if refused is not None:
             message = f"no way to the rest pose: {refused.message}"
@@ -94,9 +95,12 @@ def _wait_for_end(context: ProcedureContext, until: float) -> Steps:
 
 
 def _arrived(context: ProcedureContext) -> bool:
-    """Check that the goals are at the rest pose."""
+    """Check that the goals are at the rest pose, but for limp joints."""
     reference = context.executor.reference
-    return reference is not None and bool((np.abs(reference.position - context.robot.rest) <= ARRIVED).all())
+    if reference is None:
+        return False
+    arrived = np.abs(reference.position - context.robot.rest) <= ARRIVED
+    return bool((arrived | context.torque.limp).all())
 
 
 def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool]:
@@ -117,7 +121,7 @@ def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool
 
 
 def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bool]:
-    """Wait until every joint answers, is near its rest pose, and is slow for a while.
+    """Wait until every joint that is held answers, is near its rest pose, and is slow for a while.
 
     False if not by `until` (s).
     """
@@ -125,7 +129,7 @@ def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bo
     while now < until and context.torque.soft_since is None:
         state = context.robot.measured
         near = (state.age <= SLOW_FOR) & (np.abs(state.position - context.robot.rest) <= NEAR)
-        if not (near & (np.abs(state.velocity) <= SLOW)).all():
+        if not ((near & (np.abs(state.velocity) <= SLOW)) | context.torque.limp).all():
             quiet_since = now
         if now - quiet_since >= SLOW_FOR:
             return True

@@ -41,6 +41,7 @@ ABOUT_NOW = frozenset(  # depend on the present state, not on the path
         ReasonCode.FAULT_LATCHED,
         ReasonCode.SOCKETS_GONE,
         ReasonCode.NOT_ARMED,
+        ReasonCode.JOINT_LIMP,
         ReasonCode.CALIB_MISSING,
         ReasonCode.CALIB_MISMATCH,
         ReasonCode.DEVICE_MISSING,
@@ -152,7 +153,8 @@ class TrajectorySubmissions:
         again = self._gate_input.snapshot(command.client, now)
         refusals = admit(again, commanded, self._gate_input.thresholds).refusals
         here = context.executor.reference
-        if here is None or not np.array_equal(here.position, before.reference.position):
+        held = ~context.torque.limp
+        if here is None or not np.array_equal(here.position[held], before.reference.position[held]):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
             refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
         return refusals
