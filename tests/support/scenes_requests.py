@@ -25,6 +25,14 @@ def a_setpoint_shall_be_followed_for_a_second(made: Rig) -> None:
     made.call(link.Setpoint, joints=[0], positions=[0.01], valid_for=1.0)
 
 
+@leads_to(ReasonCode.STREAM_STOPPED)
+def a_stream_goes_on_after_another_client_stopped_it(made: Rig) -> None:
+    setpoint = {"joints": [0], "positions": [0.01], "valid_for": 0.1}
+    made.call(link.Setpoint, **setpoint)
+    made.call(link.Cancel, client=CLIENT + 1)
+    made.call(link.Setpoint, **setpoint)
+
+
 @leads_to(ReasonCode.ESTOP)
 def another_client_stops_it(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")

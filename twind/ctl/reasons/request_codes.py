@@ -96,6 +96,11 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.VALID_TOO_LONG: ReasonText(
         REFUSED, "`valid_for` of a setpoint is too long.", "send setpoints more often"
     ),
+    ReasonCode.STREAM_STOPPED: ReasonText(
+        REFUSED,
+        "Another client stopped the stream, and this setpoint continues it.",
+        "send no setpoint for 0.5 s, then begin anew",
+    ),
     ReasonCode.EMPTY: ReasonText(REFUSED, "The trajectory has no points.", "add points"),
     ReasonCode.NO_JOINTS: ReasonText(REFUSED, "No joint is named.", "name the joints"),
     ReasonCode.UNKNOWN_JOINT: ReasonText(

@@ -27,6 +27,7 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, setpoint_gate
 from twind.safety.admission import admit
+from twind.safety.stopped_stream import StoppedStream
 from twind.telemetry.command_latency import STREAM, StartedCommand
 
 # s: the age up to which the front's part of the verdict counts; it rests on a state that changes
@@ -61,6 +62,7 @@ class TrajectorySubmissions:
     def __init__(
         self, context: ProcedureContext, parts: LoopParts, gate_input: GateInput, figures: LoopFigures
     ) -> None:
+        self.stopped = StoppedStream()
         self.epoch = -1  # of the lease under which the motion was accepted
         self._context = context
         self._way = parts.way
@@ -284,7 +286,8 @@ class TrajectorySubmissions:
             valid_for=command.valid_for,
             allow_clamp=command.allow_clamp,
         )
-        refusals = (*verdict.refusals, *judged.verdict.refusals)
+        stopped = self.stopped.refusal(command.client, now)
+        refusals = (*verdict.refusals, *((stopped,) if stopped else ()), *judged.verdict.refusals)
         if not refusals and context.robot.outlook is not None:
             refusals = context.robot.outlook.refuses(
                 context.executor, judged.joints, judged.position, judged.velocity
@@ -294,6 +297,7 @@ class TrajectorySubmissions:
             args = (judged.joints, judged.position, judged.velocity, command.valid_for)
             refused = context.executor.setpoint(*args)
             refusals = () if refused is None else (refused,)
+            self.stopped.accept(command.client)
         return replace(judged, verdict=Verdict(refusals, changes=judged.verdict.changes))
 
     def _places(self, joints: Ints) -> Bools:
