@@ -9,6 +9,7 @@ import pytest
 from tests.support import transmission_robot_file
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
+from twind.robot.arrays import Floats
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 
@@ -27,10 +28,11 @@ def places(rig: Rig, names: list[str]) -> list[int]:
     return [rig.names.index(name) for name in names]
 
 
-def commanded(rig: Rig) -> np.ndarray:
+def commanded(rig: Rig) -> Floats:
     reference = rig.loop.executor.reference
     assert reference is not None
-    return reference.position
+    position: Floats = reference.position
+    return position
 
 
 def codes(reply: link.Reply) -> list[tuple[str, int]]:
