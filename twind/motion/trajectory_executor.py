@@ -11,6 +11,7 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.motion.goal_conditions import GoalOutcome, GoalTolerances, off, without_past
+from twind.motion.limp_joints import LimpJoints
 from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, displaced, overlay, without
 from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened
@@ -49,7 +50,7 @@ class TrajectoryExecutor:
         self.stream: SetpointStream | None = None
         self._ended: list[GoalOutcome] = []
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
-        self._limp: tuple[Bools, Floats] | None = None  # (n,) joints without torque, and where they are, rad
+        self._limp: LimpJoints | None = None
 
     # ------------------------------------------------------------------------------- what is
 
@@ -136,6 +137,7 @@ class TrajectoryExecutor:
         layers = tuple(self.layers)
         stream = self.stream
         changing = self.slowed or stream is not None or self._limp is not None
+        now = now if self._limp is None else self._limp.hold(now, now)
         return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
@@ -251,11 +253,8 @@ class TrajectoryExecutor:
         self._yielding.aim_at(np.isfinite(place), place)
 
     def follow_limp(self, joints: Bools, place: Floats) -> None:
-        """Let the reference of limp `joints` (n,) follow their `place` (n,), rad, until idle.
-
-        It keeps within their speed, acceleration and hard limits, whatever motion names them.
-        """
-        self._limp = (joints, place)
+        """Let the reference of limp `joints` (n,) follow their `place` (n,), rad, until idle."""
+        self._limp = LimpJoints(joints, place)
 
     # ------------------------------------------------------------------------------- once per tick
 
@@ -276,7 +275,7 @@ class TrajectoryExecutor:
         self._tick += 1
         reference = self._next(self._floor)
         if self._limp is not None:
-            reference = choose(self._limp[0], self._pursue(*self._limp), reference)
+            reference = self._limp.follow(reference, self._reference, self.limits, self._period)
         if not isfinite(float(reference.position @ reference.position)):
             self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -315,9 +314,8 @@ class TrajectoryExecutor:
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
         assert self._floor is not None  # `ahead` has checked it
         reference = overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
-        if self._limp is None or self._reference is None:
-            return reference
-        return choose(self._limp[0], still(self._reference.position), reference)
+        here = self._reference
+        return reference if self._limp is None or here is None else self._limp.hold(reference, here)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.
@@ -371,13 +369,6 @@ class TrajectoryExecutor:
     def _rest(self, reference: Reference) -> None:
         self._reference = reference
         self._floor = StopRamp(reference, self.limits, self._period)
-
-    def _pursue(self, joints: Bools, place: Floats) -> Reference:
-        """Return the reference one period on, with `joints` (n,) on their way to `place` (n,), rad."""
-        assert self._reference is not None  # `goal` has checked it
-        follower = CompliantFollower(self._reference, self.limits, self._period)
-        follower.aim_at(joints, place)
-        return follower.step()
 
     def _give_up(self, code: ReasonCode, out: Bools, error: Floats, bound: Floats, state: JointState) -> None:
         """Abort: brake; hold blocked joints at measured positions (FOLLOW_ERR), the others as commanded."""

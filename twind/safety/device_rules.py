@@ -15,7 +15,7 @@ BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
 TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
 TORQUE_OFF = "torque reads back off (0) or unknown (-1) while armed"
-TORQUE_ON = "torque reads back on in a joint that is limp by request: does another program write there?"
+TORQUE_ON = "torque reads back on (1) or unknown (-1) in a limp joint: does another program write there?"
 CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
 
 
@@ -191,7 +191,7 @@ class DeviceRules:
         self._seen = facts.status_time.tobytes()
         wrong = facts.torque != 1
         if facts.limp is not None:
-            wrong = np.where(facts.limp, facts.torque == 1, wrong)
+            wrong = np.where(facts.limp, facts.torque != 0, wrong)
         unwatched = facts.watchdog == 0
         if self._suspect or some(wrong) or some(unwatched):
             self._disagreed[fresh & ~wrong] = 0

@@ -71,6 +71,10 @@ class LeadRules:
             return NOTHING
         away = goal.position[self._rows] - measured.position[self._rows]
         later = away + self._coming(goal, measured)
+        if facts.limp is not None:
+            held = ~facts.limp[self._rows]
+            away = away * held
+            later = later * held
         if every(np.maximum(np.abs(away), np.abs(later)) <= self._free):
             self._forget()
             return NOTHING

@@ -283,6 +283,8 @@ class DynamixelWriter:
     def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
         goal = self._goal_rows(ticks)
+        if not goal:
+            return
         yield GroupWriteBatch(writes(goal))
         yield from self._readback.verify_goals(goal)
 
@@ -298,6 +300,8 @@ class DynamixelWriter:
         currents read back 0: they would move the joint at once. Raises DeviceRefused, NoReply.
         """
         switched = self._led if on else self._servos
+        if not switched:
+            return
         if on:
             resting = [servo for servo in switched if servo.mode.rests_at_zero]
             yield from self._readback.verify_goals(

@@ -225,6 +225,8 @@ class RegisterWriter:
         Off is written three times. On raises the torque limit in steps. Raises DeviceRefused, NoReply.
         """
         ids = self._led_ids() if on else self._ids
+        if not ids:
+            return
         for id in ids if on else ():
             if id not in self._full:
                 raise DeviceRefused(self._name, id, "torque", "it is not prepared for torque")

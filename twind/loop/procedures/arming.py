@@ -15,7 +15,6 @@ import numpy as np
 
 from twind.loop.bus.bus_wait import all_of
 from twind.loop.ipc.call_outcome import CallRefusal, CallReply
-from twind.loop.procedures.lowering import CARRIED
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure, ProcedureFailed, Steps, ticks
 from twind.loop.procedures.torque_readback import torque_inherited
@@ -66,9 +65,8 @@ def arm(
     inherited = torque_inherited(context)
     context.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
     context.condition.change(RobotEvent.ARM)
-    context.torque.leave_limp(limp)
     try:
-        held = yield from _energise(context, inherited)
+        held = yield from _energise(context, limp, inherited)
     except (BusError, ProcedureFailed) as error:
         yield from back_out(context, inherited)
         failed = Finding(ReasonCode.ARM_FAILED, message=error_text(context, error))
@@ -77,6 +75,7 @@ def arm(
         context.hardware.clear()
         context.condition.change_if(RobotEvent.ARM_FAILED)
         raise
+    context.torque.leave_limp(limp)
     take(context, held)
     context.condition.change(RobotEvent.ARMED)
     return CallReply(_joints_and_warnings(context.robot.joints, context.torque.held))
@@ -95,8 +94,8 @@ def _find_needed_joints(context: ProcedureContext, limp: Bools) -> list[Finding]
 
     A free-standing robot needs its legs, and joints that share motors have torque together.
     """
-    free = context.robot.support not in CARRIED
-    legs = np.flatnonzero(limp & context.robot.description.ratings.leg) if free else ()
+    carried = context.robot.carried
+    legs = () if carried else np.flatnonzero(limp & context.robot.description.ratings.leg)
     message = "a robot that stands freely needs torque in its legs: do not leave this joint limp"
     found = [Finding(ReasonCode.JOINT_LIMP, int(joint), message=message) for joint in legs]
     groups = context.robot.joints.transmission_groups
@@ -136,19 +135,19 @@ def _find_edited_files(edited: Sequence[str]) -> list[Finding]:
     return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in edited]
 
 
-def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, float, Floats]:
+def _energise(context: ProcedureContext, limp: Bools, inherited: bool) -> Generator[None, float, Floats]:
     """Run all steps from the watchdogs to torque read back; return the position (n,) that is held, rad."""
     hardware = context.hardware
-    wanted = ~context.torque.limp
-    _require_all_or_none(context)
+    wanted = ~limp
+    _require_all_or_none(context, limp)
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
     # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
     # the servo would resume its old goal.
-    yield from all_of(hardware.prepare(hardware.reachable(present(context)), wanted))
+    yield from all_of(hardware.prepare(hardware.reachable(present(context, limp)), wanted))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
-    held = yield from _write_present_goals(context)
+    held = yield from _write_present_goals(context, limp)
     _require_undisturbed(context)
-    _require_one_turn(context)
+    _require_one_turn(context, limp)
     if not inherited:  # torque that was on before stays on when arming fails
         context.torque.begin_energising()
     yield from all_of(hardware.torque(True))
@@ -163,7 +162,7 @@ def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, flo
     return held
 
 
-def _require_one_turn(context: ProcedureContext) -> None:
+def _require_one_turn(context: ProcedureContext, limp: Bools) -> None:
     """Raise ProcedureFailed where a servo in position mode would read another turn at torque-on.
 
     In position mode a servo reads one turn from torque-on (e-manual, "Operating Mode", note). The count that
@@ -175,7 +174,7 @@ def _require_one_turn(context: ProcedureContext) -> None:
         return
     count = readings.raw.ticks + readings.shift
     then = expected(readings.raw.ticks, turns)
-    beyond = turns.known & turns.falls & (count != then) & ~context.torque.limp
+    beyond = turns.known & turns.falls & (count != then) & ~limp
     if beyond.any():
         joint = int(np.argmax(beyond))
         message = (
@@ -187,7 +186,7 @@ def _require_one_turn(context: ProcedureContext) -> None:
         raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, then[joint], count[joint], message, joint)
 
 
-def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Floats]:
+def _write_present_goals(context: ProcedureContext, limp: Bools) -> Generator[None, float, Floats]:
     """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad.
 
     The goal of a joint that rests on its mechanical stop, a little beyond its range of goals, is the end of
@@ -196,11 +195,11 @@ def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Fl
     hardware = context.hardware
     for _ in range(TRIES):
         # The robot moved while the goal was written: such a goal would be a step, so it is taken anew.
-        here = present(context)
+        here = present(context, limp)
         held = hardware.quantised(hardware.reachable(here))
         yield from all_of(hardware.write_goals(held))
         moved = np.abs(context.robot.measured.position - here) / hardware.resolution
-        moved[context.torque.limp] = 0.0
+        moved[limp] = 0.0
         if (moved <= STILL).all():
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
@@ -214,19 +213,23 @@ def _require_undisturbed(context: ProcedureContext) -> None:
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, 0.0, 0.0, message)
 
 
-def _require_all_or_none(context: ProcedureContext) -> None:
+def _require_all_or_none(context: ProcedureContext, limp: Bools) -> None:
+    unknown = limp & (context.hardware.slow.torque < 0)
+    if unknown.any():
+        message = "is to stay limp, and its torque was not read"
+        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, -1.0, 0.0, message, int(np.argmax(unknown)))
     on = context.hardware.slow.torque == 1
-    if on.any() and not np.array_equal(on, ~context.torque.limp):
+    if on.any() and not np.array_equal(on, ~limp):
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, on.sum(), 0.0, message, joint)
 
 
-def present(context: ProcedureContext) -> Floats:
+def present(context: ProcedureContext, limp: Bools) -> Floats:
     """Return the measured position (n,), rad: fresh, complete, and where a joint may be held.
 
     A joint on its mechanical stop reads a little beyond its hard limit: the tolerance is that of the guard.
-    Raises ProcedureFailed.
+    `limp` (n,): joints that are not to be held, wherever they are. Raises ProcedureFailed.
     """
     state = context.robot.measured
     age = context.clock.now() - state.time + state.age
@@ -234,7 +237,7 @@ def present(context: ProcedureContext) -> Floats:
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
         raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
-    outside = (beyond_hard_limit(context) & ~context.torque.limp) | ~np.isfinite(state.position)
+    outside = (beyond_hard_limit(context) & ~limp) | ~np.isfinite(state.position)
     if outside.any():
         joint = int(np.argmax(outside))
         value = float(state.position[joint])
@@ -254,7 +257,6 @@ def back_out(context: ProcedureContext, inherited: bool) -> Steps:
             yield from switch_torque_off(context)
         except BusError as error:
             say_unconfirmed(context, error)
-    context.torque.leave_limp(np.zeros_like(context.torque.limp))
     context.condition.change_if(RobotEvent.ARM_FAILED)
 
 

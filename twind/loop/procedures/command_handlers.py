@@ -370,7 +370,6 @@ class CommandHandlers:
     def _cancel(self, command: link.Cancel, now: float) -> None:
         context = self._context
         if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
-            streaming = context.executor.motion is Motion.STREAMING
-            self.submissions.stopped.stop(command.client, streaming, now)
+            self.submissions.stopped.stop(command.client, now)
             context.executor.stop()
         context.reports.reply(command, state=context.condition.state.value)

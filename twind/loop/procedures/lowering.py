@@ -10,7 +10,9 @@ import numpy as np
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps, ticks
 from twind.loop.procedures.torque_switching import error_text
+from twind.motion.motion_layers import choose
 from twind.motion.settle import SPEED, settle
+from twind.motion.stop_profiles import still
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
@@ -28,7 +30,6 @@ NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is rele
 # rad/s ... and when it has been at rest for so many s
 SLOW = 0.05
 SLOW_FOR = 0.5
-CARRIED = ("fixed", "gantry")  # support values under which the robot falls no further than its own arms
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,11 @@ def lower(
         now = context.clock.now()
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
-        way = settle(reference, robot.rest, robot.limits, profile.way, profile.speed)
-        way = replace(way, commanded=~context.torque.limp)
+        limp = context.torque.limp
+        start = choose(limp, still(reference.position), reference)
+        there = np.where(limp, reference.position, robot.rest)
+        way = settle(start, there, robot.limits, profile.way, profile.speed)
+        way = replace(way, commanded=~limp)
         refused = context.executor.submit("settle", way)
         if refused is not None:
             message = f"no way to the rest pose: {refused.message}"
@@ -71,11 +75,11 @@ def lower(
             message = f"the way to the rest pose takes {lasts:.1f} s"
             context.reports.event("warning", EventCode.SETTLE, message)
             extend(lasts + LETTING_GO)
-            until = now + lasts + LATE if robot.support in CARRIED else until
+            until = now + lasts + LATE if robot.carried else until
         yield from _confirm_begun(context)
         yield from _wait_for_end(context, until)
         if _arrived(context):
-            return robot.support in CARRIED or (yield from _rests(context, until))
+            return robot.carried or (yield from _rests(context, until))
     if context.torque.soft_since is None:
         context.reports.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False

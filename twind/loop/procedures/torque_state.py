@@ -88,7 +88,7 @@ class TorqueState:
     # ------------------------------------------------------------------------------- on and off
 
     def leave_limp(self, joints: Bools) -> None:
-        """Keep `joints` (n,) without torque until torque goes off: the others are about to be armed."""
+        """Keep `joints` (n,) without torque until torque goes off: the others are about to be held."""
         self._set_limp(joints)
 
     def begin_energising(self) -> None:
@@ -126,6 +126,7 @@ class TorqueState:
 
     def find_off(self) -> None:
         """Torque was read back off everywhere: nothing is left to switch off."""
+        self._set_limp(np.zeros_like(self._limp))
         self._unconfirmed = False
         self._pending_restore = False
 
@@ -143,6 +144,7 @@ class TorqueState:
     def lose_every_bus(self) -> None:
         """No bus is left to write to. Devices that come back are stiff again, and are lowered as any."""
         self._set_held(np.zeros_like(self._held))
+        self._set_limp(np.zeros_like(self._limp))
         self._energising = False
         self._soft_since = None
 

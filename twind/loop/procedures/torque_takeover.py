@@ -1,4 +1,4 @@
-"""Take-over of torque before the robot is lowered: it holds where it is, and every joint gets goals.
+"""Take-over of torque before the robot is lowered: it holds where it is, and all but limp joints get goals.
 
 Torque that was found on, watchdogs that tripped, and buses that were lost and are back. A joint that cannot
 be held without a step gets no goal.
@@ -14,7 +14,7 @@ import numpy as np
 from twind.loop.bus.bus_wait import all_of
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
-from twind.loop.procedures.torque_readback import torque_on
+from twind.loop.procedures.torque_readback import found_limp, torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
 from twind.robot.arrays import Bools, Floats, some
 from twind.robot.finding import Finding, ReasonCode
@@ -44,6 +44,8 @@ def take_over(
     if torque.energising or not torque_on(context):
         return False
     yield from _wait_for_turns(context, unjudged)
+    if not torque.armed:
+        torque.leave_limp(found_limp(context))
     here, located = _where_it_is(context)
     stepped = beyond_hard_limit(context) & ~torque.limp
     # A joint that holds well goes on: a goal at its measured position would make it sag. A limp one is

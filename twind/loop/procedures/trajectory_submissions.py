@@ -297,7 +297,8 @@ class TrajectorySubmissions:
             args = (judged.joints, judged.position, judged.velocity, command.valid_for)
             refused = context.executor.setpoint(*args)
             refusals = () if refused is None else (refused,)
-            self.stopped.accept(command.client)
+            if refused is None:
+                self.stopped.accept(command.client, now)
         return replace(judged, verdict=Verdict(refusals, changes=judged.verdict.changes))
 
     def _places(self, joints: Ints) -> Bools:

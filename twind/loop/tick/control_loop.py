@@ -98,8 +98,8 @@ class Loop:
         target = (
             self.robot.measured if live else self.robot.simulated
         )  # the state that follows commands and is judged
-        if self.torque.partial:
-            self.executor.follow_limp(self.torque.limp, self.robot.measured.position)
+        if self.torque.partial and live:
+            self.executor.follow_limp(self.torque.limp, self.hardware.reachable(self.robot.measured.position))
         reference = self.executor.goal(now, self.figures.missed_in_a_row)
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
