@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
 import pytest
@@ -21,9 +22,15 @@ class RecordingClient:
 
     def __init__(self) -> None:
         self.sent: list[str] = []
+        self.patience: list[float] = []  # s
         self.phases = ["accepted", "running", "succeeded"]
         self.while_sending: Callable[[], None] = lambda: None
         self.refusal: Refused | None = None
+
+    @contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        self.patience.append(seconds)
+        yield
 
     def is_hung_up(self) -> bool:
         return False
