@@ -113,6 +113,13 @@ def test_a_goal_that_would_wait_for_another_call_is_not_sent(
     assert "Setpoint" not in client.sent
 
 
+def test_the_answer_to_a_goal_is_waited_for_shortly(
+    connection: LeasedConnection, client: RecordingClient
+) -> None:
+    connection.setpoint(connection.stops, valid_for=0.01)
+    assert client.sent == ["AcquireLease", "Setpoint"] and client.patience == [2.0]
+
+
 def test_a_lease_that_lapsed_is_taken_anew_by_the_next_call(
     connection: LeasedConnection, client: RecordingClient
 ) -> None:

@@ -12,12 +12,19 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.support.jog_rig import CommandedPosition
 from tests.support.processes import Daemon, simulated, until
+from twind.ctl.teleoperating.default_mapping import default_gamepad
+from twind.ctl.teleoperating.teleop_input import InputLost
+from twind.ctl.teleoperating.teleop_session import TeleopSession
+from twind.robot_client.robot import Robot
 
 BOUND = 0.3  # s from the event to the last change of the goal
 OVER = 0.8  # s after which a motion that goes on would have been seen
@@ -62,10 +69,14 @@ class TeleopTerminal:
         """Answer what was asked meanwhile."""
         self._answers.set()
 
-    def close(self) -> int:
-        """End the program by SIGTERM; its exit code."""
+    def close(self) -> None:
+        """End the program by SIGTERM."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGTERM)
+        self.wait()
+
+    def wait(self) -> int:
+        """Wait for its end; its exit code."""
         _, status = os.waitpid(self.pid, 0)
         self._thread.join(5.0)
         os.close(self._fd)
@@ -92,10 +103,26 @@ class TeleopTerminal:
 class Teleoperation:
     """A robot under a terminal, and the goal of its joint."""
 
-    def __init__(self, daemon: Daemon, terminal: TeleopTerminal, goal: CommandedPosition) -> None:
+    def __init__(self, daemon: Daemon, terminal: Any, goal: CommandedPosition) -> None:
+        """`terminal`: a `TeleopTerminal`, or a `PipeGamepad`."""
         self.daemon = daemon
         self.terminal = terminal
         self.goal = goal
+
+    def hold_stick(self) -> None:
+        """Press the dead-man button of a gamepad and move its stick, until the robot moves."""
+        for _ in range(5):
+            for value in (0, 1):
+                self.terminal.key("BTN_EAST", 0)
+                self.terminal.axis("ABS_X", 32767 * value)
+                self.terminal.key("BTN_TL", value)
+                time.sleep(0.1)
+            self.terminal.axis("ABS_X", 0)
+            self.terminal.axis("ABS_X", 32767)
+            time.sleep(0.5)
+            if self.goal.is_moving():
+                return
+        raise AssertionError("the stick moves nothing")
 
     def hold(self, press: str) -> None:
         """Press until the robot moves; a busy machine may end a hold."""
@@ -199,13 +226,54 @@ def test_a_pose_and_a_motion_run_while_their_key_is_held(tmp_path: Path) -> None
         assert rig.daemon.status()["motion"] == "holding"
 
 
+def test_a_gamepad_moves_until_its_stick_its_dead_man_button_or_the_gamepad_is_gone(tmp_path: Path) -> None:
+    pytest.importorskip("evdev", reason="no evdev on this machine: extra gamepad")
+    from tests.support.gamepad_rig import PipeGamepad
+    from twind.ctl.teleoperating.gamepad_input import GamepadInput
+
+    pad = PipeGamepad()
+    with (
+        simulated(tmp_path) as running,
+        Robot(str(running.sockets)) as robot,
+        closing(GamepadInput(pad)) as controls,
+        closing(CommandedPosition(running, robot.names[0])) as goal,
+    ):
+        with running.client() as client:
+            description = client.call("GetRobot")["robot"]
+        mapping = default_gamepad(description, controls.controls)
+        controls.dead_man = mapping.dead_man
+        session = TeleopSession(
+            robot, description, mapping, controls, show=lambda _: None, tell=lambda _: None
+        )
+        ended = threading.Event()
+        with ThreadPoolExecutor() as threads, ExitStack() as stack:
+            stack.callback(ended.set)
+            lost = threads.submit(session.run, ended)
+            rig = Teleoperation(running, pad, goal)
+            pad.axis("ABS_X", 32767)
+            assert rig.last_change_after(lambda: None, "the stick alone") < 0.0
+            took = {}
+            ends = {
+                "stick released": lambda: pad.axis("ABS_X", 0),
+                "dead-man released": lambda: pad.key("BTN_TL", 0),
+                "stop button": lambda: pad.key("BTN_EAST", 1),
+                "unplugged": pad.unplug,
+            }
+            for name, end in ends.items():
+                rig.hold_stick()
+                took[name] = rig.last_change_after(end, name)
+            with pytest.raises(InputLost, match="Test pad: unplugged"):
+                lost.result(5.0)
+    assert max(took.values()) <= BOUND, took
+
+
 def test_a_wrong_mapping_ends_in_one_line(tmp_path: Path) -> None:
     mapping = tmp_path / "mapping.yaml"
     mapping.write_text(MAPPING.replace("0.2", "0.9", 1))
     with simulated(tmp_path / "run") as running:
         terminal = TeleopTerminal(running.sockets, mapping, releases=True)
         until(lambda: b"\n" in terminal.shown, 20.0, "a message")
-        assert terminal.close() == 2
+        assert terminal.wait() == 2
     why = f"0.9 rad/s: use up to 0.2 rad/s ({JOINT}), and not 0"
-    line = f"twindctl: {mapping}:3:36: keyboard.d.speed_rad_s: {why}"
+    line = f"twindctl: {mapping}:3:37: keyboard.d.speed_rad_s: {why}"
     assert terminal.shown.decode().splitlines() == [line]
