@@ -61,7 +61,6 @@ def _teleoperate(
     options: argparse.Namespace, description: Mapping[str, Any], motions: tuple[str, ...]
 ) -> int:
     from twind.ctl.teleoperating.default_mapping import help_lines
-    from twind.ctl.teleoperating.teleop_input import InputLost
     from twind.ctl.teleoperating.teleop_session import TeleopSession
     from twind.robot_client.robot import Robot
 
@@ -82,7 +81,7 @@ def _teleoperate(
             session.run(ended)
         except KeyboardInterrupt:
             pass
-        except InputLost as error:
+        except EOFError as error:
             tell(f"{error}; the robot holds")
             return REFUSED
     return DONE

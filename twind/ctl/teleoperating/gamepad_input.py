@@ -13,7 +13,6 @@ import evdev
 from evdev import ecodes
 
 from twind.command_line.verb import UsageError
-from twind.ctl.teleoperating.teleop_input import InputLost
 from twind.robot_client.jog_motion import HOLD
 
 DEAD_ZONE = 0.1  # of the way of an axis, at least: worn sticks do not return to their middle
@@ -64,7 +63,7 @@ class GamepadInput:
     # ------------------------------------------------------------------------------------- `TeleopInput`
 
     def take(self, now: float) -> None:
-        """Read the events that have come. Raises InputLost."""
+        """Read the events that have come. Raises EOFError."""
         if self._read_at is not None and now - self._read_at > HOLD:
             self._down.discard(self.dead_man)
         self._read_at = now
@@ -75,8 +74,8 @@ class GamepadInput:
         except BlockingIOError:
             return
         except OSError as error:
-            raise InputLost(f"{self.name}: {os.strerror(error.errno or 0)}") from None
-        raise InputLost(f"{self.name}: unplugged")
+            raise EOFError(f"{self.name}: {os.strerror(error.errno or 0)}") from None
+        raise EOFError(f"{self.name}: unplugged")
 
     def held(self, now: float) -> Mapping[str, float]:
         """Return held buttons and deflected axes; nothing while the dead-man button is not held."""

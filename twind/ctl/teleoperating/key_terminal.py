@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from twind.command_line.verb import UsageError
 from twind.ctl.teleoperating import terminal_codes as codes
 from twind.ctl.teleoperating.held_keys import HeldKeys
-from twind.ctl.teleoperating.teleop_input import InputLost
 from twind.ctl.teleoperating.terminal_codes import KeyEvent, TerminalAnswer, TerminalDecoder, TerminalKey
 
 PATIENCE = 2.0  # s for the first answer of the terminal, which may be far away
@@ -59,7 +58,7 @@ class KeyTerminal:
 
     def close(self) -> None:
         """Give the terminal back as it was."""
-        with contextlib.suppress(OSError, InputLost, termios.error):  # it is gone
+        with contextlib.suppress(OSError, EOFError, termios.error):  # it is gone
             self._write(codes.FOCUS_OFF + (codes.RELEASES_OFF if self.has_releases else b""))
             self._take_last()
             termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._usual)
@@ -76,7 +75,7 @@ class KeyTerminal:
     # ------------------------------------------------------------------------------------- `TeleopInput`
 
     def take(self, now: float) -> None:
-        """Read the keys that have come, and ask for the next proof. Raises InputLost, KeyboardInterrupt."""
+        """Read the keys that have come, and ask for the next proof. Raises EOFError, KeyboardInterrupt."""
         while select.select([self._fd], [], [], 0.0)[0]:
             self._decode()
         if self._is_interrupted:
@@ -118,16 +117,16 @@ class KeyTerminal:
         try:
             data = os.read(self._fd, 4096)
         except OSError as error:
-            raise InputLost(f"the terminal is gone: {error.strerror}") from None
+            raise EOFError(f"the terminal is gone: {error.strerror}") from None
         if not data:
-            raise InputLost("the terminal is gone")
+            raise EOFError("the terminal is gone")
         return data
 
     def _write(self, data: bytes) -> bool:
-        """Write; False: the terminal takes nothing now. Raises InputLost."""
+        """Write; False: the terminal takes nothing now. Raises EOFError."""
         if not select.select([], [self._fd], [], 0.0)[1]:
             return False
         try:
             return os.write(self._fd, data) == len(data)
         except OSError as error:
-            raise InputLost(f"the terminal is gone: {error.strerror}") from None
+            raise EOFError(f"the terminal is gone: {error.strerror}") from None

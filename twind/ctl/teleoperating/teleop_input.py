@@ -3,18 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from twind.exceptions import TwindError
-
-
-class InputLost(TwindError):
-    """The device is gone: unplugged, or its terminal was closed."""
-
 
 class TeleopInput(Protocol):
     """A keyboard or a gamepad. Controls are named as in a mapping file. `now`: s, monotonic."""
 
     def take(self, now: float) -> None:
-        """Read what has come, without waiting. Raises InputLost."""
+        """Read what has come, without waiting. Raises EOFError: the device is gone."""
 
     def held(self, now: float) -> Mapping[str, float]:
         """Return the controls that are held with the dead-man and how far: 0 to 1, axes from -1."""

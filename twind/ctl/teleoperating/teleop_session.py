@@ -10,7 +10,7 @@ import numpy as np
 
 from twind.client import CallError, ClientError, MotionFailed
 from twind.ctl.reasons.refusal_text import refusal_text
-from twind.ctl.teleoperating.teleop_input import InputLost, TeleopInput
+from twind.ctl.teleoperating.teleop_input import TeleopInput
 from twind.ctl.teleoperating.teleop_mapping import (
     SELECTED,
     JogBinding,
@@ -55,7 +55,7 @@ class TeleopSession:
         self._refused = ""
 
     def run(self, ended: threading.Event) -> None:
-        """Move while controls are held, until `ended`; then it holds. Raises InputLost, KeyboardInterrupt."""
+        """Move while controls are held, until `ended`; then it holds. Raises EOFError, KeyboardInterrupt."""
         while not ended.is_set():
             begun = time.monotonic()
             held = self._poll(begun)
@@ -118,7 +118,7 @@ class TeleopSession:
                 case _:
                     return
             self._robot.stop()
-        except (InputLost, KeyboardInterrupt):
+        except (EOFError, KeyboardInterrupt):
             with contextlib.suppress(ClientError):
                 self._robot.stop()
             raise
