@@ -16,7 +16,7 @@ from twind.command_line.extras import how_to_add
 from twind.command_line.progress import ProgressLine
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.trajectory_files import motion_names
-from twind.command_line.verb import DONE, REFUSED, UsageError, harmless_lines, observer
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless_lines, observer
 
 group = "drive"
 
@@ -45,9 +45,12 @@ def run(options: argparse.Namespace) -> int:
 
     with observer(options) as client:
         robot = client.call("GetRobot")["robot"]
+        status = client.call("GetStatus")["status"]
     folder = robot.get("motions")
     motions = motion_names(Path(folder)) if isinstance(folder, str) else ()
     if options.write_mapping is None:
+        if status["mode"] == "live" and not status["armed"]:  # later this command would hold the lease
+            raise Rejected("the robot is not armed: run twindctl arm first")
         return _teleoperate(options, robot, motions)
     try:
         with options.write_mapping.open("x") as file:
