@@ -194,9 +194,12 @@ def test_a_process_that_was_stopped_does_not_move_on(tmp_path: Path) -> None:
 def test_without_releases_a_tap_is_a_short_step_and_repeats_move_on(tmp_path: Path) -> None:
     with teleoperating(tmp_path, releases=False) as rig:
         until(lambda: b"no releases" in rig.terminal.shown, 5.0, "the terminal is told")
-        before = rig.goal.rows[-1][1]
-        took = rig.last_change_after(lambda: rig.terminal.type("d"), "tapped")
-        step = rig.goal.rows[-1][1] - before
+        for _ in range(5):  # a terminal that answers too late moves nothing
+            before = rig.goal.rows[-1][1]
+            took = rig.last_change_after(lambda: rig.terminal.type("d"), "tapped")
+            step = rig.goal.rows[-1][1] - before
+            if step:
+                break
         print(f"a tap moved {step:.4f} rad")
         assert took <= BOUND and 0.0 < step <= 0.04
 
@@ -214,14 +217,18 @@ def test_a_pose_and_a_motion_run_while_their_key_is_held(tmp_path: Path) -> None
         closing(CommandedPosition(rig.daemon, "r_shoulder_roll")) as arm,
     ):
         for key, name in (("\x1b[112u", "pose"), ("\x1b[119u", "motion")):
-            rig.terminal.type(key)
-            until(arm.is_moving, 5.0, lambda: rig.terminal.shown.decode())
+            release = key.replace("u", ";1:3u")
+            for _ in range(5):
+                rig.terminal.type(release + key)
+                with contextlib.suppress(AssertionError):
+                    until(arm.is_moving, 3.0, name)
+                    break
             at = time.monotonic()
-            rig.terminal.type(key.replace("u", ";1:3u"))
+            rig.terminal.type(release)
             time.sleep(1.0)
             took = arm.last_change() - at
             print(f"{name} released: the last change of the goal came {took * 1e3:.0f} ms after the event")
-            assert took <= BOUND
+            assert -0.05 <= took <= BOUND, rig.terminal.shown.decode()
         assert rig.daemon.status()["motion"] == "holding"
 
 
