@@ -291,3 +291,11 @@ def test_the_users_own_daemon_comes_before_the_systems(
     path.unlink()
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert socket_path().startswith("/run/twind/")
+
+
+def test_a_shorter_patience_ends_with_its_context() -> None:
+    client = Client("nowhere", timeout=9.0)
+    with contextlib.suppress(ClientError), client.within(2.0):
+        assert client.timeout == 2.0
+        raise ClientError("whatever happens in it")
+    assert client.timeout == 9.0

@@ -115,7 +115,12 @@ class Setpoint(Command, frozen=True, kw_only=True):
     positions: Sequence[float]
     velocities: Sequence[float] | None = None
     valid_for: float = 0.1
+    valid_until: float | None = None  # s; None: `valid_for` alone bounds it
     allow_clamp: bool = False
+
+    def remaining(self, now: float) -> float:
+        """Return how long it may be followed from `now` on, s."""
+        return self.valid_for if self.valid_until is None else min(self.valid_until - now, self.valid_for)
 
 
 class ReadRegister(Command, frozen=True, kw_only=True):

@@ -90,7 +90,9 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
         "`twindctl doctor`: latency timer, load of this machine",
     ),
     ReasonCode.CMD_EXPIRED: ReasonText(
-        REFUSED, "Start or `valid_for` has passed, or the check took too long.", "send the command again"
+        REFUSED,
+        "Start, `valid_for` or `valid_until` has passed, or the check took too long.",
+        "send the command again",
     ),
     ReasonCode.TOO_DISTANT: ReasonText(REFUSED, "`start_in` is too long.", "send the command later"),
     ReasonCode.VALID_TOO_LONG: ReasonText(

@@ -276,6 +276,7 @@ class TrajectorySubmissions:
         """Judge a setpoint, and follow it unless it is refused."""
         context = self._context
         snapshot = self._gate_input.snapshot(command.client, now)
+        valid_for = command.remaining(now)
         joints = np.array(command.joints, np.int64)
         verdict = admit(snapshot, self._places(joints), self._gate_input.thresholds, setpoint=True)
         judged = setpoint_gate.judge(
@@ -283,7 +284,7 @@ class TrajectorySubmissions:
             np.array(command.positions, np.float64),
             None if command.velocities is None else np.array(command.velocities, np.float64),
             context.robot.limits,
-            valid_for=command.valid_for,
+            valid_for=valid_for,
             allow_clamp=command.allow_clamp,
         )
         stopped = self.stopped.refusal(command.client, now)
@@ -294,7 +295,7 @@ class TrajectorySubmissions:
             )
         if not refusals:
             self._lease.renew(command.client, now, streaming=True)
-            args = (judged.joints, judged.position, judged.velocity, command.valid_for)
+            args = (judged.joints, judged.position, judged.velocity, valid_for)
             refused = context.executor.setpoint(*args)
             refusals = () if refused is None else (refused,)
             if refused is None:
