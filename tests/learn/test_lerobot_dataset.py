@@ -34,7 +34,7 @@ print(json.dumps({"features": dataset.features, "rows": rows, "robot": meta.robo
 def run(program: str, *arguments: str) -> str:
     environment = {**os.environ, "HF_HUB_OFFLINE": "1"}
     command = [str(Path(PROGRAMS) / program), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120.0, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300.0, env=environment)
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 

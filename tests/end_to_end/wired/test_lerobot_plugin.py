@@ -45,7 +45,7 @@ def test_lerobot_teleoperate_brings_the_follower_to_the_leader(tmp_path: Path) -
             [str(Path(PROGRAMS) / "lerobot-teleoperate"), *arguments],
             capture_output=True,
             text=True,
-            timeout=180.0,
+            timeout=300.0,
             check=False,
             env={**os.environ, "HF_LEROBOT_HOME": str(tmp_path / "home")},
         )
