@@ -8,6 +8,7 @@ class ReasonCode(StrEnum):
     """Every reason code, those of a submission first. Causes and remedies: docs/reason-codes.md."""
 
     FRAME_TOO_LARGE = "FRAME_TOO_LARGE"
+    FRAME_INCOMPLETE = "FRAME_INCOMPLETE"
     RATE_LIMIT = "RATE_LIMIT"
     BAD_JSON = "BAD_JSON"
     BAD_SCHEMA = "BAD_SCHEMA"

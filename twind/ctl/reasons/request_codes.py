@@ -13,6 +13,11 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
         "A message exceeds 64 KiB (observe socket) or 4 MiB (control socket).",
         "send fewer points",
     ),
+    ReasonCode.FRAME_INCOMPLETE: ReasonText(
+        "refused, connection closed",
+        "A message has no terminator: at the end of what the client sent, or after 5 s if it is the first.",
+        "end each message with NUL or a newline",
+    ),
     ReasonCode.RATE_LIMIT: ReasonText(
         REFUSED,
         "One process sent too many trajectories or `Mark` calls in one second. Ten in a row close the "
