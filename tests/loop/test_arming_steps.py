@@ -160,7 +160,7 @@ def test_no_goal_is_chosen_from_a_reading_older_than_50_ms(
     rig.robot.measured = replace(rig.robot.measured, age=ages)
     rig.follows = False
     if fine:
-        assert arming.present(rig) is rig.robot.measured.position
+        assert arming.present(rig, NOBODY) is rig.robot.measured.position
         return
     finding = refusal(rig)
     assert (finding.code, finding.joint, finding.bound) == (ReasonCode.HW_DISCONNECTED, joint, 0.05)
@@ -197,7 +197,7 @@ def test_a_joint_further_past_its_hard_limits_than_the_guard_allows_is_not_armed
     place[1] = sign * (2.05 + beyond)
     rig.robot.measured = rig.state(place)
     if fine:
-        assert arming.present(rig)[1] == place[1]
+        assert arming.present(rig, NOBODY)[1] == place[1]
         return
     finding = refusal(rig)
     assert (finding.code, finding.joint) == (ReasonCode.OUT_OF_LIMIT, 1)

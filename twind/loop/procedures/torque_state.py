@@ -126,7 +126,8 @@ class TorqueState:
 
     def find_off(self) -> None:
         """Torque was read back off everywhere: nothing is left to switch off."""
-        self._set_limp(np.zeros_like(self._limp))
+        if self._partial:  # called in every tick without torque
+            self._set_limp(np.zeros_like(self._limp))
         self._unconfirmed = False
         self._pending_restore = False
 
