@@ -12,6 +12,7 @@
 A path is a row of keys, separated by dots; a number takes an element of a list, `*` each element. `name` is
 the path of the name within a motor, where its key is none. `unit` turns degrees to rad; `values` translates,
 `scale` multiplies. A file is recognised by its mapping where every path of `requires` exists.
+`skip` leaves out motors: `{is_passive: ["True"]}` those whose `is_passive` is true.
 A `table` is text of `[section]` and of rows with `|`, as the framework of ROBOTIS writes; it reads as lists.
 """
 
@@ -77,6 +78,7 @@ class MappingContent(Struct, forbid_unknown_fields=True):
     facts: dict[str, FactRule]
     name: str = ""
     requires: list[str] = []
+    skip: dict[str, list[str]] = {}
     buses: str = ""
     bus_name: str = ""
     bus_facts: dict[str, FactRule] = {}
@@ -100,16 +102,32 @@ class FileMapping:
             self._state(draft.bus(bus_name(name)), self.content.bus_facts, entry, source)
         count = 0
         for key, entry in _walk(tree, self.content.motors):
-            name = _text(entry, self.content.name) or key
+            name = (_text(entry, self.content.name) or key).strip()
+            count += 1
+            skipped = self._skipped(entry)
+            if skipped:
+                draft.remarks.append(f"{source}: {name} is left out: {skipped}")
+                continue
             try:
-                joint = draft.joint(name.strip())
+                joint = draft.joint(name)
             except Rejected as error:
                 raise Rejected(f"{source}: {error}") from None
             self._state(joint, self.content.facts, entry, source)
-            count += 1
         if not count:
             raise Rejected(f"{source}: no motor at {self.content.motors} ({self.file})")
         return count
+
+    def _skipped(self, entry: Any) -> str:
+        """Return why an entry is no motor; empty: it is one."""
+        found = ((path, _text(entry, path)) for path in self.content.skip)
+        return next(
+            (
+                value if path.isdecimal() else f"{path} is {value}"
+                for path, value in found
+                if value in self.content.skip[path]
+            ),
+            "",
+        )
 
     def _state(self, facts: Any, rules: Mapping[str, FactRule], entry: Any, source: str) -> None:
         for key, rule in rules.items():

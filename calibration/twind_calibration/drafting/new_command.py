@@ -104,6 +104,7 @@ def _complete(
     """Return every joint with all that a robot file says of it. Raises Rejected."""
     if model is not None:
         fill_from_hardware(draft, model)
+    draft.leave_out(options.without)
     draft.rename(_pairs(options.names, None))
     passive = () if model is None else fill_from_model(draft, model)
     conflicts = list(draft.conflicts())

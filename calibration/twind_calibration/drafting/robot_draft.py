@@ -6,11 +6,12 @@ the owner. Whatever no source states is an open item of the robot file's key `to
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
-from twind.command_line.verb import Rejected
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.bus_config import NAME
 from twind.config.driver_family import families
 
@@ -86,6 +87,19 @@ class RobotDraft:
             names = " and ".join(each.name for each in found)
             raise Rejected(f"id {number} on {bus} is that of {names}: say --bus JOINT=BUS")
         return found[0] if found else None
+
+    def select(self, pattern: str, option: str) -> list[str]:
+        """Return the names of the joints that a shell pattern matches. Raises UsageError: none."""
+        found = [name for name in self.joints if name == pattern or fnmatchcase(name, pattern)]
+        if not found:
+            raise UsageError(f"{option}: no source has a joint {pattern}: {', '.join(self.joints)}")
+        return found
+
+    def leave_out(self, patterns: Sequence[str]) -> None:
+        """Remove the joints that shell patterns match. Raises UsageError: a pattern matches none."""
+        unwanted = [self.select(pattern, f"--without {pattern}") for pattern in patterns]
+        for name in {name for names in unwanted for name in names}:
+            del self.joints[name]
 
     def rename(self, names: Mapping[str, str]) -> None:
         """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""

@@ -88,7 +88,8 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
     number = facts.get("id")
     if number is None:
         raise Rejected(
-            f"joint {facts.name}: no source states its id; leave it out or add a scan (--port BUS=PORT)"
+            f"joint {facts.name}: no source states its id; add a scan (--port BUS=PORT), or leave it out "
+            f"(--without {facts.name})"
         )
     device = _device(facts, devices)
     driver = family_of(device)
@@ -135,7 +136,10 @@ def _device(facts: FactSet, devices: dict[str, str]) -> str:
     try:
         return find_device(chosen or str(told), facts.get("protocol"))
     except Rejected as error:
-        raise Rejected(f"joint {facts.name}: {error}; say --device {told or facts.name}=MODEL") from None
+        raise Rejected(
+            f"joint {facts.name}: {error}; say --device {told or facts.name}=MODEL, or leave it out "
+            f"(--without {facts.name})"
+        ) from None
 
 
 def _bus(draft: RobotDraft, facts: FactSet) -> str:

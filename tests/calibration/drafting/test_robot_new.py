@@ -174,6 +174,39 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
     assert "no source has ids" in capsys.readouterr().err
 
 
+def test_what_is_no_motor_is_left_out_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new(tmp_path, "thor", ROBOTIS)
+    assert "note: thor.txt: open-cr is left out: sensor" in capsys.readouterr().out
+    assert read_robot(tmp_path / "thor" / "thor.yaml").names == ("r_sho",)
+    new(tmp_path, "toddler", json.dumps(TODDLER), "--device", "XC330=XC330-T288")
+    assert "note: toddler.txt: neck_driven is left out: is_passive is True" in capsys.readouterr().out
+
+
+def test_joints_are_left_out_by_patterns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = json.dumps({f"{name}_grip": LEROBOT["pan"] | {"id": 2} for name in ("l", "r")} | LEROBOT)
+    assert new(tmp_path, "arm", text, "--device", "STS3215", "--without", "hand_*") == 2
+    assert "no source has a joint hand_*: l_grip, r_grip, pan" in capsys.readouterr().err
+    assert new(tmp_path, "arm", text, "--device", "STS3215", "--without", "*_grip") == 0
+    assert read_robot(tmp_path / "arm" / "arm.yaml").names == ("pan",)
+
+
+def test_a_sliding_joint_of_a_model_is_left_out_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "gripper.urdf"
+    model.write_text(
+        (MODELS / "pantilt.urdf")
+        .read_text()
+        .replace('<joint name="tilt" type="revolute">', '<joint name="tilt" type="prismatic">')
+    )
+    words = ["robot", "new", "grip", "--folder", str(tmp_path / "g"), "--model", str(model)]
+    words += ["--device", "XL330-M288"]
+    assert main(words) == 1
+    assert "is a slide, no hinge, of pantilt.xml; leave it out (--without tilt)" in capsys.readouterr().err
+    assert main([*words, "--without", "tilt"]) == 0
+    assert read_robot(tmp_path / "g" / "grip.yaml").passive == ("tilt",)
+
+
 def test_a_trouble_of_the_line_counts_where_no_device_is_found() -> None:
     found = {"id": 1, "baud": 1_000_000, "model_name": "STS3215", "trouble": ""}
     other = {"baud": 1_000_000, "trouble": "devices answer protocol 1.0"}
