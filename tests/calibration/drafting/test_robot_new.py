@@ -14,6 +14,7 @@ from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
 from twind_calibration.drafting import new_command
 from twind_calibration.drafting.scan_source import devices_of
+from twind_calibration.wiggling.wiggle_command import read_body
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 COMMANDS = {
@@ -172,6 +173,13 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
     assert "nearest: pan" in told
     assert main(["robot", "new", "bare", "--folder", str(tmp_path / "bare"), *words]) == 1
     assert "no source has ids" in capsys.readouterr().err
+
+
+def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    body, why = read_body({"path": str(robot.path), "text_sha256": robot.text_sha256})
+    assert body is None and "describes no bodies" in why
 
 
 def test_what_is_no_motor_is_left_out_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
