@@ -15,8 +15,12 @@ POPPY = {
 }
 LEROBOT = {"pan": {"id": 1, "drive_mode": 1, "homing_offset": -12, "range_min": 800, "range_max": 3200}}
 TODDLER = {
+    "general": {"dynamixel_baudrate": 2_000_000},
     "joints": {
-        "neck": {"id": 3, "spec": "XC330", "lower_limit": -0.5, "upper_limit": 0.7, "is_passive": False},
+        "neck": {
+            **{"id": 3, "spec": "XC330", "lower_limit": -0.5, "upper_limit": 0.7, "is_passive": False},
+            **{"gear_ratio": 1.857, "control_mode": "extended_position", "kp_real": 2400},
+        },
         "neck_driven": {"is_passive": True},
     },
 }

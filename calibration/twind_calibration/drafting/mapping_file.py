@@ -12,7 +12,9 @@
 A path is a row of keys, separated by dots; a number takes an element of a list, `*` each element. `name` is
 the path of the name within a motor, where its key is none. `unit` turns degrees to rad; `values` translates,
 `scale` multiplies. A file is recognised by its mapping where every path of `requires` exists.
-`skip` leaves out motors: `{is_passive: ["True"]}` those whose `is_passive` is true.
+`skip` leaves out motors: `{is_passive: ["True"]}` those whose `is_passive` is true. `members` is the path,
+within a bus, of the names of its motors or of groups of them, which `groups` holds. Keys of a motor that no
+path reads are reported; `unread` gives the reason.
 A `table` is text of `[section]` and of rows with `|`, as the framework of ROBOTIS writes; it reads as lists.
 """
 
@@ -36,7 +38,7 @@ FORMAT = "twind-mapping/1"
 LARGEST = 1 << 20  # bytes of a file of another software
 UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 TYPES: Mapping[str, type] = {
-    **{"id": int, "baud": int, "bus": str, "device": str, "port": str, "model_joint": str},
+    **{"id": int, "baud": int, "bus": str, "device": str, "port": str, "model_joint": str, "mode": str},
     **dict.fromkeys(("protocol", "ratio", "lower", "upper", "velocity"), float),
     **dict.fromkeys(("sign", "lower_count", "upper_count"), int),
 }
@@ -49,10 +51,11 @@ class FactRule(Struct, forbid_unknown_fields=True):
     unit: str = ""
     scale: float = 1.0
     values: dict[str, Any] | None = None
+    default: Any = None
 
     def read(self, entry: Any, key: str) -> Any:
         """Return the value. Raises LookupError: not there; ValueError: unusable."""
-        value = next((each for _, each in _walk(entry, self.path)), None)
+        value = next((each for _, each in _walk(entry, self.path)), self.default)
         if value is None or value == "":
             raise LookupError(self.path)
         if self.values is not None:
@@ -82,6 +85,9 @@ class MappingContent(Struct, forbid_unknown_fields=True):
     buses: str = ""
     bus_name: str = ""
     bus_facts: dict[str, FactRule] = {}
+    members: str = ""
+    groups: str = ""
+    unread: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -97,10 +103,13 @@ class FileMapping:
 
     def fill(self, draft: RobotDraft, tree: Any, source: str) -> int:
         """State every fact of every motor; return how many motors there are. Raises Rejected."""
+        bus_of: dict[str, str] = {}
         for key, entry in _walk(tree, self.content.buses) if self.content.buses else ():
-            name = _text(entry, self.content.bus_name) or key
-            self._state(draft.bus(bus_name(name)), self.content.bus_facts, entry, source)
+            bus = draft.bus(bus_name(_text(entry, self.content.bus_name) or key))
+            self._state(bus, self.content.bus_facts, entry, source)
+            bus_of |= dict.fromkeys(self._members(tree, entry), bus.name)
         count = 0
+        unread: dict[str, str] = {}
         for key, entry in _walk(tree, self.content.motors):
             name = (_text(entry, self.content.name) or key).strip()
             count += 1
@@ -113,9 +122,37 @@ class FileMapping:
             except Rejected as error:
                 raise Rejected(f"{source}: {error}") from None
             self._state(joint, self.content.facts, entry, source)
+            if name in bus_of:
+                joint.state("bus", bus_of[name], source)
+            unread |= self._unread(entry)
+        if unread:
+            draft.remarks.append(f"{source}: not read: {', '.join(unread.values())}")
         if not count:
             raise Rejected(f"{source}: no motor at {self.content.motors} ({self.file})")
         return count
+
+    def _members(self, tree: Any, bus: Any) -> list[str]:
+        """Return the names of the motors that a bus lists, by itself or by groups, which may hold groups."""
+        groups = (
+            next((each for _, each in _walk(tree, self.content.groups)), {}) if self.content.groups else {}
+        )
+        names = (
+            [str(each) for _, each in _walk(bus, f"{self.content.members}.*")] if self.content.members else []
+        )
+        for name in names:  # grows: a group's members follow
+            inside = groups.get(name) if isinstance(groups, dict) else None
+            names.extend(str(each) for each in inside or () if str(each) not in names)
+        return names
+
+    def _unread(self, entry: Any) -> dict[str, str]:
+        """Return the keys of a motor that no path reads, each with its reason where there is one."""
+        if not isinstance(entry, dict):
+            return {}
+        paths = (self.content.name, *self.content.skip, *(rule.path for rule in self.content.facts.values()))
+        read = {path.partition(".")[0] for path in paths}
+        reasons = self.content.unread
+        keys = [str(key) for key in entry if str(key) not in read]
+        return {key: f"{key} ({reasons[key]})" if key in reasons else key for key in keys}
 
     def _skipped(self, entry: Any) -> str:
         """Return why an entry is no motor; empty: it is one."""

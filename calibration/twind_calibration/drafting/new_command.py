@@ -65,10 +65,9 @@ def write_new(options: argparse.Namespace) -> int:
 def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
     mapping = None if options.mapping is None else read_mapping(Path(options.mapping))
     sources = [f"{file}: {fill_from_file(draft, Path(file), mapping)}" for file in options.files]
-    for joint, bus in _pairs(options.buses, None).items():
-        if joint not in draft.joints:
-            raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
-        draft.joints[joint].state("bus", bus, "--bus")
+    for pattern, bus in _pairs(options.buses, None).items():
+        for joint in draft.select(pattern, f"--bus {pattern}={bus}"):
+            draft.joints[joint].state("bus", bus, "--bus")
     ports = _pairs(options.ports, "main")
     scans: dict[str, list[dict[str, Any]]] = {}
     for bus, port in ports.items():

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 
 from twind.command_line.verb import Rejected, UsageError
 from twind.config.bus_config import NAME
-from twind.config.driver_family import families
+from twind.config.driver_family import families, family_of
 
 # What a source may state of one joint. Limits in rad, or in counts of its servo, 0 where the servo counts 0.
 JOINT_FACTS = (
     *("id", "bus", "device", "protocol", "sign", "ratio", "lower", "upper", "lower_count", "upper_count"),
-    *("model_joint", "velocity"),
+    *("model_joint", "velocity", "mode"),
 )
-BUS_FACTS = ("port", "baud")
+BUS_FACTS = ("port", "baud", "protocol")
 TIGHTER: Mapping[str, Callable[[float, float], float]] = {"lower": max, "upper": min, "velocity": min}
 
 
@@ -135,8 +135,8 @@ def find_device(text: str, protocol: float | None = None) -> str:
     wanted = _plain(text)
     known = {model: each.kind for each in families() for model in each.models()}
     found = [model for model in known if _plain(model) == wanted]
-    if protocol == 2.0:
-        found = [model for model in known if _plain(model) == f"{wanted}20"] or found
+    if protocol is not None:
+        found = [model for model in known if _plain(model) == _plain(f"{wanted}{protocol:.1f}")] or found
     if not found:
         near = sorted(model for model in known if wanted and _plain(model).startswith(wanted))
         if len(near) != 1:
@@ -144,6 +144,11 @@ def find_device(text: str, protocol: float | None = None) -> str:
             raise Rejected(f"device {text!r}: no model of that name{options}")
         found = near
     return found[0]
+
+
+def protocol_of(device: str) -> float:
+    """Return the protocol of a model that a scan found. Models of one protocol are named without it."""
+    return 1.0 if family_of(device).kind == "dynamixel1" else 2.0
 
 
 def _plain(text: str) -> str:

@@ -72,7 +72,7 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         "OLD=NAME",
         "name of a joint in place of that of a source; scanned devices are BUS_ID, such as main_3",
     )
-    _add_list(parser, "--bus", "buses", "JOINT=BUS", "bus of a joint")
+    _add_list(parser, "--bus", "buses", "JOINT=BUS", "bus of a joint, or of all that a pattern matches")
     _add_list(parser, "--without", "without", "JOINT", "leave this joint out; a pattern such as 'sensor_*'")
     _answer_arguments(parser)
 

@@ -138,7 +138,7 @@ def test_a_urdf_with_ros2_control_becomes_a_robot_with_bodies(
         str(MODELS / "pantilt.urdf"),
     ]
     assert main(words) == 1
-    assert "joint pan: no source states its model" in capsys.readouterr().err
+    assert "joint pan, tilt: no source states its model" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     assert main([*words, "--device", "XL330-M288", "--support", "fixed"]) == 0
     robot = read_robot(tmp_path / "p" / "pantilt.yaml")
@@ -173,6 +173,41 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
     assert "nearest: pan" in told
     assert main(["robot", "new", "bare", "--folder", str(tmp_path / "bare"), *words]) == 1
     assert "no source has ids" in capsys.readouterr().err
+
+
+def test_mode_and_rate_of_a_file_are_taken_over(tmp_path: Path) -> None:
+    new(tmp_path, "toddler", json.dumps(TODDLER), "--device", "XC330=XC330-T288")
+    robot = read_robot(tmp_path / "toddler" / "toddler.yaml")
+    assert robot.joints[0].mode == "extended_position"
+    assert robot.buses[0].baud == 2_000_000
+
+
+def poppy_of(controllers: dict[str, object]) -> str:
+    motors = {
+        name: POPPY["motors"]["head_y"] | {"id": number, "type": model}
+        for number, (name, model) in enumerate((("l_y", "MX-64"), ("l_x", "MX-64"), ("head", "AX-12A")), 1)
+    }
+    return json.dumps({"controllers": controllers, "motors": motors})
+
+
+def test_servos_of_one_bus_speak_the_protocol_of_their_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new(tmp_path, "poppy", poppy_of({"c": {"port": "auto"}})) == 0
+    robot = read_robot(tmp_path / "poppy" / "poppy.yaml")
+    assert [joint.type.device for joint in robot.joints] == ["MX-64(1.0)", "MX-64(1.0)", "AX-12A"]
+    assert new(tmp_path, "mixed", poppy_of({"c": {"port": "auto", "protocol": 2}})) == 1
+    assert "MX-64 need kind dynamixel2; AX-12A need kind dynamixel1; say --device" in capsys.readouterr().err
+
+
+def test_joints_without_a_bus_are_named_in_one_line_and_answered_by_a_pattern(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = poppy_of({"c": {"port": "x"}, "d": {"port": "y"}})
+    assert new(tmp_path, "poppy", text, "--bus", "head=d") == 1
+    assert "joint l_y, l_x: on which of the buses c, d? Say --bus JOINT=BUS" in capsys.readouterr().err
+    assert new(tmp_path, "poppy", text, "--bus", "head=d", "--bus", "l_*=c") == 0
+    assert [joint.bus for joint in read_robot(tmp_path / "poppy" / "poppy.yaml").joints] == ["c", "c", "d"]
 
 
 def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
