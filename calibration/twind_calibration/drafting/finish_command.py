@@ -45,6 +45,9 @@ def finish(options: argparse.Namespace) -> int:
             task.settle_rest(client)
     for item in task.todo:
         print(f"open: {item}")
+    if not task.todo:
+        path = task.robot.path
+        print(f"nothing is open; next: `twindctl check robot {path}`, then restart the daemon in mode live")
     return REFUSED if task.todo else DONE
 
 

@@ -173,7 +173,11 @@ def _text(result: Mapping[str, Any]) -> str:
     lines.append(f"{result['robot']}: {len(result['joints'])} joints, {result['rate_hz']:g} Hz")
     lines += [f"note: {each}" for each in result["remarks"]]
     lines += [f"open: {each}" for each in result["todo"]]
-    lines.append(f"next: twindctl check robot {file}")
-    lines.append(f"      twind --virtual --mode live --robot {file}")
-    lines.append(f"      twindctl robot finish --robot {file}")
+    steps = [f"twindctl check robot {file}"]
+    if any(each.endswith(".watchdog") for each in result["todo"]):  # not even a virtual servo is armed
+        steps.append(f"twindctl robot finish --no-watchdog --robot {file}")
+    else:
+        steps += [f"twind --virtual --mode live --robot {file}", f"twindctl robot finish --robot {file}"]
+    lines.append(f"next: {steps[0]}")
+    lines += [f"      {each}" for each in steps[1:]]
     return "\n".join(lines)

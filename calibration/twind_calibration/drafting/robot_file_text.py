@@ -14,6 +14,7 @@ from twind.config.robot_file import FORMAT
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import parse
 from twind_calibration.drafting.robot_draft import FactSet, RobotDraft, find_device
+from twind_calibration.drafting.robot_file_edit import TODO_COMMENT
 
 RATES = (100, 50, 30, 20, 10)  # Hz, tried from the fastest
 SHARE = 0.95  # of the travel of its servo, where no source limits a joint
@@ -224,7 +225,7 @@ def _lines(
     yield f"loop: {{rate_hz: {rate}}}"
     yield ""
     open_items = list(_todo(joints, types, answers))
-    yield "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
+    yield TODO_COMMENT
     yield "todo:"
     yield from (f"  - {item}" for item in open_items)
     yield ""

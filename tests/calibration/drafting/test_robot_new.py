@@ -58,6 +58,15 @@ def test_what_no_source_states_is_open_and_refuses_live(tmp_path: Path) -> None:
     describe(ConfigSources(mode="mirror", robot=file, ports=("/dev/null",)))
 
 
+def test_virtual_servos_are_no_next_step_before_watchdogs_are_settled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    assert "finish --no-watchdog" in (told := capsys.readouterr().out) and "--virtual" not in told
+    new(tmp_path, "thor", ROBOTIS)
+    assert "twind --virtual --mode live" in capsys.readouterr().out
+
+
 def test_answers_leave_fewer_items_open(tmp_path: Path) -> None:
     new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215", "--support", "fixed", "--no-watchdog")
     assert read_robot(tmp_path / "arm" / "arm.yaml").todo == ("poses.rest",)
