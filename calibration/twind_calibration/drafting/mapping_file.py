@@ -32,7 +32,7 @@ from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads
-from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, RobotDraft
+from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, FactSet, RobotDraft
 
 FORMAT = "twind-mapping/1"
 LARGEST = 1 << 20  # bytes of a file of another software
@@ -101,11 +101,14 @@ class FileMapping:
         """Return whether a file's content is what this mapping describes."""
         return all(any(_walk(tree, path)) for path in (self.content.motors, *self.content.requires))
 
-    def fill(self, draft: RobotDraft, tree: Any, source: str) -> int:
-        """State every fact of every motor; return how many motors there are. Raises Rejected."""
+    def fill(self, draft: RobotDraft, tree: Any, source: str, prefix: str = "") -> int:
+        """State every fact of every motor; return how many motors there are. Raises Rejected.
+
+        `prefix`: of the names of joints and buses.
+        """
         bus_of: dict[str, str] = {}
         for key, entry in _walk(tree, self.content.buses) if self.content.buses else ():
-            bus = draft.bus(bus_name(_text(entry, self.content.bus_name) or key))
+            bus = draft.bus(prefix + bus_name(_text(entry, self.content.bus_name) or key))
             self._state(bus, self.content.bus_facts, entry, source)
             bus_of |= dict.fromkeys(self._members(tree, entry), bus.name)
         count = 0
@@ -117,11 +120,8 @@ class FileMapping:
             if skipped:
                 draft.remarks.append(f"{source}: {name} is left out: {skipped}")
                 continue
-            try:
-                joint = draft.joint(name)
-            except Rejected as error:
-                raise Rejected(f"{source}: {error}") from None
-            self._state(joint, self.content.facts, entry, source)
+            joint = draft.joint(prefix + name)
+            self._state(joint, self.content.facts, entry, source, prefix)
             if name in bus_of:
                 joint.state("bus", bus_of[name], source)
             unread |= self._unread(entry)
@@ -166,7 +166,9 @@ class FileMapping:
             "",
         )
 
-    def _state(self, facts: Any, rules: Mapping[str, FactRule], entry: Any, source: str) -> None:
+    def _state(
+        self, facts: FactSet, rules: Mapping[str, FactRule], entry: Any, source: str, prefix: str = ""
+    ) -> None:
         for key, rule in rules.items():
             try:
                 value = rule.read(entry, key)
@@ -174,7 +176,7 @@ class FileMapping:
                 continue
             except (ValueError, TypeError) as error:
                 raise Rejected(f"{source}: {facts.name}: {rule.path}: {error}") from None
-            facts.state(key, bus_name(value) if key == "bus" else value, source)
+            facts.state(key, prefix + bus_name(value) if key == "bus" else value, source)
 
 
 def built_in_mappings() -> tuple[FileMapping, ...]:
@@ -189,7 +191,9 @@ def read_mapping(path: Path) -> FileMapping:
     return _mapping(_read(path).decode("utf-8", "replace"), str(path))
 
 
-def fill_from_file(draft: RobotDraft, path: Path, mapping: FileMapping | None = None) -> str:
+def fill_from_file(
+    draft: RobotDraft, path: Path, mapping: FileMapping | None = None, prefix: str = ""
+) -> str:
     """State what a file of another software says; return which software that is. Raises Rejected.
 
     Without `mapping` the one that matches is taken; no match, or several, are refused.
@@ -212,7 +216,7 @@ def fill_from_file(draft: RobotDraft, path: Path, mapping: FileMapping | None = 
         reasons = "".join(f"; {each}" for each in dict.fromkeys(errors)) if not fit else ""
         raise Rejected(f"{path}: {why} (known: {known}); describe it in a file of --mapping{reasons}")
     chosen, tree = fit[0]
-    chosen.fill(draft, tree, path.name)
+    chosen.fill(draft, tree, path.name, prefix)
     return chosen.content.software
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.command_line.verb import DONE, Rejected, UsageError, show
+from twind.config.bus_config import NAME
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
@@ -64,7 +65,10 @@ def write_new(options: argparse.Namespace) -> int:
 
 def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
     mapping = None if options.mapping is None else read_mapping(Path(options.mapping))
-    sources = [f"{file}: {fill_from_file(draft, Path(file), mapping)}" for file in options.files]
+    sources = []
+    for given in options.files:
+        prefix, file = _split_prefix(given)
+        sources.append(f"{given}: {fill_from_file(draft, file, mapping, prefix)}")
     for pattern, bus in _pairs(options.buses, None).items():
         for joint in draft.select(pattern, f"--bus {pattern}={bus}"):
             draft.joints[joint].state("bus", bus, "--bus")
@@ -108,7 +112,8 @@ def _complete(
     passive = () if model is None else fill_from_model(draft, model)
     conflicts = list(draft.conflicts())
     if conflicts:
-        raise Rejected("\n".join(["sources contradict each other:", *conflicts]))
+        remedy = "if they describe other parts of the robot, prefix their names: --from left_=FILE"
+        raise Rejected("\n".join(["sources contradict each other:", *conflicts, remedy]))
     answers = FileAnswers(
         model=f"{draft.name}.xml" if model is None else model.file.name,
         base="base" if model is None else model.base,
@@ -118,6 +123,14 @@ def _complete(
         no_watchdog=options.no_watchdog,
     )
     return drafted_joints(draft, _pairs(options.devices, "")), answers
+
+
+def _split_prefix(text: str) -> tuple[str, Path]:
+    """Return prefix and file of `[PREFIX=]FILE`; write `./a=b.json` for a file named so."""
+    prefix, mark, file = text.partition("=")
+    if not mark or not file or not NAME.fullmatch(prefix):
+        return "", Path(text)
+    return prefix, Path(file)
 
 
 def _pairs(given: Sequence[str], bare: str | None) -> dict[str, str]:

@@ -6,6 +6,7 @@ the owner. Whatever no source states is an open item of the robot file's key `to
 
 import math
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -67,9 +68,7 @@ class RobotDraft:
     remarks: list[str] = field(default_factory=list)
 
     def joint(self, name: str) -> FactSet:
-        """Return the facts of a joint, which is new where no source named it. Raises Rejected."""
-        if not NAME.fullmatch(name):
-            raise Rejected(f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
+        """Return the facts of a joint, which is new where no source named it."""
         return self.joints.setdefault(name, FactSet(name))
 
     def bus(self, name: str) -> FactSet:
@@ -102,7 +101,7 @@ class RobotDraft:
             del self.joints[name]
 
     def rename(self, names: Mapping[str, str]) -> None:
-        """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""
+        """Rename joints, in their places. Raises Rejected: no such joint, a wrong name, or one name twice."""
         for old in names:
             if old not in self.joints:
                 raise Rejected(
@@ -111,9 +110,14 @@ class RobotDraft:
         named = [(names.get(each.name, each.name), each) for each in self.joints.values()]
         self.joints = {}
         for name, facts in named:
+            if not NAME.fullmatch(name):
+                raise Rejected(
+                    f"joint {name!r}: use 1 to 64 letters, digits, _ . and -; name it with --joint "
+                    f"{shlex.quote(f'{facts.name}=NAME')}"
+                )
             if name in self.joints:
                 raise Rejected(f"two joints would be called {name}")
-            facts.name = self.joint(name).name
+            facts.name = name
             self.joints[name] = facts
 
     def conflicts(self) -> Iterator[str]:

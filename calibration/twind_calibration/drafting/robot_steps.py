@@ -50,8 +50,9 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "--from",
         "files",
-        "FILE",
-        "file of other software with ids, models, limits or signs; may be repeated",
+        "[PREFIX=]FILE",
+        "file of other software with ids, models, limits or signs; may be repeated; "
+        "PREFIX begins the names of its joints and buses",
     )
     parser.add_argument("--model", metavar="FILE", help="MJCF, URDF or xacro; without one: joints alone")
     _add_list(parser, "--package", "packages", "NAME=DIR", "folder of a ROS package that the model names")

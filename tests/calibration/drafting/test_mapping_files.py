@@ -122,7 +122,6 @@ def test_an_owners_mapping_reads_an_unknown_format(tmp_path: Path) -> None:
         (json.dumps({"pan": {**LEROBOT["pan"], "id": "seven"}}), "pan: id"),
         (json.dumps({"pan": {**LEROBOT["pan"], "id": 1.5}}), "no whole number"),
         (json.dumps({"pan": {**LEROBOT["pan"], "drive_mode": 7}}), "7 is none of 0, 1"),
-        (json.dumps({"p/n": LEROBOT["pan"]}), "joint 'p/n'"),
         ("a: &a [1]\nb: *a\n", "alias"),
     ],
 )

@@ -114,6 +114,7 @@ def test_a_scan_completes_a_file_and_must_not_contradict_it(
     ("text", "options", "words"),
     [
         (json.dumps(LEROBOT), [], "say --device MODEL"),
+        (json.dumps({"p n": LEROBOT["pan"]}), [], "name it with --joint 'p n=NAME'"),
         (json.dumps(LEROBOT), ["--device", "STS9999"], "no model of that name"),
         (json.dumps(TODDLER), [], "XC330-M181"),
         (json.dumps(LEROBOT), ["--device", "STS3215", "--bus", "elbow=main"], "no source has a joint elbow"),
@@ -217,6 +218,29 @@ def test_joints_without_a_bus_are_named_in_one_line_and_answered_by_a_pattern(
     assert "joint l_y, l_x: on which of the buses c, d? Say --bus JOINT=BUS" in capsys.readouterr().err
     assert new(tmp_path, "poppy", text, "--bus", "head=d", "--bus", "l_*=c") == 0
     assert [joint.bus for joint in read_robot(tmp_path / "poppy" / "poppy.yaml").joints] == ["c", "c", "d"]
+
+
+def test_two_files_of_equal_names_become_two_sides(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, number in (("one", 1), ("two", 2)):
+        arm = {"Elbow Joint": LEROBOT["pan"] | {"id": number}, "pan": LEROBOT["pan"] | {"id": number + 4}}
+        (tmp_path / f"{name}.json").write_text(json.dumps(arm))
+    words = ["robot", "new", "pair", "--folder", str(tmp_path / "pair"), "--device", "STS3215"]
+    files = [tmp_path / "one.json", tmp_path / "two.json"]
+    both = ["--from", str(files[0]), "--from", str(files[1]), "--joint", "Elbow Joint=elbow"]
+    assert main([*words, *both]) == 1
+    assert "--from left_=FILE" in capsys.readouterr().err
+    words += ["--from", f"l_={files[0]}", "--from", f"r_={files[1]}"]
+    words += ["--joint", "l_Elbow Joint=l_elbow", "--joint", "r_Elbow Joint=r_elbow"]
+    assert main([*words, "--bus", "l_*=left", "--bus", "r_*=right"]) == 0
+    robot = read_robot(tmp_path / "pair" / "pair.yaml")
+    assert [(joint.name, joint.bus, joint.id) for joint in robot.joints] == [
+        ("l_elbow", "left", 1),
+        ("l_pan", "left", 5),
+        ("r_elbow", "right", 2),
+        ("r_pan", "right", 6),
+    ]
 
 
 def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
