@@ -33,10 +33,13 @@ def fill_from_model(draft: RobotDraft, model: ImportedModel) -> tuple[str, ...]:
     for facts in draft.joints.values():
         name = facts.get("model_joint", facts.name)
         if name not in hinges:
-            near = get_close_matches(name, hinges, 1)
+            kind = next((joint.kind for joint in model.joints if joint.name == name), None)
+            near = [] if kind else get_close_matches(name, hinges, 1)
+            remedy = "" if kind else f"say --joint {facts.name}=NAME, or "
             raise Rejected(
-                f"joint {facts.name} ({facts.source('id') or 'no id'}) is no hinge of {model.file.name}"
-                f"{f'; nearest: {near[0]}' if near else ''}; say --joint {facts.name}=NAME"
+                f"joint {facts.name} ({facts.source('id') or 'no id'}) is "
+                f"{f'a {kind}, no hinge,' if kind else 'no hinge'} of {model.file.name}"
+                f"{f'; nearest: {near[0]}' if near else ''}; {remedy}leave it out (--without {facts.name})"
             )
         joint = hinges[name]
         if joint.range is not None:

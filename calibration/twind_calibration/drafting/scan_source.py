@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.command_line.verb import Rejected
-from twind_calibration.drafting.robot_draft import RobotDraft
+from twind_calibration.drafting.robot_draft import RobotDraft, protocol_of
 
 SECONDS = 300.0  # of a scan of all ids at all rates
 
@@ -110,3 +110,4 @@ def fill_from_scan(
         joint.state("bus", bus, source)
         joint.state("id", number, source)
         joint.state("device", model, source)
+        joint.state("protocol", protocol_of(model), source)
