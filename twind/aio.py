@@ -38,7 +38,7 @@ class AsyncRobot:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await asyncio.to_thread(self.blocking.close)
+        await asyncio.to_thread(self.blocking.__exit__, kind, error, trace)
 
     @property
     def blocking(self) -> BlockingRobot:

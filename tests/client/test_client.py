@@ -144,7 +144,7 @@ def test_a_refusal_carries_every_finding(dial: Dial) -> None:
         (
             "LeaseHeld",
             {"lease": {"holder": "uid 5", "uid": 5, "expires_in": 0.5}},
-            "held by uid 5 for another 0.50 s",
+            "held by uid 5, unless it is not renewed for 0.50 s",
         ),
         ("Busy", {"what": "arming"}, "busy: arming"),
         ("BusFailed", {"bus": "main", "message": "gone"}, "bus main: gone"),

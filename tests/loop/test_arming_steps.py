@@ -219,7 +219,8 @@ def test_a_joint_past_the_range_of_goals_gets_the_end_of_that_range(rig: Procedu
 
 def test_a_joint_whose_position_is_unknown_is_not_armed(rig: ProcedureRig) -> None:
     rig.robot.measured = rig.state(np.array([0.0, np.nan, 0.0]))
-    assert refusal(rig).joint == 1
+    finding = refusal(rig)
+    assert (finding.code, finding.joint, finding.value) == (ReasonCode.HW_DISCONNECTED, 1, None)
     assert "prepare" not in rig.hardware.log
 
 
@@ -266,7 +267,7 @@ def test_an_unknown_position_while_goals_are_written_is_no_standstill(rig: Proce
             rig.read(position=np.array([0.0, np.nan, 0.0]))
 
     rig.watched = lost
-    assert refusal(rig).code is ReasonCode.OUT_OF_LIMIT
+    assert refusal(rig).code is ReasonCode.HW_DISCONNECTED
     assert "torque True" not in rig.hardware.log
 
 
@@ -338,7 +339,7 @@ def test_what_happens_meanwhile_ends_arming(rig: ProcedureRig, when: str, what: 
     rig.watched = disturb
     finding = refusal(rig)
     assert finding.code is ReasonCode.ARM_FAILED and "meanwhile" in finding.message
-    assert (finding.value, finding.bound) == (0.0, 0.0)
+    assert (finding.value, finding.bound) == (None, None)
     assert rig.requests() == [*ORDER[: ORDER.index(when) + 1], *OFF]
 
 

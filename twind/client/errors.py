@@ -137,8 +137,8 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
-    held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
-    return f"{held}; `take` takes it over (twindctl: --take)"
+    held = f"the lease is held by {lease['holder']}, unless it is not renewed for {lease['expires_in']:.2f} s"
+    return f"{held}; --take takes it over (in Python take=True)"
 
 
 _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {

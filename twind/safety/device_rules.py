@@ -14,6 +14,10 @@ ALERT = 0x80  # of a status packet's error byte: a hardware error, whose bits ar
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
 TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
+BARRED = (
+    "takes no goals until it is armed anew: its watchdog tripped, or it has none and was silent for 0.1 s; "
+    "disarm, reset, arm"
+)
 TORQUE_OFF = "torque reads back off (0) or unknown (-1) while armed"
 TORQUE_ON = "torque reads back on (1) or unknown (-1) in a limp joint: does another program write there?"
 CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
@@ -92,8 +96,7 @@ class DeviceRules:
             tripped = (facts.watchdog == TRIPPED) & (facts.status_time > self._taken)
             self._tripped = np.flatnonzero(tripped).tolist()
         for joint in self._tripped:
-            message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
-            finding = Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+            finding = Finding(ReasonCode.WATCHDOG_TRIPPED, joint, message=BARRED)
             yield RuleResult(finding, hold(facts), latches=True)
         yield from self._torque(facts)
 

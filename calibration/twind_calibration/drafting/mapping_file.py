@@ -35,6 +35,7 @@ from twind.protocol.strict_json import loads
 from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, FactSet, RobotDraft
 
 FORMAT = "twind-mapping/1"
+KEYS = f"`format: {FORMAT}`, `software`, `reads: json|yaml|table`, `motors` and `facts`"
 LARGEST = 1 << 20  # bytes of a file of another software
 UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 TYPES: Mapping[str, type] = {
@@ -224,7 +225,8 @@ def _mapping(text: str, file: str) -> FileMapping:
     try:
         content = convert(_yaml(text), MappingContent, strict=False)
     except (ValidationError, ValueError, yaml.YAMLError) as error:
-        raise Rejected(f"{file}: {' '.join(str(error).split())}") from None
+        reason = " ".join(str(error).split())
+        raise Rejected(f"{file}: {reason}; a mapping file has {KEYS}, see docs/tutorial.md") from None
     if content.format != FORMAT:
         raise Rejected(f"{file}: format is {content.format!r}; this version reads {FORMAT}")
     for rules, known in ((content.facts, JOINT_FACTS), (content.bus_facts, BUS_FACTS)):

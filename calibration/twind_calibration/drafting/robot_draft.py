@@ -9,6 +9,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
@@ -144,7 +145,9 @@ def find_device(text: str, protocol: float | None = None) -> str:
     if not found:
         near = sorted(model for model in known if wanted and _plain(model).startswith(wanted))
         if len(near) != 1:
-            options = f": {', '.join(near[:8])}" if near else ""
+            plain = {_plain(model): model for model in known}
+            near = near or [plain[name] for name in get_close_matches(wanted, plain, 3)]
+            options = f"; nearest: {', '.join(near[:8])}" if near else f"; known: {', '.join(sorted(known))}"
             raise Rejected(f"device {text!r}: no model of that name{options}")
         found = near
     return found[0]

@@ -115,7 +115,7 @@ def test_a_scan_completes_a_file_and_must_not_contradict_it(
     [
         (json.dumps(LEROBOT), [], "say --device MODEL"),
         (json.dumps({"p n": LEROBOT["pan"]}), [], "name it with --joint 'p n=NAME'"),
-        (json.dumps(LEROBOT), ["--device", "STS9999"], "no model of that name"),
+        (json.dumps(LEROBOT), ["--device", "ST3215"], "no model of that name; nearest: STS3215"),
         (json.dumps(TODDLER), [], "XC330-M181"),
         (json.dumps(LEROBOT), ["--device", "STS3215", "--bus", "elbow=main"], "no source has a joint elbow"),
         ("{}", [], "no known format"),

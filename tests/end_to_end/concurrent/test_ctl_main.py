@@ -85,7 +85,7 @@ def test_status_prints_text_and_with_json_a_json_object(loop: StandIn) -> None:
     done = ctl(loop, "status", "--joints")
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    assert lines[0] == "stand-in · mode live · state armed · motion holding · armed"
+    assert lines[0] == "stand-in · mode live · state armed · motion holding"
     assert any(line.startswith("fault    STATE_STALE: joint_3") for line in lines)
     assert sum(line.startswith("joint_") for line in lines) == len(NAMES)
     assert "silent" in lines[-1]

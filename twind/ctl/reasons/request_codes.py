@@ -172,12 +172,12 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.KEEP_OUT: ReasonText(
         REFUSED,
         "The path brings a body closer than `world_m` to the world's geometry.",
-        "keep clear of the geometry in the message",
+        "keep clear of the geometry in the message, or lower `collision.world_m`",
     ),
     ReasonCode.FLOOR: ReasonText(
         REFUSED,
         "The path brings a body closer than `world_m` to a plane of the world.",
-        "keep clear of the floor plane in the message",
+        "keep clear of the plane; an arm that grips things on it: `collision: {world_m: 0.005}`",
     ),
     ReasonCode.TORQUE_INFEASIBLE: ReasonText(
         "warning; with `on_torque: reject` refused",

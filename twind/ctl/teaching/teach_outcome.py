@@ -49,10 +49,12 @@ class TeachOutcome:
             f"{self.recorder.seconds:.2f} s of {len(motion.joints)} joints: {count} points in {self.path}",
             f"largest deviation from the hand's path: {worst.size:.4f} rad ({where})",
         ]
+        if motion.still:
+            lines.append(f"no joint moved by more than {motion.bound:g} rad: guide them while it records")
         if self.recorder.ended:
             lines.append(f"the recording ended: {self.recorder.ended}")
         if self.recorder.bridged:
-            lines.append(f"{self.recorder.bridged} gaps below {GAP:g} s were bridged")
+            lines.append(f"gaps below {GAP:g} s that were bridged: {self.recorder.bridged}")
         for joint, by in motion.clipped().items():
             lines.append(f"moved into the limits: {joint} by up to {by:.4f} rad")
         if motion.reasons:

@@ -210,7 +210,7 @@ def _write_present_goals(context: ProcedureContext, limp: Bools) -> Generator[No
 def _require_undisturbed(context: ProcedureContext) -> None:
     if context.condition.state is not RobotState.ARMING or context.condition.latches:
         message = f"the robot went to {context.condition.state.value} meanwhile"
-        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, 0.0, 0.0, message)
+        raise ProcedureFailed(Finding(ReasonCode.ARM_FAILED, message=message))
 
 
 def _require_all_or_none(context: ProcedureContext, limp: Bools) -> None:
@@ -237,7 +237,12 @@ def present(context: ProcedureContext, limp: Bools) -> Floats:
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
         raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
-    outside = (beyond_hard_limit(context) & ~limp) | ~np.isfinite(state.position)
+    unknown = ~np.isfinite(state.position)
+    if unknown.any():
+        message = "its position is unknown: wait until it is read and its turn is known, then arm"
+        joint = int(np.argmax(unknown))
+        raise ProcedureFailed(Finding(ReasonCode.HW_DISCONNECTED, joint, message=message))
+    outside = beyond_hard_limit(context) & ~limp
     if outside.any():
         joint = int(np.argmax(outside))
         value = float(state.position[joint])

@@ -240,7 +240,7 @@ class TrajectorySubmissions:
         if taken is not None:
             self._way.judge(taken, context.clock.now())
             self._send_verdict(command.id, verdict, now)
-            codes = sorted({finding.code for finding in verdict.refusals})
+            codes = list(dict.fromkeys(finding.code for finding in verdict.refusals))
             message = f"refused {command.id}: {', '.join(codes)}"
             context.reports.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
         return CallRefusal(verdict.refusals)

@@ -141,7 +141,7 @@ class Loop:
 
     def close(self) -> None:
         """Close the ports, and end the front."""
-        self.reports.event("info", EventCode.END, f"torque {_torque_text(torque_off(self))}")
+        self.reports.event("info", EventCode.END, _torque_text(torque_off(self), self.condition.mode))
         self.publisher.publish(self.clock.now())
         self.hardware.access(read=False, write=False)
         self.supply.close()
@@ -185,5 +185,11 @@ class Loop:
             self.reports.slow(alert)
 
 
-def _torque_text(off: bool | None) -> str:
-    return {None: "unknown: not every servo has reported", True: "is off", False: "is left on"}[off]
+def _torque_text(off: bool | None, mode: Mode) -> str:
+    if off is None:
+        return (
+            "mode sim drives no servos"
+            if mode is Mode.SIM
+            else "torque unknown: not every servo has reported"
+        )
+    return "torque is off" if off else "torque is left on"
