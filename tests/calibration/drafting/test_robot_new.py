@@ -243,6 +243,18 @@ def test_two_files_of_equal_names_become_two_sides(
     ]
 
 
+def test_parameters_of_ros2_control_that_are_not_read_are_reported_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mode = '<param name="Operating Mode">5</param></gpio>'
+    model = tmp_path / "pantilt.urdf"
+    model.write_text((MODELS / "pantilt.urdf").read_text().replace("</gpio>", mode))
+    words = ["robot", "new", "p", "--folder", str(tmp_path / "p"), "--model", str(model)]
+    assert main([*words, "--device", "XL330-M288"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("Operating Mode") == 1 and "not read: Operating Mode\n" in told
+
+
 def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
     new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
     robot = read_robot(tmp_path / "arm" / "arm.yaml")
