@@ -134,7 +134,7 @@ class FileMapping:
 
     def _members(self, tree: Any, bus: Any) -> list[str]:
         """Return the names of the motors that a bus lists, by itself or by groups, which may hold groups."""
-        groups = (
+        groups: Any = (
             next((each for _, each in _walk(tree, self.content.groups)), {}) if self.content.groups else {}
         )
         names = (

@@ -12,11 +12,13 @@ from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import BudgetRequest, DriverFamily, family_of
 from twind.config.robot_file import FORMAT
 from twind.config.robot_spec import RobotFile
+from twind.config.travel import most_turns
 from twind.config.yaml_tree import parse
 from twind_calibration.drafting.robot_draft import FactSet, RobotDraft, find_device
 from twind_calibration.drafting.robot_file_edit import TODO_COMMENT
 
 RATES = (100, 50, 30, 20, 10)  # Hz, tried from the fastest
+SEVERAL_TURNS = "extended_position"  # mode
 SHARE = 0.95  # of the travel of its servo, where no source limits a joint
 
 
@@ -148,7 +150,7 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
         lower=lower,
         upper=upper,
         velocity=facts.get("velocity"),
-        mode=facts.get("mode", kind.mode),
+        mode=_mode(draft, facts, kind, upper - lower),
         sources="; ".join(f"{', '.join(what)} by {source}" for source, what in sources.items()),
         todo=todo,
     )
@@ -179,6 +181,19 @@ def _bus(draft: RobotDraft, facts: FactSet) -> str:
             "JOINT may be a pattern, such as 'l_*'"
         )
     return next(iter(draft.buses), "main")
+
+
+def _mode(draft: RobotDraft, facts: FactSet, kind: TypeSpec, travel: float) -> str:
+    """Return the stated mode, else one that takes the travel (rad of the joint)."""
+    stated = facts.get("mode")
+    turns = travel * facts.get("ratio", 1.0) / (2.0 * math.pi)
+    if stated or not kind.winds or turns <= most_turns(kind, kind.mode):
+        return str(stated or kind.mode)
+    draft.remarks.append(
+        f"joint {facts.name}: its travel is {turns:.2f} turns of its servo: mode {SEVERAL_TURNS}; its turn "
+        "is determined after each power-up"
+    )
+    return SEVERAL_TURNS
 
 
 def _read_type(driver: DriverFamily, device: str) -> TypeSpec:

@@ -24,9 +24,14 @@ def scan_port(port: str) -> list[dict[str, Any]]:
     return devices_of(*scan_rows(port), port)
 
 
-def scan_rows(port: str) -> tuple[list[dict[str, Any]], str]:
-    """Return the lines of `twindctl scan --port`, and what it said. Raises Rejected where it does not end."""
+def scan_rows(port: str, ids: range | None = None) -> tuple[list[dict[str, Any]], str]:
+    """Return the lines of `twindctl scan --port`, and what it said. Raises Rejected where it does not end.
+
+    `ids`: those that are searched; None: all.
+    """
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--json", "scan", "--port", port]
+    if ids is not None:
+        command += ["--ids", f"{ids[0]}-{ids[-1]}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:

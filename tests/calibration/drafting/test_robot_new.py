@@ -243,6 +243,31 @@ def test_two_files_of_equal_names_become_two_sides(
     ]
 
 
+def test_parameters_of_ros2_control_that_are_not_read_are_reported_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mode = '<param name="Operating Mode">5</param></gpio>'
+    model = tmp_path / "pantilt.urdf"
+    model.write_text((MODELS / "pantilt.urdf").read_text().replace("</gpio>", mode))
+    words = ["robot", "new", "p", "--folder", str(tmp_path / "p"), "--model", str(model)]
+    assert main([*words, "--device", "XL330-M288"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("Operating Mode") == 1 and "not read: Operating Mode\n" in told
+
+
+def test_a_travel_of_more_than_a_turn_takes_a_mode_of_several(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "pantilt.urdf"
+    text = (MODELS / "pantilt.urdf").read_text()
+    model.write_text(text.replace("1, 0, 0, 1", "0.25, 0, 0, 1"))  # a gear of 4 on a travel of half a turn
+    words = ["robot", "new", "p", "--folder", str(tmp_path / "p"), "--model", str(model)]
+    assert main([*words, "--device", "XL330-M288"]) == 0
+    assert "joint pan: its travel is 1.87 turns of its servo" in capsys.readouterr().out
+    modes = [joint.mode for joint in read_robot(tmp_path / "p" / "p.yaml").joints]
+    assert modes == ["extended_position", "position"]
+
+
 def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
     new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
     robot = read_robot(tmp_path / "arm" / "arm.yaml")
