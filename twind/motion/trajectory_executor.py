@@ -265,12 +265,12 @@ class TrajectoryExecutor:
         """
         if self._reference is None or self._floor is None:
             return None
+        while self._pending and self._pending[0].start <= self._tick:  # one ends a stream, also a stale one
+            self._begin(self._pending.pop(0), self._reference)
         stale = None if self.stream is None else self.stream.use(now)
         if stale is not None:
             self.stop()
             self._ended.append(GoalOutcome("", "aborted", (stale,)))
-        while self._pending and self._pending[0].start <= self._tick:
-            self._begin(self._pending.pop(0), self._reference)
         self._keep_time(missed)
         self._tick += 1
         reference = self._next(self._floor)
