@@ -161,10 +161,10 @@ deb:
 
 ADD = $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-# Further extras of pyproject.toml in this environment, such as EXTRAS=learn,dataset. Always editable: a copy of
+# Further extras of pyproject.toml in this environment, such as EXTRAS=learn,view. Always editable: a copy of
 # the sources would hide every later edit.
 extras: $(VENV)/.ready
-	@test -n '$(EXTRAS)' || { echo 'extras: name them: make extras EXTRAS=learn,dataset' >&2; exit 2; }
+	@test -n '$(EXTRAS)' || { echo 'extras: name them: make extras EXTRAS=learn,view' >&2; exit 2; }
 	$(ADD) '.[dev,$(EXTRAS)]'
 
 # Not empty where the environment has a twind that is no editable install of this folder.
@@ -182,7 +182,7 @@ $(VENV)/.ready: pyproject.toml $(if $(COPIED),FORCE)
 
 # The learning extras: hundreds of megabytes, so `make test` does without, and skips their tests.
 $(VENV)/.learn: $(VENV)/.ready constraints.txt
-	$(ADD) '.[dev,learn,dataset]'
+	$(ADD) '.[dev,learn]'
 	touch $@
 
 # The real rclpy, in an environment of its own, for tests and for `twindctl ros` in the clone. Needs CPython 3.12. `empy` has no wheel.

@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from types import TracebackType
@@ -38,7 +38,7 @@ class AsyncRobot:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await asyncio.to_thread(self.blocking.close)
+        await asyncio.to_thread(self.blocking.__exit__, kind, error, trace)
 
     @property
     def blocking(self) -> BlockingRobot:
@@ -55,9 +55,9 @@ class AsyncRobot:
         """The newest state by joint."""
         return (await self.state()).joints
 
-    async def arm(self) -> None:
+    async def arm(self, *, limp: Collection[str] = ()) -> None:
         """`Robot.arm`."""
-        await asyncio.to_thread(self.blocking.arm)
+        await asyncio.to_thread(self.blocking.arm, limp=limp)
 
     async def disarm(self) -> None:
         """`Robot.disarm`."""

@@ -44,7 +44,9 @@ class BusWriter(Protocol):
         """Read the goals (m,), raw, that the devices hold. Raises NoReply."""
 
     def torque(self, on: bool) -> Script[None]:
-        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
+        """Switch torque off in all devices, or on in those that were prepared; read it back.
+
+        Raises DeviceRefused, NoReply.
 
         Off is written twice: a group write has no reply, so a lost packet would leave torque on.
         """

@@ -1,10 +1,12 @@
 """`twindctl robot servo`: ids and rates before a robot file exists, planned before any write."""
 
+from argparse import Namespace
 from typing import Any
 
 import pytest
 
 from twind.command_line.verb import Rejected
+from twind_drivers.servo_tools.adoption import relocate_command
 from twind_drivers.servo_tools.adoption.relocate_command import planned_changes
 from twind_drivers.servo_tools.family_tools import ServoLocation
 
@@ -14,6 +16,28 @@ MILLION = 1_000_000
 def row(number: int, baud: int = 57_600, **more: Any) -> dict[str, Any]:
     found = {"kind": "dynamixel2", "id": number, "baud": baud, "model": 1020, "model_name": "XM430-W350"}
     return found | {"torque": False, "trouble": ""} | more
+
+
+def test_a_known_id_is_searched_alone_and_all_ids_only_where_it_does_not_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[range | None] = []
+    answers = {range(1, 4): [row(1)], range(8, 10): [], None: [row(5)]}
+
+    def scan_rows(port: str, ids: range | None = None) -> tuple[list[dict[str, Any]], str]:
+        asked.append(ids)
+        return answers[ids], ""
+
+    monkeypatch.setattr(relocate_command, "scan_rows", scan_rows)
+    monkeypatch.setattr(relocate_command, "agreed", lambda *_: False)
+    options = Namespace(port="p", id=1, new_id=3, baud=None, json=True, yes=True)
+    with pytest.raises(Rejected, match="nothing was written"):
+        relocate_command.relocate(options)
+    assert asked == [range(1, 4)]
+    options.id, options.new_id = 9, 8
+    with pytest.raises(Rejected, match="no device has id 9; there are id 5"):
+        relocate_command.relocate(options)
+    assert asked[1:] == [range(8, 10), None]
 
 
 def test_one_servo_alone_gets_the_new_id() -> None:

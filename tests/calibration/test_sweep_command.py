@@ -22,7 +22,7 @@ from twind_calibration.calibrating.calibration_draft import CalibrationDraft, Dr
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample, framed
 from twind_calibration.calibrating.entry_writer import merged
 from twind_calibration.calibrating.sweep_display import bar
-from twind_calibration.calibrating.sweep_tracker import SweepStage, SweepTracker
+from twind_calibration.calibrating.sweep_tracker import SweepStage, SweepTracker, describe_open_limits
 from twind_calibration.calibrating.travel_verdict import judge
 from twind_calibration.calibrating.zero_placement import (
     TOLERANCE,
@@ -46,6 +46,11 @@ TWICE = replace(KNEE, joint=replace(KNEE.joint, sign=-1))
 
 def span_of(slot: CalibrationActuator, share: float) -> int:
     return slot.ticks(share * slot.range)
+
+
+def test_joints_with_open_limits_are_named_with_what_ends_their_sweep() -> None:
+    text = describe_open_limits(["l_knee", "r_knee"], "ENTER")
+    assert text.startswith("limits_rad of l_knee, r_knee: open") and text.endswith("ENTER takes them")
 
 
 # ------------------------------------------------------------------------------------------- travel

@@ -144,7 +144,7 @@ def test_a_refusal_carries_every_finding(dial: Dial) -> None:
         (
             "LeaseHeld",
             {"lease": {"holder": "uid 5", "uid": 5, "expires_in": 0.5}},
-            "held by uid 5 for another 0.50 s",
+            "held by uid 5, unless it is not renewed for 0.50 s",
         ),
         ("Busy", {"what": "arming"}, "busy: arming"),
         ("BusFailed", {"bus": "main", "message": "gone"}, "bus main: gone"),
@@ -291,3 +291,11 @@ def test_the_users_own_daemon_comes_before_the_systems(
     path.unlink()
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert socket_path().startswith("/run/twind/")
+
+
+def test_a_shorter_patience_ends_with_its_context() -> None:
+    client = Client("nowhere", timeout=9.0)
+    with contextlib.suppress(ClientError), client.within(2.0):
+        assert client.timeout == 2.0
+        raise ClientError("whatever happens in it")
+    assert client.timeout == 9.0

@@ -66,7 +66,7 @@ def test_an_invalid_trajectory_file_is_rejected_with_its_position(
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match="wave"):
+    with pytest.raises(UsageError, match=r"nearest: wave; known: .*wave"):
         load_motion("wvae")
 
 

@@ -43,6 +43,14 @@ def test_every_joint_has_a_row_with_its_limits_and_counts() -> None:
     assert any("not calibrated" in line for line in report.lines)
 
 
+def test_open_items_are_listed() -> None:
+    report = check_robot(replace(ROBOT, todo=("joints.l_knee.sign", "poses.rest")))
+    (line,) = [each for each in report.lines if each.startswith("open: ")]
+    assert "joints.l_knee.sign, poses.rest: mode live is refused" in line
+    assert report.errors == ()
+    assert not any(each.startswith("open: ") for each in check_robot(ROBOT).lines)
+
+
 def test_counts_follow_the_calibration() -> None:
     report = check_robot(ROBOT, calibration=calibrated(2000))
     assert any(

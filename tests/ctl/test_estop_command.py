@@ -28,7 +28,11 @@ class EStopClient(AbstractContextManager["EStopClient"]):
     [
         (True, "torque is off", "next: `twindctl reset`"),
         (False, "torque is on", "next: wait until torque is off, then `twindctl reset`"),
-        (None, "torque unknown", "next: the line `reset` of `twindctl status`"),
+        (
+            None,
+            "torque unknown",
+            "next: `twindctl reset`; where it is refused, `twindctl status` shows the steps",
+        ),
     ],
 )
 def test_an_estop_prints_the_next_step(

@@ -75,3 +75,15 @@ def test_an_approach_leads_slowly_to_the_first_point_and_must_succeed(
     assert PLAY.run(options) == code
     way = {"positions": [0.8], "velocities": [0.0], "time_from_start": pytest.approx(2.0)}
     assert daemon.sent == [{"joint_names": ["pan"], "points": [way]}, MOTION][:sent]
+
+
+def test_a_motion_that_ended_early_shows_where_its_joints_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(motion_commands, "operator", lambda _: StandIn("aborted"))
+    monkeypatch.setattr(motion_commands, "asked_motion", lambda *_: MOTION)
+    options = argparse.Namespace(
+        motion="swing", approach=False, retime=False, take=False, json=False, verb="play", socket=None
+    )
+    assert PLAY.run(options) == 1
+    assert capsys.readouterr().out == "aborted at 100%; now at pan -0.200 rad\n"

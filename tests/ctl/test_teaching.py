@@ -149,6 +149,8 @@ def test_a_motion_that_is_too_fast_is_slowed_down_where_it_is(h24: Binding) -> N
     assert ("VEL_LIMIT", "l_elbow") in motion.reasons
     assert 0.0 < motion.added < 0.7  # not the eight slow seconds
     assert motion.slowest > 1.0
+    assert motion.deviation().time <= np.ptp(path.time)  # the hand's, not of the slowed path
+    assert motion.reasons["VEL_LIMIT", "l_elbow"].endswith(" rad/s") and not motion.still
     assert motion.deviation().size <= 0.01 + 1e-6
 
 

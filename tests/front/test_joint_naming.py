@@ -1,7 +1,7 @@
 """Findings and replies leave the front with names and words."""
 
 import json
-from math import inf
+from math import inf, nan
 
 import pytest
 
@@ -33,6 +33,7 @@ NAMES = JointNames(["hip", "knee"])
             Finding(ReasonCode.START_JUMP, 0, value=0.2, bound=0.05, message="move there first"),
             "hip: distance from where the motion starts 0.2 rad, bound 0.05 rad; move there first",
         ),
+        (Finding(ReasonCode.OUT_OF_LIMIT, 0, value=nan, bound=2.7), "hip: position unknown"),
         (Finding(ReasonCode.BAD_SHAPE, 7, value=3, bound=2), "joint 7: value 3, bound 2"),
         (Finding(ReasonCode.BUS_ERRORS, value=0.05, bound=0.05, message="bus a: 5 %"), "bus a: 5 %"),
     ],

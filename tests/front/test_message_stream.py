@@ -163,6 +163,26 @@ def test_a_half_closed_connection_is_still_answered(line: Connection) -> None:
     assert line.peer.recv(100) == b"still here\0"
 
 
+@pytest.mark.parametrize(
+    ("sent", "unfinished"), [(b"{}\0", 0), (b"{}\0{", 1), (b'{"method"', 9), (b"{}\n \r", 0)]
+)
+def test_a_message_without_a_terminator_is_counted_and_dropped_once(
+    line: Connection, sent: bytes, unfinished: int
+) -> None:
+    line.peer.send(sent)
+    line.turn()
+    assert line.stream.drop_unfinished() == unfinished
+    assert line.stream.drop_unfinished() == 0
+
+
+def test_a_complete_message_that_waits_is_not_unfinished() -> None:
+    line = Connection(pause=1)
+    line.peer.send(b"{}\0{}\0{")
+    line.turn()
+    assert line.messages == [b"{}"] and line.stream.drop_unfinished() == 0
+    line.close()
+
+
 def test_a_hang_up_closes_the_stream(line: Connection) -> None:
     line.peer.close()
     line.turn()

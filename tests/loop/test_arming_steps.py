@@ -30,9 +30,12 @@ def rig() -> ProcedureRig:
     return ProcedureRig()
 
 
+NOBODY = np.zeros(3, np.bool_)
+
+
 def arm(rig: ProcedureRig, judge: Callable[[float], Verdict] = granted, edited: tuple[str, ...] = ()) -> Any:
     """Begin to arm; the outcome comes when it is over."""
-    assert rig.own(Priority.ARM, lambda: arming.arm(rig, judge, edited, rig.clock.now()))
+    assert rig.own(Priority.ARM, lambda: arming.arm(rig, judge, edited, NOBODY, rig.clock.now()))
 
 
 def armed(rig: ProcedureRig, **options: Any) -> Any:
@@ -157,7 +160,7 @@ def test_no_goal_is_chosen_from_a_reading_older_than_50_ms(
     rig.robot.measured = replace(rig.robot.measured, age=ages)
     rig.follows = False
     if fine:
-        assert arming.present(rig) is rig.robot.measured.position
+        assert arming.present(rig, NOBODY) is rig.robot.measured.position
         return
     finding = refusal(rig)
     assert (finding.code, finding.joint, finding.bound) == (ReasonCode.HW_DISCONNECTED, joint, 0.05)
@@ -194,7 +197,7 @@ def test_a_joint_further_past_its_hard_limits_than_the_guard_allows_is_not_armed
     place[1] = sign * (2.05 + beyond)
     rig.robot.measured = rig.state(place)
     if fine:
-        assert arming.present(rig)[1] == place[1]
+        assert arming.present(rig, NOBODY)[1] == place[1]
         return
     finding = refusal(rig)
     assert (finding.code, finding.joint) == (ReasonCode.OUT_OF_LIMIT, 1)
@@ -216,7 +219,8 @@ def test_a_joint_past_the_range_of_goals_gets_the_end_of_that_range(rig: Procedu
 
 def test_a_joint_whose_position_is_unknown_is_not_armed(rig: ProcedureRig) -> None:
     rig.robot.measured = rig.state(np.array([0.0, np.nan, 0.0]))
-    assert refusal(rig).joint == 1
+    finding = refusal(rig)
+    assert (finding.code, finding.joint, finding.value) == (ReasonCode.HW_DISCONNECTED, 1, None)
     assert "prepare" not in rig.hardware.log
 
 
@@ -263,7 +267,7 @@ def test_an_unknown_position_while_goals_are_written_is_no_standstill(rig: Proce
             rig.read(position=np.array([0.0, np.nan, 0.0]))
 
     rig.watched = lost
-    assert refusal(rig).code is ReasonCode.OUT_OF_LIMIT
+    assert refusal(rig).code is ReasonCode.HW_DISCONNECTED
     assert "torque True" not in rig.hardware.log
 
 
@@ -335,7 +339,7 @@ def test_what_happens_meanwhile_ends_arming(rig: ProcedureRig, when: str, what: 
     rig.watched = disturb
     finding = refusal(rig)
     assert finding.code is ReasonCode.ARM_FAILED and "meanwhile" in finding.message
-    assert (finding.value, finding.bound) == (0.0, 0.0)
+    assert (finding.value, finding.bound) == (None, None)
     assert rig.requests() == [*ORDER[: ORDER.index(when) + 1], *OFF]
 
 

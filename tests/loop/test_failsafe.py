@@ -160,11 +160,18 @@ def test_a_robot_that_stands_freely_is_left_standing_where_a_servo_is_missing(su
         assert np.array_equal(rig.counts, before)
 
 
-def test_a_robot_that_stands_freely_is_left_where_a_joint_has_no_torque() -> None:
+def test_a_robot_that_stands_freely_is_left_where_a_leg_has_no_torque_and_lowered_where_an_arm_has_none() -> (
+    None
+):
     with given_up(support="free") as rig:
-        rig.virtual["main"].servos.torque(6, False)
-        assert f"it is not on in {rig.robot.joints[6].name}" in run(rig).left
+        knee = rig.names.index("l_knee")
+        rig.virtual["main"].servos.torque(knee, False)
+        assert "it is not on in l_knee" in run(rig).left
         assert int(torque(rig).sum()) == 23
+    with given_up(support="free") as rig:
+        rig.virtual["main"].servos.torque(rig.names.index("l_elbow"), False)
+        assert run(rig).left == ""
+        assert not torque(rig).any()
 
 
 @pytest.mark.parametrize("support", ["gantry", "free"])

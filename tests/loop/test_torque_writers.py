@@ -36,7 +36,7 @@ def test_each_field_has_one_module_that_writes_it() -> None:
             torque = owner.split(".")[-1] in ("torque", "_torque")
             if field in FIELDS and (torque or (module == OWNER and owner == "self")):
                 writers[field].add(module)
-    assert len(FIELDS) == 9
+    assert len(FIELDS) == 11
     assert writers == {field: {OWNER} for field in FIELDS}
 
 

@@ -261,6 +261,19 @@ def test_a_stream_that_ends_has_a_phase_and_no_id(armed: Rig) -> None:
     assert (event.id, event.phase) == ("", "aborted")
 
 
+def test_a_setpoint_that_waited_is_followed_until_its_time_and_refused_after_it(armed: Rig) -> None:
+    here = [float(each) for each in armed.loop.executor.reference.position[:1]]
+    now = armed.clock.now()
+    late = armed.call(link.Setpoint, joints=[0], positions=here, valid_until=now - 0.001)
+    assert (late.error, codes(late)) == ("Refused", ["CMD_EXPIRED"])
+    now = armed.clock.now()
+    assert armed.call(link.Setpoint, joints=[0], positions=here, valid_until=now + 0.04).error is None
+    armed.seconds(0.08)
+    (event,) = armed.events("MOTION")
+    (stale,) = event.findings
+    assert stale.code == "STREAM_STALE" and 0.02 <= stale.bound <= 0.04
+
+
 @pytest.mark.parametrize("level", ["settle", "cut"])
 def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig, level: str) -> None:
     armed.call(link.EStop, level=level, reason="")

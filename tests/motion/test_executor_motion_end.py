@@ -242,6 +242,17 @@ def test_an_expired_setpoint_ramps_to_a_hold_and_reports_stream_stale() -> None:
     )
 
 
+def test_a_motion_that_arrives_with_the_last_moment_of_a_stream_begins() -> None:
+    executor = holding()
+    stream(executor, 1.5, speed=1.0)
+    for tick in range(10):
+        executor.goal(5.0 + tick * PERIOD)
+    assert executor.submit("a", smooth([1.0, 1.0])) is None
+    executor.goal(5.111)
+    assert executor.motion is Motion.ACTIVE
+    assert executor.outcomes() == []
+
+
 @pytest.mark.parametrize("now", [nan, inf])
 def test_a_time_that_is_no_time_ends_the_stream(now: float) -> None:
     executor = holding()

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.observe.viewing.dead_man_hold import HOLD, DeadManHold, HoldPhase, Press
+from twind.observe.viewing.dead_man_hold import DeadManHold, HoldPhase, Press
+from twind.robot_client.jog_motion import HOLD
 
 TINY = 1e-9  # s
 

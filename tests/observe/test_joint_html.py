@@ -14,6 +14,7 @@ def test_buttons_are_there_only_where_the_page_may_move_the_robot() -> None:
     assert "data-twind-kind" not in joint_rows(ROBOT, jogs=False)
     page = joint_rows(ROBOT, jogs=True)
     assert page.count('data-twind-kind="up"') == page.count('data-twind-kind="down"') == len(ROBOT["joints"])
+    assert page.count('data-twind-kind="to"') == len(ROBOT["joints"])
     assert page.count('data-twind-kind="pose"') == len(ROBOT["poses"])
 
 

@@ -1,8 +1,12 @@
 """Facts of a joint on the page of a robot file, and the angles that it shows."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from tests.support.viewer_messages import h24
+from twind.ctl.ctl_main import main
 from twind.observe.viewing.model_page import AHEAD, facts, state_message
 from twind.observe.viewing.robot_model import RobotModel
 
@@ -22,6 +26,17 @@ def test_facts_name_device_limits_axis_sign_and_angle() -> None:
         assert part in text
     assert "-1: its counts shrink" in facts(JOINTS[0] | {"sign": -1}, 0.5, UP, ())
     assert "not known" in facts(JOINTS[0], np.nan, UP, ())
+
+
+@pytest.mark.parametrize(("name", "words"), [("nosuch", "no robot of that name"), ("a.xml", "a mapping")])
+def test_a_wrong_file_or_name_is_refused_in_one_line(
+    name: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.xml").write_text("<robot/>")
+    assert main(["robot", "show", str(Path(name).absolute()) if "." in name else name]) == 1
+    error = capsys.readouterr().err
+    assert words in error and error.count("\n") == 1
 
 
 def test_open_items_of_the_joint_are_shown_and_those_of_others_not() -> None:

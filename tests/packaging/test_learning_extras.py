@@ -20,7 +20,7 @@ LIBRARIES = (
     "torch",
     "onnx",
     "onnxruntime",
-    "pyarrow",
+    "lerobot",
     "matplotlib",
     "OpenGL",
 )

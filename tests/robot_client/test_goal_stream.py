@@ -1,6 +1,7 @@
 """A stream of goals: the newest goes out, nothing waits for an answer, nothing is lost in silence."""
 
 import threading
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -55,6 +56,19 @@ def test_a_slow_daemon_delays_no_send_and_gets_the_newest_goal() -> None:
         daemon.may_answer.set()
     assert [call["positions"][0] for call in daemon.calls] == [0.0, 0.3]
     assert (goals.report.sent, goals.report.accepted, goals.report.behind) == (4, 2, {"yaw": 0.02})
+
+
+def test_goals_that_expire_carry_the_time_until_which_they_may_be_followed() -> None:
+    daemon = Daemon()
+    with stream(daemon) as goals:
+        goals.send([0.0, 0.0])
+        assert daemon.asked.wait(10.0)
+        goals.expires = True
+        before = time.monotonic()
+        goals.send([0.1, 0.0])
+        after = time.monotonic()
+    first, second = (call["valid_until"] for call in daemon.calls)
+    assert first is None and before <= second - goals.valid_for <= after
 
 
 def test_velocities_follow_from_the_goals_and_a_step_is_a_target_to_stop_at() -> None:

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
 import pytest
@@ -21,9 +22,15 @@ class RecordingClient:
 
     def __init__(self) -> None:
         self.sent: list[str] = []
+        self.patience: list[float] = []  # s
         self.phases = ["accepted", "running", "succeeded"]
         self.while_sending: Callable[[], None] = lambda: None
         self.refusal: Refused | None = None
+
+    @contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        self.patience.append(seconds)
+        yield
 
     def is_hung_up(self) -> bool:
         return False
@@ -104,6 +111,13 @@ def test_a_goal_that_would_wait_for_another_call_is_not_sent(
     leave.set()
     motion.join()
     assert "Setpoint" not in client.sent
+
+
+def test_the_answer_to_a_goal_is_waited_for_shortly(
+    connection: LeasedConnection, client: RecordingClient
+) -> None:
+    connection.setpoint(connection.stops, valid_for=0.01)
+    assert client.sent == ["AcquireLease", "Setpoint"] and client.patience == [2.0]
 
 
 def test_a_lease_that_lapsed_is_taken_anew_by_the_next_call(

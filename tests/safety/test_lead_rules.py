@@ -92,7 +92,7 @@ def test_a_motion_is_slower_near_the_limit_and_waits_at_it(away: float, pace: fl
         assert (found[0].joint, found[0].bound) == (JOINT, MOST)
         assert found[0].value == pytest.approx(away)
         assert found[0].message == (
-            "rad that its goal leads it, beyond the sag of its load; it has no watchdog: "
+            "its goal leads it, beyond the sag of its load, and it has no watchdog: "
             "the motion is slower, or waits"
         )
 
@@ -217,7 +217,7 @@ def test_a_motion_that_waits_for_two_seconds_is_held_and_another_may_begin() -> 
         assert judged.pace == (1.0 if reaction else 0.0)
         assert (judged.latches, judged.goal_refused, judged.here) == (False, False, ())
     (cause,) = judged.causes
-    assert cause.message.endswith("it has no watchdog: holding after 2 s: what blocks it?")
+    assert cause.message.endswith("holding, as the motion waited 2 s near this bound: what blocks it?")
     assert to.holding(0, PERIOD) == ()
 
 

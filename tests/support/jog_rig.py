@@ -87,6 +87,11 @@ class CommandedPosition:
         """It changed in the last 50 ms."""
         return self.last_change() > time.monotonic() - 0.05
 
+    def velocity(self) -> float:
+        """Rad/s, of the last two ticks."""
+        before, after = self.rows[-2:]
+        return (after[1] - before[1]) / (after[0] - before[0])
+
     def last_change(self) -> float:
         """Return the time of its last change, s monotonic; 0: never."""
         rows = list(self.rows)

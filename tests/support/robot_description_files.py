@@ -14,7 +14,16 @@ POPPY = {
     },
 }
 LEROBOT = {"pan": {"id": 1, "drive_mode": 1, "homing_offset": -12, "range_min": 800, "range_max": 3200}}
-TODDLER = {"joints": {"neck": {"id": 3, "spec": "XC330", "lower_limit": -0.5, "upper_limit": 0.7}}}
+TODDLER = {
+    "general": {"dynamixel_baudrate": 2_000_000},
+    "joints": {
+        "neck": {
+            **{"id": 3, "spec": "XC330", "lower_limit": -0.5, "upper_limit": 0.7, "is_passive": False},
+            **{"gear_ratio": 1.857, "control_mode": "extended_position", "kp_real": 2400},
+        },
+        "neck_driven": {"is_passive": True},
+    },
+}
 ROBOTIS = """
 [ control info ]
 control_cycle = 8   # milliseconds
@@ -23,6 +32,7 @@ control_cycle = 8   # milliseconds
 [ device info ]
 # TYPE    | PORT         | ID | MODEL | PROTOCOL | DEV NAME
 dynamixel | /dev/ttyUSB0 | 7  | MX-28 | 2.0      | r_sho   | present_position
+sensor    | /dev/ttyUSB0 | 200 | OPEN-CR | 2.0   | open-cr | button, present_voltage
 """
 ROBOTIS_INIT = "r_sho: {return_delay_time: 10, min_position_limit: 1024, max_position_limit: 3072}\n"
 INTERBOTIX = "motors:\n  waist: {ID: 1, Drive_Mode: 1, Min_Position_Limit: 0, Max_Position_Limit: 4095}\n"

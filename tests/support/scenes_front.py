@@ -1,5 +1,6 @@
 """Situations in which the front process reports each reason code, by bytes on its sockets."""
 
+import socket
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
@@ -29,6 +30,14 @@ def a_message_is_too_large(loop: StandIn) -> Told:
     with Raw(loop, "observe") as client:
         with suppress(BrokenPipeError, ConnectionResetError):
             client.bytes(b"x" * ((64 << 10) + 1))
+        return refusals(client.receive())
+
+
+@leads_to(ReasonCode.FRAME_INCOMPLETE)
+def a_message_has_no_terminator(loop: StandIn) -> Told:
+    with Raw(loop, "observe") as client:
+        client.bytes(b'{"method":"io.twind.Control.GetStatus"}')
+        client.socket.shutdown(socket.SHUT_WR)
         return refusals(client.receive())
 
 

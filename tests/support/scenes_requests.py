@@ -25,6 +25,14 @@ def a_setpoint_shall_be_followed_for_a_second(made: Rig) -> None:
     made.call(link.Setpoint, joints=[0], positions=[0.01], valid_for=1.0)
 
 
+@leads_to(ReasonCode.STREAM_STOPPED)
+def a_stream_goes_on_after_another_client_stopped_it(made: Rig) -> None:
+    setpoint = {"joints": [0], "positions": [0.01], "valid_for": 0.1}
+    made.call(link.Setpoint, **setpoint)
+    made.call(link.Cancel, client=CLIENT + 1)
+    made.call(link.Setpoint, **setpoint)
+
+
 @leads_to(ReasonCode.ESTOP)
 def another_client_stops_it(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")
@@ -80,6 +88,15 @@ def it_shall_move_without_torque(made: Rig) -> None:
     made.connect()
     made.lease()
     ask(made)
+
+
+@leads_to(ReasonCode.JOINT_LIMP, arm=False)
+def a_joint_that_stays_limp_shall_move(made: Rig) -> None:
+    made.connect()
+    made.lease()
+    made.call(link.Arm, joints=list(range(1, len(made.names))))
+    made.submit(made.path(made.names[0], [0.1], [1.0]))
+    made.ticks(5)
 
 
 @leads_to(ReasonCode.CALIB_MISSING, arm=False)

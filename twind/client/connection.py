@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
@@ -64,6 +65,16 @@ class Client:
         self._line.close()
         self._streaming = False
         self._begun = ""
+
+    @contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        """Wait at most `seconds` for each answer in the context, instead of `timeout`."""
+        usual = self.timeout
+        self.timeout = seconds
+        try:
+            yield
+        finally:
+            self.timeout = usual
 
     def cut(self) -> None:
         """Break the connection, from any thread: a call that waits raises Disconnected, a lease lapses."""

@@ -137,10 +137,10 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
-    held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
+    held = f"the lease is held by {lease['holder']}, unless it is not renewed for {lease['expires_in']:.2f} s"
     if "now" in p and lease["uid"] >= 0:  # by an uplink: the holder is a client of the robot's machine
-        return f"{held}, beside the robot; no remote client can take it: let its holder release it"
-    return f"{held}; `take` takes it over (twindctl: --take)"
+        return f"{held}; it is beside the robot, and no remote client can take it: let its holder release it"
+    return f"{held}; --take takes it over (in Python take=True)"
 
 
 _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {

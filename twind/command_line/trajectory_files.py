@@ -8,6 +8,7 @@ import json
 import os
 import re
 from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,8 @@ def _find(name: str, folder: Path | None, joints: Collection[str] | None) -> Pat
     known = {*(motion_names(folder) if folder is not None else ()), *_built_in_motions(joints)}
     where = "" if folder is None else f" in {folder} of the robot, nor a built-in one that fits it"
     listed = f"known: {', '.join(sorted(known))}; or" if known else "the robot has none;"
+    near = get_close_matches(name, known, 1)
+    listed = f"nearest: {near[0]}; {listed}" if near else listed
     raise UsageError(f"no motion {name!r}{where}; {listed} give the path of a file")
 
 

@@ -42,7 +42,7 @@ class CollisionKeys(ConfigStruct):
     warn_m: Distance | None = None
     """> `block_m`, ≤0.5 | 0.01 | below: warned and slowed; at least `block_m` + 8 mm by default"""
     world_m: Distance = 0.02
-    """as `block_m`, between robot and surroundings"""
+    """as `block_m`, between robot and surroundings; for an arm that picks up from a desk 0 to 0.005"""
     world: bool | None = None
     """| `true` with `support: fixed` | judge floor and walls. On a gantry only with the true base pose; never
     with `free`"""

@@ -55,6 +55,7 @@ def check_robot(
         f"counts at lower and upper limit as the joint turns; zero {zero}",
         *_table([HEADINGS, *rows]),
         *(line for each in robot.transmissions for line in _driven(robot, each, zeros)),
+        *_open_items(robot),
         *_unfenced(robot),
         *_long_travels(robot),
         *(line for each in cycle for line in each.lines),
@@ -64,6 +65,14 @@ def check_robot(
         errors.extend(_unfit(joint))
         errors.extend(_out_of_turn(joint, zero_ticks, joint.actuator in known))
     return RobotReport(tuple(lines), tuple(errors))
+
+
+def _open_items(robot: RobotFile) -> list[str]:
+    """Items of `todo`, in one line."""
+    if not robot.todo:
+        return []
+    refused = "mode live is refused until `twindctl robot finish` has settled them"
+    return [f"open: {', '.join(robot.todo)}: {refused}"]
 
 
 def _unfenced(robot: RobotFile) -> list[str]:

@@ -35,7 +35,7 @@ def _run(options: argparse.Namespace) -> int:
 def reset_after_estop(*, torque_off: bool | None) -> str:
     """Return the next step after an e-stop: a reset is refused while torque is on. None: unknown."""
     if torque_off is None:
-        return "the line `reset` of `twindctl status`"
+        return "`twindctl reset`; where it is refused, `twindctl status` shows the steps"
     return "`twindctl reset`" if torque_off else "wait until torque is off, then `twindctl reset`"
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from twind.client import Client
+from twind.client import Client, ClientError
 from twind.client.errors import finding_lines
 from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.progress import ProgressLine
@@ -28,6 +28,7 @@ from twind.command_line.verb import (
     show,
 )
 
+SHOWN = 6  # joints in one line
 # why a motion takes longer than its path; other codes are shown alone
 CAUSES = {
     "LOOKAHEAD_COLLISION": "slowed near other bodies",
@@ -123,19 +124,32 @@ def _run(client: Client, trajectories: Sequence[dict[str, Any]], options: argpar
     """Follow the trajectories one after the other, as long as they succeed; show the end of the last."""
     done = True
     last: dict[str, Any] = {}
+    place = ""
     with lease(client, take=options.take):
         for trajectory in trajectories:
             asked = {**trajectory, "policy": "retime"} if options.retime else trajectory
             last = _follow(client, asked, options)
             done = last.get("phase") == "succeeded"
             if not done:
+                place = _place_text(client, trajectory.get("joint_names") or ())
                 break
     if options.json:
         return DONE if done else REFUSED
     for line in finding_lines(last.get("findings") or (), str(last.get("phase"))):
         print(line, file=sys.stderr)
-    show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}{longer_text(last)}")
+    show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}{longer_text(last)}{place}")
     return DONE if done else REFUSED
+
+
+def _place_text(client: Client, joints: Sequence[str]) -> str:
+    """Return where these joints are now; empty where the daemon does not tell."""
+    rows: Sequence[Mapping[str, Any]] = ()
+    with contextlib.suppress(ClientError):
+        rows = client.call("GetStatus", joints=True)["joints"]
+    at = {row["name"]: row["position"] for row in rows}
+    known = [f"{name} {at[name]:.3f}" for name in joints if at.get(name) is not None]
+    rest = ", ..." if len(known) > SHOWN else ""
+    return f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
 
 
 def longer_text(last: dict[str, Any]) -> str:

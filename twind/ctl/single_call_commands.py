@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.client.errors import finding_lines
+from twind.command_line.joint_patterns import matching_joints
 from twind.command_line.verb import (
     DONE,
     FunctionVerb,
@@ -36,12 +37,21 @@ def _mode(options: argparse.Namespace) -> int:
 
 def _arm_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
+    limp = "leave these without torque, to guide them by hand; * and ? are allowed"
+    parser.add_argument("--limp", metavar="NAME,...", help=limp)
 
 
 def _arm(options: argparse.Namespace) -> int:
     with operator(options) as client, lease(client, take=options.take):
-        answer = client.call("Arm")
+        held = None
+        if options.limp:
+            names = [joint["name"] for joint in client.call("GetRobot")["robot"]["joints"]]
+            limp = matching_joints(names, options.limp, "--limp")
+            held = [name for name in names if name not in limp]
+        answer = client.call("Arm", joints=held)
     lines = [f"armed: {len(answer['joints'])} joints hold where they are"]
+    if held is not None:
+        lines.append(f"limp: {', '.join(limp)}")
     lines += finding_lines(answer.get("warnings") or (), "warning")
     show(options, answer, "\n".join(lines))
     return DONE

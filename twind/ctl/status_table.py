@@ -8,7 +8,7 @@ from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.ctl.estop import reset_after_estop
 from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamingMessage
-from twind.robot.modes import RESET_STATES
+from twind.robot.modes import RESET_STATES, RobotState
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
@@ -25,7 +25,8 @@ def status_lines(status: StatusMessage) -> list[str]:
     """One line each for the robot, its buses and the loop; faults last, with remedies."""
     loop = status["loop"]
     lease = status["lease"]
-    flags = [name for name in ("armed", "inherited") if status[name]]
+    flags = ["torque on"] * (status["armed"] and status["state"] != RobotState.ARMED)
+    flags += ["inherited"] * status["inherited"]
     head = [
         status["robot"],
         f"mode {status['mode']}",

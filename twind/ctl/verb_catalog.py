@@ -18,6 +18,7 @@ BUILT_IN = {
     "play": "twind.ctl.motion_commands:PLAY",
     "teach": "twind.ctl.teach_command",
     "follow": "twind.ctl.follow_command",
+    "teleop": "twind.ctl.teleop_command",
     "stop": "twind.ctl.single_call_commands:STOP",
     "estop": "twind.ctl.estop:ESTOP",
     "reset": "twind.ctl.single_call_commands:RESET",

@@ -7,7 +7,7 @@ import argparse
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -172,6 +172,7 @@ def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> C
     if daemon is not None and not options.config and (source := _source(daemon)) is not None:
         wrong.clear()  # what this user's own file is like is no matter of that daemon
         settings = _settings(options, host, source, wrong)
+    settings = _with_paths_in_force(settings, daemon, options.calibration)
     robot = _robot(settings, daemon, wrong)
     result = CheckContext(
         host=host,
@@ -231,6 +232,29 @@ def _settings(
             raise UsageError(error.message) from None
         wrong.append(error)
         return None
+
+
+def _with_paths_in_force(
+    settings: DaemonSettings | None, daemon: DaemonInspector | None, calibration: str | None
+) -> DaemonSettings | None:
+    """Return the settings with the state folder and the calibration that the running daemon reports.
+
+    Its command line and environment may name others than its file. `calibration`: of the command line here.
+    """
+    if settings is None or daemon is None:
+        return settings
+    try:
+        reported = daemon.parameters
+        state = Path(reported["state_dir"])
+    except (OperationFailed, KeyError):  # in trouble, or of another version
+        return settings
+    given = calibration or reported.get("calibration")
+    return replace(
+        settings,
+        individual=reported.get("individual"),
+        calibration=None if given is None else Path(given),
+        state_dir=state,
+    )
 
 
 def _place(options: argparse.Namespace, settings: DaemonSettings | None, host: HostInspector) -> str | None:

@@ -85,6 +85,8 @@ class ClientSession:
         idle = not self.calls
         too_late = now > self._deadline and idle and (self.caller.reserved or not self._received_call)
         if too_late or (self.stream.half_closed and (idle or self.stream.peer_gone())):
+            if idle:
+                self._refuse_unfinished()
             self.stream.finish()
 
     def paced(self, *, in_time: bool) -> None:
@@ -179,6 +181,13 @@ class ClientSession:
         self._answer_outside([Finding(code, message=reason)])
         if self._strikes >= STRIKES:
             self.stream.finish()
+
+    def _refuse_unfinished(self) -> None:
+        """Answer a message without its terminator."""
+        received = self.stream.drop_unfinished()
+        if received:
+            reason = f"{received} bytes without a terminator: end each message with NUL or a newline"
+            self._answer_outside([Finding(ReasonCode.FRAME_INCOMPLETE, value=received, message=reason)])
 
     def _answer_outside(self, findings: list[Finding]) -> None:
         """Refuse something that is no call, in its turn."""

@@ -250,7 +250,9 @@ def _setpoint(front: FrontServer, call: ClientCall) -> None:
         front.refuse(call, wrong)
         return
     optional = {
-        key: given[key] for key in ("velocities", "valid_for", "allow_clamp") if given.get(key) is not None
+        key: given[key]
+        for key in ("velocities", "valid_for", "valid_until", "allow_clamp")
+        if given.get(key) is not None
     }
     joints = [names.places[name] for name in given["joint_names"]]
     forward(front, call, link.Setpoint, joints=joints, positions=given["positions"], **optional)

@@ -1,7 +1,7 @@
 """Joint names for the loop's indices, and sentences for the numbers of findings. Front process."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isfinite, isnan
 from typing import Any
 
 from twind.robot.finding import Finding, ReasonCode
@@ -116,6 +116,8 @@ def describe_finding(
 
 def _numbers(code: str, value: float | None, bound: float | None) -> str:
     what, unit = QUANTITIES.get(code, ("value", ""))
+    if value is not None and isnan(value):
+        return f"{what} unknown"
     parts = [(what, value), ("bound", bound)]
     return ", ".join(
         f"{name} {_number(number)} {unit}".rstrip() for name, number in parts if number is not None

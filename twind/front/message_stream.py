@@ -151,6 +151,14 @@ class MessageStream:
         self._searched = len(self._buffer) if place < 0 else 0
         return place
 
+    def drop_unfinished(self) -> int:
+        """Drop what was received of a message without its terminator. Return its bytes, 0: there is none."""
+        unfinished = 0 if self._find() >= 0 else len(self._buffer.strip())
+        if unfinished:
+            self._buffer.clear()
+            self._searched = 0
+        return unfinished
+
     def _end_of_file(self) -> None:
         """Handle end-of-file: the peer is gone, or has only sent its last request (socat, nc)."""
         self._read_off()

@@ -43,7 +43,10 @@ class ReleaseLease(Command, frozen=True, kw_only=True):
 
 
 class Arm(Command, frozen=True, kw_only=True):
-    """Goal := present, read back, then torque. Reply when armed: {joints: [index]}."""
+    """Goal := present, read back, then torque in `joints`; the others stay limp. None: in all joints.
+
+    Reply when armed: {joints: [index]}.
+    """
 
     joints: Sequence[int] | None = None
     edited: Sequence[str] = ()  # files of the robot that were changed since they were read
@@ -112,7 +115,12 @@ class Setpoint(Command, frozen=True, kw_only=True):
     positions: Sequence[float]
     velocities: Sequence[float] | None = None
     valid_for: float = 0.1
+    valid_until: float | None = None  # s; None: `valid_for` alone bounds it
     allow_clamp: bool = False
+
+    def remaining(self, now: float) -> float:
+        """Return how long it may be followed from `now` on, s."""
+        return self.valid_for if self.valid_until is None else min(self.valid_until - now, self.valid_for)
 
 
 class ReadRegister(Command, frozen=True, kw_only=True):

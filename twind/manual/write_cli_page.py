@@ -12,8 +12,9 @@ from twind.manual.argument_parsers import HELP, arguments, option_names, program
 START = """\
 # Commands
 
-The verbs of `twindctl`, by group, and the other programs. The help of each verb and the manual pages explain
-the arguments. `python -m twind.manual.write_cli_page docs/cli.md` writes this page."""
+The verbs of `twindctl`, by group, and the other programs. `twindctl VERB --help` and the manual
+pages, which `make install` writes, explain the arguments.
+`python -m twind.manual.write_cli_page docs/cli.md` writes this page."""
 
 
 def cli_page() -> str:

@@ -11,6 +11,7 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.motion.goal_conditions import GoalOutcome, GoalTolerances, off, without_past
+from twind.motion.limp_joints import LimpJoints
 from twind.motion.motion_layers import MotionLayer, ScheduledGoal, begun, choose, displaced, overlay, without
 from twind.motion.predicted_path import LookaheadPlan
 from twind.motion.setpoint_stream import SetpointStream, widened
@@ -49,6 +50,7 @@ class TrajectoryExecutor:
         self.stream: SetpointStream | None = None
         self._ended: list[GoalOutcome] = []
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
+        self._limp: LimpJoints | None = None
 
     # ------------------------------------------------------------------------------- what is
 
@@ -134,7 +136,8 @@ class TrajectoryExecutor:
         now = self._reference
         layers = tuple(self.layers)
         stream = self.stream
-        changing = self.slowed or stream is not None
+        changing = self.slowed or stream is not None or self._limp is not None
+        now = now if self._limp is None else self._limp.hold(now, now)
         return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
@@ -155,6 +158,7 @@ class TrajectoryExecutor:
         self._end_all("aborted", ())
         self._reference = None
         self._floor = None
+        self._limp = None
 
     def submit(
         self,
@@ -248,6 +252,10 @@ class TrajectoryExecutor:
             self._floor = self._yielding
         self._yielding.aim_at(np.isfinite(place), place)
 
+    def follow_limp(self, joints: Bools, place: Floats) -> None:
+        """Let the reference of limp `joints` (n,) follow their `place` (n,), rad, until idle."""
+        self._limp = LimpJoints(joints, place)
+
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float, missed: int = 0) -> Reference | None:
@@ -257,15 +265,17 @@ class TrajectoryExecutor:
         """
         if self._reference is None or self._floor is None:
             return None
+        while self._pending and self._pending[0].start <= self._tick:  # one ends a stream, also a stale one
+            self._begin(self._pending.pop(0), self._reference)
         stale = None if self.stream is None else self.stream.use(now)
         if stale is not None:
             self.stop()
             self._ended.append(GoalOutcome("", "aborted", (stale,)))
-        while self._pending and self._pending[0].start <= self._tick:
-            self._begin(self._pending.pop(0), self._reference)
         self._keep_time(missed)
         self._tick += 1
         reference = self._next(self._floor)
+        if self._limp is not None:
+            reference = self._limp.follow(reference, self._reference, self.limits, self._period)
         if not isfinite(float(reference.position @ reference.position)):
             self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -287,14 +297,14 @@ class TrajectoryExecutor:
         if t < duration:
             out = layer.outside(error, tolerances.path)
             if some(out):
-                self._give_up(layer, ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
+                self._give_up(ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
         out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
             self._end(layer.goal, "succeeded", layer=layer)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
-            self._give_up(layer, ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+            self._give_up(ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
 
     # ------------------------------------------------------------------------------- inside
 
@@ -303,7 +313,9 @@ class TrajectoryExecutor:
 
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
         assert self._floor is not None  # `ahead` has checked it
-        return overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+        reference = overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+        here = self._reference
+        return reference if self._limp is None or here is None else self._limp.hold(reference, here)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.
@@ -358,22 +370,11 @@ class TrajectoryExecutor:
         self._reference = reference
         self._floor = StopRamp(reference, self.limits, self._period)
 
-    def _give_up(
-        self,
-        layer: MotionLayer,
-        code: ReasonCode,
-        out: Bools,
-        error: Floats,
-        bound: Floats,
-        state: JointState,
-    ) -> None:
+    def _give_up(self, code: ReasonCode, out: Bools, error: Floats, bound: Floats, state: JointState) -> None:
         """Abort: brake; hold blocked joints at measured positions (FOLLOW_ERR), the others as commanded."""
-        assert self._reference is not None  # `observe` has checked it
-        self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
-        follower = LimitedFollower(self._reference, self.limits, self._period)
-        there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
-        follower.set_target(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
-        self._floor = follower
+        assert self._running is not None  # `observe` has checked it
+        findings = off(code, out, error, bound, self._running.elapsed(self._tick))
+        self.give_in(np.flatnonzero(out).tolist(), state.position, findings)
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)

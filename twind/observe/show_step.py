@@ -9,7 +9,8 @@ from contextlib import closing
 
 import msgspec
 
-from twind.command_line.verb import UsageError
+from twind.command_line.verb import Rejected, UsageError
+from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
 from twind.observe.view import needed
 
@@ -35,6 +36,8 @@ def run(options: argparse.Namespace) -> int:
         robot = load_robot(options.robot)
     except InvalidInput as error:
         raise UsageError(str(error)) from None
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
     description = {"robot": msgspec.to_builtins(robot, enc_hook=str), "mjcf": robot.mjcf}
     ways = local(options.socket) if options.live else None
     if ways is not None:

@@ -8,6 +8,7 @@ class ReasonCode(StrEnum):
     """Every reason code, those of a submission first. Causes and remedies: docs/reason-codes.md."""
 
     FRAME_TOO_LARGE = "FRAME_TOO_LARGE"
+    FRAME_INCOMPLETE = "FRAME_INCOMPLETE"
     RATE_LIMIT = "RATE_LIMIT"
     BAD_JSON = "BAD_JSON"
     BAD_SCHEMA = "BAD_SCHEMA"
@@ -17,6 +18,7 @@ class ReasonCode(StrEnum):
     FAULT_LATCHED = "FAULT_LATCHED"
     MODE_DENIES = "MODE_DENIES"
     NOT_ARMED = "NOT_ARMED"
+    JOINT_LIMP = "JOINT_LIMP"
     ROBOT_UNFINISHED = "ROBOT_UNFINISHED"
     CALIB_MISSING = "CALIB_MISSING"
     CALIB_MISMATCH = "CALIB_MISMATCH"
@@ -55,6 +57,7 @@ class ReasonCode(StrEnum):
     LOOP_LATE = "LOOP_LATE"
     LEASE_LOST = "LEASE_LOST"
     STREAM_STALE = "STREAM_STALE"
+    STREAM_STOPPED = "STREAM_STOPPED"
     STATE_STALE = "STATE_STALE"
     BUS_ERRORS = "BUS_ERRORS"
     RX_SHAPE = "RX_SHAPE"

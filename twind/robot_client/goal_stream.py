@@ -73,13 +73,16 @@ class GoalStream:
         self.report = StreamReport()
         self.period = 1.0 / rate
         self.valid_for = validity(self.period)
+        self.expires = (
+            False  # goals that wait on their way are not followed longer than `valid_for` after `send`
+        )
         self._send_setpoint = send_setpoint
         self._limits = velocity_limits
         self._scale = scale
         self._clamp = clamp or None
         self._strict = strict
         self._previous: Floats | None = None
-        self._next: tuple[Floats, Floats] | None = None
+        self._next: tuple[Floats, Floats, float | None] | None = None
         self._failure: Exception | None = None
         self._news = threading.Condition()
         self._ended = False
@@ -120,7 +123,8 @@ class GoalStream:
         stream, or a number that is not finite.
         """
         self._raise_failure()
-        setpoint = self._setpoint(goals, velocities)
+        until = time.monotonic() + self.valid_for if self.expires else None
+        setpoint = (*self._setpoint(goals, velocities), until)
         with self._news:
             self.report.sent += 1
             self.report.superseded += self._next is not None
@@ -193,7 +197,9 @@ class GoalStream:
                 with self._news:
                     self._failure = error if self._strict or not isinstance(error, Refused) else None
 
-    def _exchange(self, position: Floats, velocity: Floats) -> Sequence[Mapping[str, Any]]:
+    def _exchange(
+        self, position: Floats, velocity: Floats, until: float | None = None
+    ) -> Sequence[Mapping[str, Any]]:
         """Send a setpoint, wait for its answer, report it; return the changes. Raises ClientError."""
         begun = time.monotonic()
         try:
@@ -202,6 +208,7 @@ class GoalStream:
                 positions=position.tolist(),
                 velocities=velocity.tolist(),
                 valid_for=self.valid_for,
+                valid_until=until,
                 allow_clamp=self._clamp,
             )
         except ClientError as error:

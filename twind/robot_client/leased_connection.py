@@ -11,6 +11,7 @@ from twind.robot_client.lease_renewal import LeaseRenewal
 from twind.robot_client.motion_outcome import MotionOutcome, outcome_of
 
 UNDER_WAY = ("accepted", "running")  # phases of a motion that goes on
+SETPOINT = 2.0  # s for the answer to a setpoint: the lease of a stream lapses long before
 MOTION = 130.0  # s without a report of a motion: its start may lie 60 s ahead
 
 
@@ -66,14 +67,15 @@ class LeasedConnection:
     def setpoint(self, stops: int, **parameters: Any) -> Mapping[str, Any]:
         """Send a setpoint at once or not at all: one that waited for another call would be followed late.
 
-        `stops`: as counted when its stream began. Raises NoAnswer: another call is under way; MotionFailed:
-        stopped since; ClientError.
+        `stops`: as counted when its stream began. Raises NoAnswer: another call is under way, or there is no
+        answer within `SETPOINT`; MotionFailed: stopped since; ClientError.
         """
         if not self._calling.acquire(timeout=parameters["valid_for"]):
             raise NoAnswer("a goal was not sent: another call of this Robot is under way")
         try:
             self.require_unstopped(stops)
-            return self.command("Setpoint", **parameters)
+            with self.client.within(SETPOINT):
+                return self.command("Setpoint", **parameters)
         finally:
             self._calling.release()
 
@@ -85,12 +87,13 @@ class LeasedConnection:
         """
         with self._calling:
             self._take_lease()
-            usual = self.client.timeout
-            self.client.timeout = MOTION
             last: Mapping[str, Any] = {}
             try:
                 self.require_unstopped(stops)
-                with closing(self.client.stream("SubmitTrajectory", trajectory=trajectory)) as reports:
+                with (
+                    self.client.within(MOTION),
+                    closing(self.client.stream("SubmitTrajectory", trajectory=trajectory)) as reports,
+                ):
                     for report in reports:
                         last = report
                         if self.stops != stops and report["phase"] in UNDER_WAY:
@@ -99,8 +102,6 @@ class LeasedConnection:
             except Refused as refusal:
                 self._forget_lost_lease(refusal)
                 raise
-            finally:
-                self.client.timeout = usual
         return outcome_of(last)
 
     def note_stop(self) -> None:

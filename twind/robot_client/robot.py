@@ -3,9 +3,9 @@
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
-from math import radians
+from math import inf, radians
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twind.client import Client, NoAnswer
+from twind.client import Client, ClientError, NoAnswer
 from twind.client.move_duration import goals_of, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
+from twind.robot.modes import RobotState
 from twind.robot_client.goal_stream import GoalStream
 from twind.robot_client.leased_connection import LeasedConnection
 from twind.robot_client.motion_outcome import MotionOutcome
@@ -73,7 +74,12 @@ class Robot:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except ClientError as failure:
+            if error is None:
+                raise
+            error.add_note(f"{self.name} was not disarmed: {failure}")
 
     def close(self) -> None:
         """Disarm if asked for, give the lease back and disconnect. May be called twice."""
@@ -116,8 +122,11 @@ class Robot:
 
     @property
     def armed(self) -> bool:
-        """True while torque is on and motions are taken. Raises ClientError."""
-        return bool(self.status["armed"])
+        """True while torque is on and motions are taken: not in a fault, nor on the way to the rest pose.
+
+        Raises ClientError.
+        """
+        return _is_armed(self.status)
 
     @property
     def state(self) -> RobotSnapshot:
@@ -165,9 +174,22 @@ class Robot:
 
     # ------------------------------------------------------------------------------------------ torque
 
-    def arm(self) -> None:
-        """Switch torque on where the robot is; nothing moves. Raises Refused, ClientError."""
-        self._connection.command("Arm")
+    def arm(self, *, limp: Collection[str] = ()) -> None:
+        """Switch torque on where the robot is; nothing moves. Joints `limp` stay without torque.
+
+        A robot that is armed so already stays as it is; only the lease is taken. Raises Refused, ClientError;
+        InvalidInput for an unknown joint.
+        """
+        unknown = set(limp).difference(self.names) if limp else ()
+        if unknown:
+            raise InvalidInput(f"limp: no joint {sorted(unknown)[0]!r}; there are {', '.join(self.names)}")
+        answer = self._connection.call("GetStatus", joints=True)
+        off = {joint["name"] for joint in answer["joints"] if joint["torque"] is False}
+        if _is_armed(answer["status"]) and off == set(limp):
+            self._connection.command("RenewLease")
+            return
+        held = [name for name in self.names if name not in limp] if limp else None
+        self._connection.command("Arm", joints=held)
 
     def disarm(self) -> None:
         """Move slowly to the rest pose, then switch torque off. Raises ClientError."""
@@ -211,7 +233,9 @@ class Robot:
     def approach(self, goals: Mapping[str, float]) -> MotionOutcome:
         """Move slowly to goals (rad), those beyond a limit to the limit. Raises as `move`."""
         limits = self.limits
-        inside = {name: min(max(goal, limits[name][0]), limits[name][1]) for name, goal in goals.items()}
+        anywhere = (-inf, inf)  # of a joint that the gate refuses by name
+        bounds = {name: limits.get(name, anywhere) for name in goals}
+        inside = {name: min(max(goal, bounds[name][0]), bounds[name][1]) for name, goal in goals.items()}
         return self.move(inside, retime=True)
 
     def pose(self, name: str, *, time: float | None = None, retime: bool = False) -> MotionOutcome:
@@ -313,3 +337,8 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"<twind.Robot {self.name} at {self._connection.client.path}>"
+
+
+def _is_armed(status: Mapping[str, Any]) -> bool:
+    """Return whether this `Status` is of a robot with torque that takes motions."""
+    return bool(status["armed"]) and status["state"] == RobotState.ARMED

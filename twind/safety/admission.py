@@ -25,7 +25,8 @@ def admit(
         if snapshot.state is not RobotState.ARMED:
             reason = f"state is {snapshot.state}; arm first"
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
-        refusals += _calibration(snapshot, commanded) + _freshness(snapshot, commanded, thresholds)
+        refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
+        refusals += _freshness(snapshot, commanded, thresholds)
         late, warnings = _latency(snapshot, thresholds)
         refusals += late
         if not (setpoint and snapshot.motion is Motion.STREAMING):
@@ -45,7 +46,9 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
         refusals.append(Finding(ReasonCode.ARM_FAILED, message=reason))
     if not chosen.any():
         refusals.append(Finding(ReasonCode.NO_JOINTS, message="no joint to arm"))
-    refusals += _calibration(snapshot, chosen) + _freshness(snapshot, chosen, thresholds)
+    # limp joints too: the others must not be driven into them, wherever they are
+    everyone = np.ones_like(chosen)
+    refusals += _calibration(snapshot, everyone) + _freshness(snapshot, everyone, thresholds)
     late, warnings = _latency(snapshot, thresholds)
     room = _room(snapshot, chosen, thresholds)
     return Verdict((*refusals, *late, *room, *snapshot.bars), tuple(warnings))
@@ -76,6 +79,15 @@ def _latches(snapshot: GateSnapshot) -> list[Finding]:
 def _reach(snapshot: GateSnapshot) -> list[Finding]:
     """Check SOCKETS_GONE: no motion begins while no client can connect, as an e-stop could not be sent."""
     return [] if snapshot.unreachable is None else [snapshot.unreachable]
+
+
+def _limp(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:
+    """Check JOINT_LIMP."""
+    if snapshot.limp is None:
+        return []
+    reason = "stays limp by request and follows no command: disarm, then arm it too"
+    limp = np.flatnonzero(chosen & snapshot.limp)
+    return [Finding(ReasonCode.JOINT_LIMP, joint=int(joint), message=reason) for joint in limp]
 
 
 def _calibration(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:

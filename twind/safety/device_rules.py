@@ -14,6 +14,12 @@ ALERT = 0x80  # of a status packet's error byte: a hardware error, whose bits ar
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
 TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
+BARRED = (
+    "takes no goals until it is armed anew: its watchdog tripped, or it has none and was silent for 0.1 s; "
+    "disarm, reset, arm"
+)
+TORQUE_OFF = "torque reads back off (0) or unknown (-1) while armed"
+TORQUE_ON = "torque reads back on (1) or unknown (-1) in a limp joint: does another program write there?"
 CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
 
 
@@ -90,8 +96,7 @@ class DeviceRules:
             tripped = (facts.watchdog == TRIPPED) & (facts.status_time > self._taken)
             self._tripped = np.flatnonzero(tripped).tolist()
         for joint in self._tripped:
-            message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
-            finding = Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+            finding = Finding(ReasonCode.WATCHDOG_TRIPPED, joint, message=BARRED)
             yield RuleResult(finding, hold(facts), latches=True)
         yield from self._torque(facts)
 
@@ -116,7 +121,8 @@ class DeviceRules:
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if facts.torque_ours:
-                shut_down = facts.torque_held and facts.torque[joint] == 0  # it shut itself down
+                off = facts.torque[joint] == 0 and not facts.is_limp(joint)
+                shut_down = facts.torque_held and off  # it shut itself down
                 reaction = self._limp(facts, joint) if shut_down else self._rest(facts)
                 yield RuleResult(finding, reaction, latches=True, bars=True)
             else:
@@ -173,9 +179,11 @@ class DeviceRules:
             finding = Finding(ReasonCode.SERVO_REBOOTED, joint, value=0.0, message=message)
             yield RuleResult(finding, self._limp(facts, joint), latches=True)
         for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
-            message = "torque reads back off (0) or unknown (-1) while armed"
+            limp = facts.is_limp(joint)
+            message = TORQUE_ON if limp else TORQUE_OFF
             value = float(facts.torque[joint])
-            finding = Finding(ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
+            bound = 0.0 if limp else 1.0
+            finding = Finding(ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=bound, message=message)
             off = facts.torque[joint] == 0
             yield RuleResult(finding, self._limp(facts, joint) if off else self._rest(facts), latches=True)
 
@@ -184,11 +192,13 @@ class DeviceRules:
         fresh = facts.status_time > self._refreshed
         self._refreshed = np.maximum(self._refreshed, facts.status_time)
         self._seen = facts.status_time.tobytes()
-        limp = facts.torque != 1
+        wrong = facts.torque != 1
+        if facts.limp is not None:
+            wrong = np.where(facts.limp, facts.torque != 0, wrong)
         unwatched = facts.watchdog == 0
-        if self._suspect or some(limp) or some(unwatched):
-            self._disagreed[fresh & ~limp] = 0
-            self._disagreed[fresh & limp] += 1
+        if self._suspect or some(wrong) or some(unwatched):
+            self._disagreed[fresh & ~wrong] = 0
+            self._disagreed[fresh & wrong] += 1
             self._unwatched[fresh] = unwatched[fresh]
             self._suspect = some(self._disagreed) or some(self._unwatched)
 

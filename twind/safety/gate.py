@@ -31,6 +31,7 @@ __all__ = [
 ]
 
 MOST = 64  # findings of one code
+UNKNOWN_START = "its position or speed is unknown: see `twindctl status --joints`"
 
 
 def _check_request(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
@@ -238,14 +239,13 @@ def _start_jump(
     findings = []
     for joint in np.flatnonzero(path.commanded & ~(rates & (jump <= bound))):
         located = bool(rates[joint]) and bool(np.isfinite(reference.position[joint]))
-        reason = (
-            "from the reference to the first point" if located else "the reference of this joint is unknown"
-        )
-        value = float(jump[joint])
-        most = float(bound[joint])
-        findings.append(
-            Finding(ReasonCode.START_JUMP, int(joint), 0, float(path.time[0]), value, most, reason)
-        )
+        at = float(path.time[0])
+        finding = Finding(ReasonCode.START_JUMP, int(joint), 0, at, message=UNKNOWN_START)
+        if located:
+            value = float(jump[joint])
+            reason = "from the reference to the first point"
+            finding = Finding(ReasonCode.START_JUMP, int(joint), 0, at, value, float(bound[joint]), reason)
+        findings.append(finding)
     return findings
 
 

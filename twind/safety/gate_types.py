@@ -44,6 +44,7 @@ class GateSnapshot:
     latency: float  # s, state age + bus round trip, now; NaN unknown
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
+    limp: Bools | None = None  # joints that stay without torque by request; None: none
     busy: bool = False  # one trajectory runs and one waits
     bars: tuple[Finding, ...] = ()  # findings of servos and buses that prevent arming now
     holding: tuple[Finding, ...] = ()  # findings for which the guard would hold a motion at once

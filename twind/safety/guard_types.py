@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.robot.arrays import Floats, Ints
+from twind.robot.arrays import Bools, Floats, Ints
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode, Motion, RobotState
@@ -183,6 +183,7 @@ class GuardInput:
     )
     # (n,) share of the current limit, NaN unknown; None: unknown for all joints (OVERCURRENT)
     load: Floats | None = None
+    limp: Bools | None = None  # joints that stay without torque by request while the others hold; None: none
     suspended: float = 0.0  # s that the machine has slept since it started (TIME_GAP)
     # torque of this daemon holds the robot: a fault of it is a fault of the robot
     torque_held: bool = field(init=False)
@@ -193,6 +194,10 @@ class GuardInput:
         live = self.mode is Mode.LIVE
         self.torque_held = live and self.torque_expected
         self.torque_ours = live and (self.torque_expected or self.state is RobotState.ARMING)
+
+    def is_limp(self, joint: int) -> bool:
+        """Check that a joint stays without torque by request."""
+        return self.limp is not None and bool(self.limp[joint])
 
 
 @dataclass(frozen=True, slots=True)

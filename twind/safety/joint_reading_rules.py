@@ -98,7 +98,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
             )
-            if facts.torque_held:
+            if facts.torque_held and not facts.is_limp(joint):
                 yield RuleResult(finding, hold(facts), latches=True)
             else:
                 yield RuleResult(finding)
@@ -115,7 +115,8 @@ class ReadingRules:
         limits = self._limits
         above = (position > limits.upper) & (goal > limits.upper) & (goal > previous + ROUNDING)
         below = (position < limits.lower) & (goal < limits.lower) & (goal < previous - ROUNDING)
-        for joint in np.flatnonzero(above | below).tolist():
+        outward = above | below if facts.limp is None else (above | below) & ~facts.limp
+        for joint in np.flatnonzero(outward).tolist():
             bound = float((limits.upper if above[joint] else limits.lower)[joint])
             message = "past its limit it may only move inwards: holding the last goal"
             finding = Finding(

@@ -71,6 +71,10 @@ class LeadRules:
             return NOTHING
         away = goal.position[self._rows] - measured.position[self._rows]
         later = away + self._coming(goal, measured)
+        if facts.limp is not None:
+            held = ~facts.limp[self._rows]
+            away = away * held
+            later = later * held
         if every(np.maximum(np.abs(away), np.abs(later)) <= self._free):
             self._forget()
             return NOTHING
@@ -117,7 +121,11 @@ class LeadRules:
         self._waits_since = min(self._waits_since, now) if pace == 0.0 else NEVER
         worst = self._worst(ahead)
         if now - self._waits_since >= bounds.lead_for:
-            finding = self._finding(worst, lead, f"holding after {bounds.lead_for:g} s: what blocks it?")
+            finding = self._finding(
+                worst,
+                lead,
+                f"holding, as the motion waited {bounds.lead_for:g} s near this bound: what blocks it?",
+            )
             return RuleResult(finding, Reaction.HOLD, transient=True)
         return RuleResult(self._finding(worst, lead, "the motion is slower, or waits"), pace=pace)
 
@@ -127,7 +135,7 @@ class LeadRules:
         return int(np.argmax(beyond))
 
     def _finding(self, row: int, lead: Floats, what: str) -> Finding:
-        message = f"rad that its goal leads it, beyond the sag of its load; it has no watchdog: {what}"
+        message = f"its goal leads it, beyond the sag of its load, and it has no watchdog: {what}"
         joint = int(self._rows[row])
         bound = float(self._most[row])
         return Finding(ReasonCode.LEAD_LIMIT, joint, value=float(lead[row]), bound=bound, message=message)

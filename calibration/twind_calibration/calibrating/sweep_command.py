@@ -29,6 +29,7 @@ from twind_calibration.calibrating.sweep_tracker import (
     SweepEvent,
     SweepStage,
     SweepTracker,
+    describe_open_limits,
 )
 from twind_calibration.calibrating.zero_placement import travel_of
 from twind_calibration.rejection_hints import with_hints
@@ -124,6 +125,9 @@ class SweepSession:
         count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]
         ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
         self._print_line(f"move {count} {HEAD}{ends}")
+        unknown = [name for name in self._asked if self._slots[name].is_open]
+        if unknown:
+            self._print_line(describe_open_limits(unknown, "ENTER" if ends else "--timeout"))
 
     def take(self, reading: RawExchange) -> bool:
         """Process one reading; return whether the sweep is over."""

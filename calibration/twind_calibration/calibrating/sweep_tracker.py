@@ -165,6 +165,14 @@ class SweepTracker:
         return find_unexpected_motion(shares, self.asked)
 
 
+def describe_open_limits(names: Sequence[str], end: str) -> str:
+    """Return what ends the sweep of joints whose limits are not known. `end`: key or option that ends it."""
+    return (
+        f"limits_rad of {', '.join(names)}: open, so the sweep cannot tell when they are done; rest at both "
+        f"ends, {end} takes them"
+    )
+
+
 def describe_mismatch(judged: TravelVerdict) -> str:
     """Describe a travel that does not fit: the error, and its likely causes."""
     wide = "; `--wide` takes it as it is" if judged.wide else ""

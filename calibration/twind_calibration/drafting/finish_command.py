@@ -45,6 +45,9 @@ def finish(options: argparse.Namespace) -> int:
             task.settle_rest(client)
     for item in task.todo:
         print(f"open: {item}")
+    if not task.todo:
+        path = task.robot.path
+        print(f"nothing is open; next: `twindctl check robot {path}`, then restart the daemon in mode live")
     return REFUSED if task.todo else DONE
 
 
@@ -160,10 +163,12 @@ class FinishTask:
 
     def _require_same(self, client: Client) -> None:
         robot = client.call("GetRobot")["robot"]
-        if robot["text_sha256"] != self.robot.text_sha256:
+        # Answers of this run about support and watchdogs change no reading.
+        if robot["text_sha256"] not in (self.robot.text_sha256, self.described.robot.text_sha256):
             raise Rejected(
-                f"the daemon has read another robot file than {self.robot.path}: start it with "
-                f"`twind --mode mirror --robot {self.robot.path}` and its ports"
+                f"the daemon has read another robot file than {self.robot.path}, or an earlier state of it: "
+                f"restart it with `twind --mode mirror --robot {self.robot.path}` and its ports, then run "
+                "this command again"
             )
 
     def _require_calibrated(self, client: Client) -> None:

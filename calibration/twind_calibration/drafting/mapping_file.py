@@ -12,6 +12,9 @@
 A path is a row of keys, separated by dots; a number takes an element of a list, `*` each element. `name` is
 the path of the name within a motor, where its key is none. `unit` turns degrees to rad; `values` translates,
 `scale` multiplies. A file is recognised by its mapping where every path of `requires` exists.
+`skip` leaves out motors: `{is_passive: ["True"]}` those whose `is_passive` is true. `members` is the path,
+within a bus, of the names of its motors or of groups of them, which `groups` holds. Keys of a motor that no
+path reads are reported; `unread` gives the reason.
 A `table` is text of `[section]` and of rows with `|`, as the framework of ROBOTIS writes; it reads as lists.
 """
 
@@ -29,13 +32,14 @@ from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads
-from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, RobotDraft
+from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, FactSet, RobotDraft
 
 FORMAT = "twind-mapping/1"
+KEYS = f"`format: {FORMAT}`, `software`, `reads: json|yaml|table`, `motors` and `facts`"
 LARGEST = 1 << 20  # bytes of a file of another software
 UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 TYPES: Mapping[str, type] = {
-    **{"id": int, "baud": int, "bus": str, "device": str, "port": str, "model_joint": str},
+    **{"id": int, "baud": int, "bus": str, "device": str, "port": str, "model_joint": str, "mode": str},
     **dict.fromkeys(("protocol", "ratio", "lower", "upper", "velocity"), float),
     **dict.fromkeys(("sign", "lower_count", "upper_count"), int),
 }
@@ -48,10 +52,11 @@ class FactRule(Struct, forbid_unknown_fields=True):
     unit: str = ""
     scale: float = 1.0
     values: dict[str, Any] | None = None
+    default: Any = None
 
     def read(self, entry: Any, key: str) -> Any:
         """Return the value. Raises LookupError: not there; ValueError: unusable."""
-        value = next((each for _, each in _walk(entry, self.path)), None)
+        value = next((each for _, each in _walk(entry, self.path)), self.default)
         if value is None or value == "":
             raise LookupError(self.path)
         if self.values is not None:
@@ -77,9 +82,13 @@ class MappingContent(Struct, forbid_unknown_fields=True):
     facts: dict[str, FactRule]
     name: str = ""
     requires: list[str] = []
+    skip: dict[str, list[str]] = {}
     buses: str = ""
     bus_name: str = ""
     bus_facts: dict[str, FactRule] = {}
+    members: str = ""
+    groups: str = ""
+    unread: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -93,25 +102,74 @@ class FileMapping:
         """Return whether a file's content is what this mapping describes."""
         return all(any(_walk(tree, path)) for path in (self.content.motors, *self.content.requires))
 
-    def fill(self, draft: RobotDraft, tree: Any, source: str) -> int:
-        """State every fact of every motor; return how many motors there are. Raises Rejected."""
+    def fill(self, draft: RobotDraft, tree: Any, source: str, prefix: str = "") -> int:
+        """State every fact of every motor; return how many motors there are. Raises Rejected.
+
+        `prefix`: of the names of joints and buses.
+        """
+        bus_of: dict[str, str] = {}
         for key, entry in _walk(tree, self.content.buses) if self.content.buses else ():
-            name = _text(entry, self.content.bus_name) or key
-            self._state(draft.bus(bus_name(name)), self.content.bus_facts, entry, source)
+            bus = draft.bus(prefix + bus_name(_text(entry, self.content.bus_name) or key))
+            self._state(bus, self.content.bus_facts, entry, source)
+            bus_of |= dict.fromkeys(self._members(tree, entry), bus.name)
         count = 0
+        unread: dict[str, str] = {}
         for key, entry in _walk(tree, self.content.motors):
-            name = _text(entry, self.content.name) or key
-            try:
-                joint = draft.joint(name.strip())
-            except Rejected as error:
-                raise Rejected(f"{source}: {error}") from None
-            self._state(joint, self.content.facts, entry, source)
+            name = (_text(entry, self.content.name) or key).strip()
             count += 1
+            skipped = self._skipped(entry)
+            if skipped:
+                draft.remarks.append(f"{source}: {name} is left out: {skipped}")
+                continue
+            joint = draft.joint(prefix + name)
+            self._state(joint, self.content.facts, entry, source, prefix)
+            if name in bus_of:
+                joint.state("bus", bus_of[name], source)
+            unread |= self._unread(entry)
+        if unread:
+            draft.remarks.append(f"{source}: not read: {', '.join(unread.values())}")
         if not count:
             raise Rejected(f"{source}: no motor at {self.content.motors} ({self.file})")
         return count
 
-    def _state(self, facts: Any, rules: Mapping[str, FactRule], entry: Any, source: str) -> None:
+    def _members(self, tree: Any, bus: Any) -> list[str]:
+        """Return the names of the motors that a bus lists, by itself or by groups, which may hold groups."""
+        groups: Any = (
+            next((each for _, each in _walk(tree, self.content.groups)), {}) if self.content.groups else {}
+        )
+        names = (
+            [str(each) for _, each in _walk(bus, f"{self.content.members}.*")] if self.content.members else []
+        )
+        for name in names:  # grows: a group's members follow
+            inside = groups.get(name) if isinstance(groups, dict) else None
+            names.extend(str(each) for each in inside or () if str(each) not in names)
+        return names
+
+    def _unread(self, entry: Any) -> dict[str, str]:
+        """Return the keys of a motor that no path reads, each with its reason where there is one."""
+        if not isinstance(entry, dict):
+            return {}
+        paths = (self.content.name, *self.content.skip, *(rule.path for rule in self.content.facts.values()))
+        read = {path.partition(".")[0] for path in paths}
+        reasons = self.content.unread
+        keys = [str(key) for key in entry if str(key) not in read]
+        return {key: f"{key} ({reasons[key]})" if key in reasons else key for key in keys}
+
+    def _skipped(self, entry: Any) -> str:
+        """Return why an entry is no motor; empty: it is one."""
+        found = ((path, _text(entry, path)) for path in self.content.skip)
+        return next(
+            (
+                value if path.isdecimal() else f"{path} is {value}"
+                for path, value in found
+                if value in self.content.skip[path]
+            ),
+            "",
+        )
+
+    def _state(
+        self, facts: FactSet, rules: Mapping[str, FactRule], entry: Any, source: str, prefix: str = ""
+    ) -> None:
         for key, rule in rules.items():
             try:
                 value = rule.read(entry, key)
@@ -119,7 +177,7 @@ class FileMapping:
                 continue
             except (ValueError, TypeError) as error:
                 raise Rejected(f"{source}: {facts.name}: {rule.path}: {error}") from None
-            facts.state(key, bus_name(value) if key == "bus" else value, source)
+            facts.state(key, prefix + bus_name(value) if key == "bus" else value, source)
 
 
 def built_in_mappings() -> tuple[FileMapping, ...]:
@@ -134,7 +192,9 @@ def read_mapping(path: Path) -> FileMapping:
     return _mapping(_read(path).decode("utf-8", "replace"), str(path))
 
 
-def fill_from_file(draft: RobotDraft, path: Path, mapping: FileMapping | None = None) -> str:
+def fill_from_file(
+    draft: RobotDraft, path: Path, mapping: FileMapping | None = None, prefix: str = ""
+) -> str:
     """State what a file of another software says; return which software that is. Raises Rejected.
 
     Without `mapping` the one that matches is taken; no match, or several, are refused.
@@ -157,7 +217,7 @@ def fill_from_file(draft: RobotDraft, path: Path, mapping: FileMapping | None = 
         reasons = "".join(f"; {each}" for each in dict.fromkeys(errors)) if not fit else ""
         raise Rejected(f"{path}: {why} (known: {known}); describe it in a file of --mapping{reasons}")
     chosen, tree = fit[0]
-    chosen.fill(draft, tree, path.name)
+    chosen.fill(draft, tree, path.name, prefix)
     return chosen.content.software
 
 
@@ -165,7 +225,8 @@ def _mapping(text: str, file: str) -> FileMapping:
     try:
         content = convert(_yaml(text), MappingContent, strict=False)
     except (ValidationError, ValueError, yaml.YAMLError) as error:
-        raise Rejected(f"{file}: {' '.join(str(error).split())}") from None
+        reason = " ".join(str(error).split())
+        raise Rejected(f"{file}: {reason}; a mapping file has {KEYS}, see docs/tutorial.md") from None
     if content.format != FORMAT:
         raise Rejected(f"{file}: format is {content.format!r}; this version reads {FORMAT}")
     for rules, known in ((content.facts, JOINT_FACTS), (content.bus_facts, BUS_FACTS)):

@@ -1,12 +1,14 @@
 """Facts from an imported model: limits, speeds, and the ids and models of its `ros2_control` section."""
 
 import math
+from collections.abc import Iterable
 from difflib import get_close_matches
 
 from twind.command_line.verb import Rejected
 from twind_calibration.drafting.mapping_file import bus_name
 from twind_calibration.drafting.robot_draft import RobotDraft
 from twind_calibration.model_import.imported_model import HardwareSystem, ImportedModel
+from twind_calibration.model_import.ros2_control_reader import IDS, MODELS
 
 # rad between the stops of a model and the limits: a limp joint rests on its stop, and must be armed there.
 MARGIN = 0.03
@@ -22,6 +24,7 @@ def fill_from_hardware(draft: RobotDraft, model: ImportedModel) -> None:
         if system.baud:
             draft.bus(bus).state("baud", system.baud, system.place)
         _state_devices(draft, system, bus)
+        draft.remarks.extend(_unread(system))
 
 
 def fill_from_model(draft: RobotDraft, model: ImportedModel) -> tuple[str, ...]:
@@ -33,10 +36,13 @@ def fill_from_model(draft: RobotDraft, model: ImportedModel) -> tuple[str, ...]:
     for facts in draft.joints.values():
         name = facts.get("model_joint", facts.name)
         if name not in hinges:
-            near = get_close_matches(name, hinges, 1)
+            kind = next((joint.kind for joint in model.joints if joint.name == name), None)
+            near = [] if kind else get_close_matches(name, hinges, 1)
+            remedy = "" if kind else f"say --joint {facts.name}=NAME, or "
             raise Rejected(
-                f"joint {facts.name} ({facts.source('id') or 'no id'}) is no hinge of {model.file.name}"
-                f"{f'; nearest: {near[0]}' if near else ''}; say --joint {facts.name}=NAME"
+                f"joint {facts.name} ({facts.source('id') or 'no id'}) is "
+                f"{f'a {kind}, no hinge,' if kind else 'no hinge'} of {model.file.name}"
+                f"{f'; nearest: {near[0]}' if near else ''}; {remedy}leave it out (--without {facts.name})"
             )
         joint = hinges[name]
         if joint.range is not None:
@@ -53,6 +59,14 @@ def fill_from_model(draft: RobotDraft, model: ImportedModel) -> tuple[str, ...]:
     draft.remarks.extend(f"joint {name} of the model has no motor: passive" for name in passive)
     draft.remarks.extend(f"{remark.place}: {remark.text}" for remark in model.remarks)
     return passive
+
+
+def _unread(system: HardwareSystem) -> Iterable[str]:
+    """Yield one remark with the parameters of joints and servos that become no fact."""
+    known = {"type", *IDS, *MODELS}
+    names = {name: None for joint in system.joints for name in joint.parameters if name.lower() not in known}
+    if names:
+        yield f"{system.place}: not read: {', '.join(names)}"
 
 
 def _state_devices(draft: RobotDraft, system: HardwareSystem, bus: str) -> None:

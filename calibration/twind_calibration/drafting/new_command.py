@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.command_line.verb import DONE, Rejected, UsageError, show
+from twind.config.bus_config import NAME
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
@@ -64,11 +65,13 @@ def write_new(options: argparse.Namespace) -> int:
 
 def _read_sources(options: argparse.Namespace, draft: RobotDraft) -> list[str]:
     mapping = None if options.mapping is None else read_mapping(Path(options.mapping))
-    sources = [f"{file}: {fill_from_file(draft, Path(file), mapping)}" for file in options.files]
-    for joint, bus in _pairs(options.buses, None).items():
-        if joint not in draft.joints:
-            raise UsageError(f"--bus {joint}={bus}: no source has a joint {joint}")
-        draft.joints[joint].state("bus", bus, "--bus")
+    sources = []
+    for given in options.files:
+        prefix, file = _split_prefix(given)
+        sources.append(f"{given}: {fill_from_file(draft, file, mapping, prefix)}")
+    for pattern, bus in _pairs(options.buses, None).items():
+        for joint in draft.select(pattern, f"--bus {pattern}={bus}"):
+            draft.joints[joint].state("bus", bus, "--bus")
     ports = _pairs(options.ports, "main")
     scans: dict[str, list[dict[str, Any]]] = {}
     for bus, port in ports.items():
@@ -104,11 +107,13 @@ def _complete(
     """Return every joint with all that a robot file says of it. Raises Rejected."""
     if model is not None:
         fill_from_hardware(draft, model)
+    draft.leave_out(options.without)
     draft.rename(_pairs(options.names, None))
     passive = () if model is None else fill_from_model(draft, model)
     conflicts = list(draft.conflicts())
     if conflicts:
-        raise Rejected("\n".join(["sources contradict each other:", *conflicts]))
+        remedy = "if they describe other parts of the robot, prefix their names: --from left_=FILE"
+        raise Rejected("\n".join(["sources contradict each other:", *conflicts, remedy]))
     answers = FileAnswers(
         model=f"{draft.name}.xml" if model is None else model.file.name,
         base="base" if model is None else model.base,
@@ -118,6 +123,14 @@ def _complete(
         no_watchdog=options.no_watchdog,
     )
     return drafted_joints(draft, _pairs(options.devices, "")), answers
+
+
+def _split_prefix(text: str) -> tuple[str, Path]:
+    """Return prefix and file of `[PREFIX=]FILE`; write `./a=b.json` for a file named so."""
+    prefix, mark, file = text.partition("=")
+    if not mark or not file or not NAME.fullmatch(prefix):
+        return "", Path(text)
+    return prefix, Path(file)
 
 
 def _pairs(given: Sequence[str], bare: str | None) -> dict[str, str]:
@@ -173,7 +186,11 @@ def _text(result: Mapping[str, Any]) -> str:
     lines.append(f"{result['robot']}: {len(result['joints'])} joints, {result['rate_hz']:g} Hz")
     lines += [f"note: {each}" for each in result["remarks"]]
     lines += [f"open: {each}" for each in result["todo"]]
-    lines.append(f"next: twindctl check robot {file}")
-    lines.append(f"      twind --virtual --mode live --robot {file}")
-    lines.append(f"      twindctl robot finish --robot {file}")
+    steps = [f"twindctl check robot {file}"]
+    if any(each.endswith(".watchdog") for each in result["todo"]):  # not even a virtual servo is armed
+        steps.append(f"twindctl robot finish --no-watchdog --robot {file}")
+    else:
+        steps += [f"twind --virtual --mode live --robot {file}", f"twindctl robot finish --robot {file}"]
+    lines.append(f"next: {steps[0]}")
+    lines += [f"      {each}" for each in steps[1:]]
     return "\n".join(lines)

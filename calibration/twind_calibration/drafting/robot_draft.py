@@ -6,20 +6,23 @@ the owner. Whatever no source states is an open item of the robot file's key `to
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
-from twind.command_line.verb import Rejected
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.bus_config import NAME
-from twind.config.driver_family import families
+from twind.config.driver_family import families, family_of
 
 # What a source may state of one joint. Limits in rad, or in counts of its servo, 0 where the servo counts 0.
 JOINT_FACTS = (
     *("id", "bus", "device", "protocol", "sign", "ratio", "lower", "upper", "lower_count", "upper_count"),
-    *("model_joint", "velocity"),
+    *("model_joint", "velocity", "mode"),
 )
-BUS_FACTS = ("port", "baud")
+BUS_FACTS = ("port", "baud", "protocol")
 TIGHTER: Mapping[str, Callable[[float, float], float]] = {"lower": max, "upper": min, "velocity": min}
 
 
@@ -66,9 +69,7 @@ class RobotDraft:
     remarks: list[str] = field(default_factory=list)
 
     def joint(self, name: str) -> FactSet:
-        """Return the facts of a joint, which is new where no source named it. Raises Rejected."""
-        if not NAME.fullmatch(name):
-            raise Rejected(f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
+        """Return the facts of a joint, which is new where no source named it."""
         return self.joints.setdefault(name, FactSet(name))
 
     def bus(self, name: str) -> FactSet:
@@ -87,8 +88,21 @@ class RobotDraft:
             raise Rejected(f"id {number} on {bus} is that of {names}: say --bus JOINT=BUS")
         return found[0] if found else None
 
+    def select(self, pattern: str, option: str) -> list[str]:
+        """Return the names of the joints that a shell pattern matches. Raises UsageError: none."""
+        found = [name for name in self.joints if name == pattern or fnmatchcase(name, pattern)]
+        if not found:
+            raise UsageError(f"{option}: no source has a joint {pattern}: {', '.join(self.joints)}")
+        return found
+
+    def leave_out(self, patterns: Sequence[str]) -> None:
+        """Remove the joints that shell patterns match. Raises UsageError: a pattern matches none."""
+        unwanted = [self.select(pattern, f"--without {pattern}") for pattern in patterns]
+        for name in {name for names in unwanted for name in names}:
+            del self.joints[name]
+
     def rename(self, names: Mapping[str, str]) -> None:
-        """Rename joints, in their places. Raises Rejected: no such joint, or two of one name."""
+        """Rename joints, in their places. Raises Rejected: no such joint, a wrong name, or one name twice."""
         for old in names:
             if old not in self.joints:
                 raise Rejected(
@@ -97,9 +111,14 @@ class RobotDraft:
         named = [(names.get(each.name, each.name), each) for each in self.joints.values()]
         self.joints = {}
         for name, facts in named:
+            if not NAME.fullmatch(name):
+                raise Rejected(
+                    f"joint {name!r}: use 1 to 64 letters, digits, _ . and -; name it with --joint "
+                    f"{shlex.quote(f'{facts.name}=NAME')}"
+                )
             if name in self.joints:
                 raise Rejected(f"two joints would be called {name}")
-            facts.name = self.joint(name).name
+            facts.name = name
             self.joints[name] = facts
 
     def conflicts(self) -> Iterator[str]:
@@ -121,15 +140,22 @@ def find_device(text: str, protocol: float | None = None) -> str:
     wanted = _plain(text)
     known = {model: each.kind for each in families() for model in each.models()}
     found = [model for model in known if _plain(model) == wanted]
-    if protocol == 2.0:
-        found = [model for model in known if _plain(model) == f"{wanted}20"] or found
+    if protocol is not None:
+        found = [model for model in known if _plain(model) == _plain(f"{wanted}{protocol:.1f}")] or found
     if not found:
         near = sorted(model for model in known if wanted and _plain(model).startswith(wanted))
         if len(near) != 1:
-            options = f": {', '.join(near[:8])}" if near else ""
+            plain = {_plain(model): model for model in known}
+            near = near or [plain[name] for name in get_close_matches(wanted, plain, 3)]
+            options = f"; nearest: {', '.join(near[:8])}" if near else f"; known: {', '.join(sorted(known))}"
             raise Rejected(f"device {text!r}: no model of that name{options}")
         found = near
     return found[0]
+
+
+def protocol_of(device: str) -> float:
+    """Return the protocol of a model that a scan found. Models of one protocol are named without it."""
+    return 1.0 if family_of(device).kind == "dynamixel1" else 2.0
 
 
 def _plain(text: str) -> str:

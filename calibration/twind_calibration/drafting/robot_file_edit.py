@@ -11,6 +11,8 @@ from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError, read_text
 
+TODO_COMMENT = "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
+
 
 class RobotFileEdit:
     """The text of a robot file, edited key by key and written as a whole."""
@@ -36,7 +38,7 @@ class RobotFileEdit:
         self._replace(begin, begin, f"{parts[-1]}: {value}{gap}")
 
     def settle(self, item: str) -> None:
-        """Remove an item of `todo`, and the key with its last item."""
+        """Remove an item of `todo`; with its last item the key and its comment."""
         root: Any = yaml.compose(self.text, yaml.SafeLoader)
         pair = next((pair for pair in root.value if pair[0].value == "todo"), None)
         if pair is None:
@@ -46,6 +48,8 @@ class RobotFileEdit:
         end = pair[1].end_mark.index
         body = "todo:\n" + "".join(f"  - {each}\n" for each in left) if left else ""
         tail = self.text[end:].lstrip("\n") if not left else self.text[end:]
+        if not left and self.text[:begin].endswith(f"{TODO_COMMENT}\n"):
+            begin -= len(TODO_COMMENT) + 1
         gap = "\n" if left and not tail.startswith("\n") else ""
         self.text = self.text[:begin] + body + gap + tail
 

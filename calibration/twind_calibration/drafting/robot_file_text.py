@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from twind.command_line.verb import Rejected
 from twind.config.actuator_types import TypeSpec
@@ -11,10 +12,13 @@ from twind.config.config_reader import ConfigReader
 from twind.config.driver_family import BudgetRequest, DriverFamily, family_of
 from twind.config.robot_file import FORMAT
 from twind.config.robot_spec import RobotFile
+from twind.config.travel import most_turns
 from twind.config.yaml_tree import parse
 from twind_calibration.drafting.robot_draft import FactSet, RobotDraft, find_device
+from twind_calibration.drafting.robot_file_edit import TODO_COMMENT
 
 RATES = (100, 50, 30, 20, 10)  # Hz, tried from the fastest
+SEVERAL_TURNS = "extended_position"  # mode
 SHARE = 0.95  # of the travel of its servo, where no source limits a joint
 
 
@@ -34,6 +38,7 @@ class DraftedJoint:
     lower: float
     upper: float
     velocity: float | None  # rad/s
+    mode: str  # operating mode
     sources: str
     todo: tuple[str, ...]
 
@@ -58,7 +63,17 @@ def drafted_joints(draft: RobotDraft, devices: dict[str, str]) -> list[DraftedJo
     """
     if not draft.joints:
         raise Rejected("no joint: give --from FILE, --port BUS=PORT or --model FILE")
-    return [_joint(draft, facts, devices) for facts in draft.joints.values()]
+    joints: list[DraftedJoint] = []
+    reasons: dict[str, list[str]] = {}  # names of the joints by what is missing
+    for facts in draft.joints.values():
+        try:
+            joints.append(_joint(draft, facts, devices))
+        except Rejected as error:
+            reasons.setdefault(str(error), []).append(facts.name)
+    if reasons:
+        raise Rejected("\n".join(f"joint {', '.join(names)}: {reason}" for reason, names in reasons.items()))
+    _require_one_kind(joints)
+    return joints
 
 
 def robot_text(draft: RobotDraft, joints: Sequence[DraftedJoint], answers: FileAnswers, rate: int) -> str:
@@ -84,13 +99,29 @@ def fastest_rate(robot: RobotFile, families: dict[str, DriverFamily]) -> int:
     raise Rejected("; ".join(reasons))
 
 
+def _require_one_kind(joints: Sequence[DraftedJoint]) -> None:
+    """Raises Rejected: devices of two families are on one bus."""
+    for bus in dict.fromkeys(joint.bus for joint in joints):
+        devices: dict[str, dict[str, None]] = {}
+        for joint in joints:
+            if joint.bus == bus:
+                devices.setdefault(joint.family.kind, {})[joint.kind.device] = None
+        if len(devices) > 1:
+            kinds = "; ".join(f"{', '.join(models)} need kind {kind}" for kind, models in devices.items())
+            raise Rejected(
+                f"bus {bus} has devices of two kinds: {kinds}; say --device MODEL=MODEL, such as "
+                "'MX-64=MX-64(1.0)' for Protocol 1.0, or another bus (--bus JOINT=BUS)"
+            )
+
+
 def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> DraftedJoint:
     number = facts.get("id")
     if number is None:
         raise Rejected(
-            f"joint {facts.name}: no source states its id; leave it out or add a scan (--port BUS=PORT)"
+            "no source states its id; add a scan (--port BUS=PORT), or leave it out (--without JOINT)"
         )
-    device = _device(facts, devices)
+    bus = _bus(draft, facts)
+    device = _device(facts, devices, draft.bus(bus).get("protocol"))
     driver = family_of(device)
     kind = _read_type(driver, device)
     lower, upper, by, todo = _limits(facts, kind)
@@ -109,7 +140,7 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
     return DraftedJoint(
         name=facts.name,
         model_joint=facts.get("model_joint", facts.name),
-        bus=_bus(draft, facts),
+        bus=bus,
         id=number,
         type_name=re.sub(r"[^a-z0-9]+", "_", device.casefold()).strip("_"),
         kind=kind,
@@ -119,23 +150,25 @@ def _joint(draft: RobotDraft, facts: FactSet, devices: dict[str, str]) -> Drafte
         lower=lower,
         upper=upper,
         velocity=facts.get("velocity"),
+        mode=_mode(draft, facts, kind, upper - lower),
         sources="; ".join(f"{', '.join(what)} by {source}" for source, what in sources.items()),
         todo=todo,
     )
 
 
-def _device(facts: FactSet, devices: dict[str, str]) -> str:
+def _device(facts: FactSet, devices: dict[str, str], protocol: float | None) -> str:
+    """Return the model. `protocol`: of the bus, where the joint's is not stated. Raises Rejected."""
     told = facts.get("device")
-    chosen = devices.get(facts.name) or devices.get(told or "")
+    named = (devices[key] for key in devices if key and fnmatchcase(facts.name, key))
+    chosen = devices.get(facts.name) or devices.get(told or "") or next(named, None)
     if chosen is None and told is None:
-        raise Rejected(
-            f"joint {facts.name}: no source states its model; say --device MODEL, or "
-            f"--device {facts.name}=MODEL"
-        )
+        raise Rejected("no source states its model; say --device MODEL, or --device JOINT=MODEL")
     try:
-        return find_device(chosen or str(told), facts.get("protocol"))
+        return find_device(chosen or str(told), facts.get("protocol", protocol))
     except Rejected as error:
-        raise Rejected(f"joint {facts.name}: {error}; say --device {told or facts.name}=MODEL") from None
+        raise Rejected(
+            f"{error}; say --device {told or 'JOINT'}=MODEL, or leave it out (--without JOINT)"
+        ) from None
 
 
 def _bus(draft: RobotDraft, facts: FactSet) -> str:
@@ -144,9 +177,23 @@ def _bus(draft: RobotDraft, facts: FactSet) -> str:
         return str(bus)
     if len(draft.buses) > 1:
         raise Rejected(
-            f"joint {facts.name}: on which of the buses {', '.join(draft.buses)}? Say --bus {facts.name}=BUS"
+            f"on which of the buses {', '.join(draft.buses)}? Say --bus JOINT=BUS; "
+            "JOINT may be a pattern, such as 'l_*'"
         )
     return next(iter(draft.buses), "main")
+
+
+def _mode(draft: RobotDraft, facts: FactSet, kind: TypeSpec, travel: float) -> str:
+    """Return the stated mode, else one that takes the travel (rad of the joint)."""
+    stated = facts.get("mode")
+    turns = travel * facts.get("ratio", 1.0) / (2.0 * math.pi)
+    if stated or not kind.winds or turns <= most_turns(kind, kind.mode):
+        return str(stated or kind.mode)
+    draft.remarks.append(
+        f"joint {facts.name}: its travel is {turns:.2f} turns of its servo: mode {SEVERAL_TURNS}; its turn "
+        "is determined after each power-up"
+    )
+    return SEVERAL_TURNS
 
 
 def _read_type(driver: DriverFamily, device: str) -> TypeSpec:
@@ -193,7 +240,7 @@ def _lines(
     yield f"loop: {{rate_hz: {rate}}}"
     yield ""
     open_items = list(_todo(joints, types, answers))
-    yield "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
+    yield TODO_COMMENT
     yield "todo:"
     yield from (f"  - {item}" for item in open_items)
     yield ""
@@ -219,6 +266,8 @@ def _lines(
         parts = [f"id: {joint.id}", f"bus: {joint.bus}", f"type: {joint.type_name}", f"sign: {joint.sign}"]
         if joint.ratio != 1.0:
             parts.append(f"ratio: {joint.ratio:g}")
+        if joint.mode != joint.kind.mode:
+            parts.append(f"mode: {joint.mode}")
         if joint.model_joint != joint.name:
             parts.append(f"model_joint: {joint.model_joint}")
         if joint.velocity:

@@ -50,8 +50,9 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "--from",
         "files",
-        "FILE",
-        "file of other software with ids, models, limits or signs; may be repeated",
+        "[PREFIX=]FILE",
+        "file of other software with ids, models, limits or signs; may be repeated; "
+        "PREFIX begins the names of its joints and buses",
     )
     parser.add_argument("--model", metavar="FILE", help="MJCF, URDF or xacro; without one: joints alone")
     _add_list(parser, "--package", "packages", "NAME=DIR", "folder of a ROS package that the model names")
@@ -72,7 +73,8 @@ def _new_arguments(parser: argparse.ArgumentParser) -> None:
         "OLD=NAME",
         "name of a joint in place of that of a source; scanned devices are BUS_ID, such as main_3",
     )
-    _add_list(parser, "--bus", "buses", "JOINT=BUS", "bus of a joint")
+    _add_list(parser, "--bus", "buses", "JOINT=BUS", "bus of a joint, or of all that a pattern matches")
+    _add_list(parser, "--without", "without", "JOINT", "leave this joint out; a pattern such as 'sensor_*'")
     _answer_arguments(parser)
 
 

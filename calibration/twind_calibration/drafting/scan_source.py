@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.command_line.verb import Rejected
-from twind_calibration.drafting.robot_draft import RobotDraft
+from twind_calibration.drafting.robot_draft import RobotDraft, protocol_of
 
 SECONDS = 300.0  # of a scan of all ids at all rates
 
@@ -24,9 +24,14 @@ def scan_port(port: str) -> list[dict[str, Any]]:
     return devices_of(*scan_rows(port), port)
 
 
-def scan_rows(port: str) -> tuple[list[dict[str, Any]], str]:
-    """Return the lines of `twindctl scan --port`, and what it said. Raises Rejected where it does not end."""
+def scan_rows(port: str, ids: range | None = None) -> tuple[list[dict[str, Any]], str]:
+    """Return the lines of `twindctl scan --port`, and what it said. Raises Rejected where it does not end.
+
+    `ids`: those that are searched; None: all.
+    """
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--json", "scan", "--port", port]
+    if ids is not None:
+        command += ["--ids", f"{ids[0]}-{ids[-1]}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
@@ -110,3 +115,4 @@ def fill_from_scan(
         joint.state("bus", bus, source)
         joint.state("id", number, source)
         joint.state("device", model, source)
+        joint.state("protocol", protocol_of(model), source)

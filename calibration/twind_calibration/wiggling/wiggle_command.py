@@ -74,7 +74,7 @@ class WiggleSession:
         self.names: list[str] = [joint["name"] for joint in self._robot["joints"]]
         self.mode: str = client.call("GetStatus")["status"]["mode"]
         self.chosen = self._select_joints(options.joints)
-        self._body, self._why = _body(self._robot)
+        self._body, self._why = read_body(self._robot)
 
     def require_ready(self) -> None:
         """Check that the robot is armed, in mode live. Raises Rejected, ClientError."""
@@ -186,13 +186,15 @@ class WiggleSession:
         return list(dict.fromkeys(joints)) if joints else self.names
 
 
-def _body(description: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
+def read_body(description: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
     """The model of the daemon's robot, by the file that the daemon read; else why there is none."""
     with suppress(KeyError, TypeError):
         try:
             robot = read_robot(Path(description["path"]))
             if robot.text_sha256 != description["text_sha256"]:
                 return None, f"{robot.path} was changed since the daemon read it"
+            if robot.gate.collision.bodiless:
+                return None, "the robot file describes no bodies (collision.bodies: none)"
             return PosedModel(robot), ""
         except (ConfigError, InvalidInput) as error:
             return None, str(error)

@@ -32,27 +32,30 @@ MOVED = 0.05
 
 
 def energise(own: CanCommandEncoder) -> Script[None]:
-    """Switch torque on, read it back, and hold the aimed goals. Raises DeviceRefused, NoReply."""
+    """Switch torque on in all but barred actuators, read it back, and hold the aimed goals.
+
+    Raises DeviceRefused, NoReply.
+    """
     if own.aim is None:
         raise DeviceRefused(
             own.reader.name, own.reader.ids[0], "torque", "prepare it and write its aim (goal) first"
         )
     state = own.reader.registers
-    every_row = np.ones(len(own.lower), np.bool_)
-    limp = state.torque != 1
+    wanted = ~own.cyclic.barred
+    limp = wanted & (state.torque != 1)
     before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, own.aim * COUNT)
     own.hold(own.aim, soft=bool(limp.any()))
-    own.reader.slow.doubt(every_row)
-    own.cyclic.energise(every_row, own.line.sent)
+    own.reader.slow.doubt(wanted)
+    own.cyclic.energise(wanted, own.line.sent)
     yield GroupWriteBatch(
         (
             own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
             own.order(own.aim, limp, soft=True),
-            own.order(own.aim, ~limp),
+            own.order(own.aim, wanted & ~limp),
         )
     )
     try:
-        yield from _wait_for_torque_state(own, True, before)
+        yield from _wait_for_torque_state(own, True, wanted, before)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # actuators that had torque before keep it: they may carry a load
         yield GroupWriteBatch(
@@ -63,7 +66,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
         )
         raise
     own.hold(own.aim)
-    yield GroupWriteBatch((own.order(own.aim, every_row),))
+    yield GroupWriteBatch((own.order(own.aim, wanted),))
 
 
 def release(own: CanCommandEncoder) -> Script[None]:
@@ -78,11 +81,13 @@ def release(own: CanCommandEncoder) -> Script[None]:
             own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
         )
     )
-    yield from _wait_for_torque_state(own, False, None)
+    yield from _wait_for_torque_state(own, False, every_row, None)
 
 
-def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
-    """Wait until all report that their torque is `on`. `before` (m,): their earlier positions, rad."""
+def _wait_for_torque_state(
+    own: CanCommandEncoder, on: bool, among: Bools, before: Floats | None
+) -> Script[None]:
+    """Wait until all `among` (m,) report that their torque is `on`; `before` (m,): earlier positions, rad."""
     state = own.reader.registers
     answering = own.fleet.replies
     mute = own.fleet.answers == 0
@@ -90,8 +95,8 @@ def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | No
     for look in range(BEATS):
         own.reader.slow.assume(spoke & mute, on)
         if before is not None:
-            _require_turn(own, before)
-        wrong = state.torque != on
+            _require_turn(own, among, before)
+        wrong = among & (state.torque != on)
         if not wrong.any():
             return
         pending = wrong & answering
@@ -103,7 +108,7 @@ def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | No
         else:
             break
         spoke = _acknowledged(own)
-    _refuse(own, state.torque != on, on)
+    _refuse(own, among & (state.torque != on), on)
 
 
 def _acknowledged(own: CanCommandEncoder) -> Bools:
@@ -134,8 +139,8 @@ def _refuse(own: CanCommandEncoder, wrong: Bools, on: bool) -> None:
     raise DeviceRefused(own.reader.name, own.by_id(wrong)[0], "torque", reason)
 
 
-def _require_turn(own: CanCommandEncoder, before: Floats) -> None:
-    moved = np.abs(own.cyclic.place - before)
+def _require_turn(own: CanCommandEncoder, among: Bools, before: Floats) -> None:
+    moved = np.where(among, np.abs(own.cyclic.place - before), 0.0)
     if (moved > MOVED).any():
         row = int(np.nanargmax(moved))
         reason = (

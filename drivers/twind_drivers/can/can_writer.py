@@ -140,7 +140,7 @@ class CanWriter:
         own = self._own
         own.hold(ticks)
         own.aim = ticks.copy()
-        silent = np.ones(len(ticks), np.bool_)
+        silent = ~own.cyclic.barred
         waited = 0.0
         for _ in range(TRIES):
             reply = yield GroupWriteBatch((own.order(ticks, silent),))
@@ -158,12 +158,13 @@ class CanWriter:
         """Return the last goals (m,) sent, in counts. Raises NoReply if none was sent to an actuator."""
         yield from ()
         line = self._own.line
-        if not line.commanded.all():
-            raise NoReply(self._name, self._own.by_id(~line.commanded), 0.0, "goal: none was sent")
+        missing = ~line.commanded & ~self._own.cyclic.barred
+        if missing.any():
+            raise NoReply(self._name, self._own.by_id(missing), 0.0, "goal: none was sent")
         return line.left.copy()
 
     def torque(self, on: bool) -> Script[None]:
-        """Switch torque of all actuators and read it back; off is ordered twice.
+        """Switch torque off in all actuators, ordered twice, or on in all but barred ones; read it back.
 
         Raises DeviceRefused, NoReply.
 

@@ -283,6 +283,8 @@ class DynamixelWriter:
     def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
         goal = self._goal_rows(ticks)
+        if not goal:
+            return
         yield GroupWriteBatch(writes(goal))
         yield from self._readback.verify_goals(goal)
 
@@ -292,17 +294,20 @@ class DynamixelWriter:
         return np.array([found[id] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
-        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
+        """Switch torque off in all devices, or on in those that get goals; read it back.
 
         Off is written twice: a sync write has no reply. On follows only after the goals of speeds and
-        currents read back 0: they would move the joint at once.
+        currents read back 0: they would move the joint at once. Raises DeviceRefused, NoReply.
         """
+        switched = self._led if on else self._servos
+        if not switched:
+            return
         if on:
-            resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
+            resting = [servo for servo in switched if servo.mode.rests_at_zero]
             yield from self._readback.verify_goals(
                 rows(resting, lambda each: (each.goal, each.word(0))), "needs"
             )
-        wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
+        wanted = rows(switched, lambda servo: (servo.layout.torque, bytes((on,))))
         self._reader.registers.expire_torque(slice(None))
         yield GroupWriteBatch(writes(wanted) if on else writes(wanted) * 2)
         yield from self._readback.verify("torque enable", wanted)

@@ -148,7 +148,7 @@ class RegisterWriter:
         """Switch torque off on all devices in the next write of any kind; earlier goals are not sent."""
         self._line.urgent = self._off() * 3  # it has no reply, and a packet may be lost
         self._line.goals = b""
-        self._switched(False)
+        self._mark_energised(self._ids, False)
 
     def clear(self) -> None:
         """Drop pending goals. A pending cut stays: torque off is never refused."""
@@ -190,7 +190,7 @@ class RegisterWriter:
         self._version = -1
         self.clear()
         self._goals.check(ticks)
-        there = [id for id, led in zip(self._ids, self._led.tolist(), strict=True) if led]
+        there = self._led_ids()
         silent = None
         while there:
             try:
@@ -220,25 +220,28 @@ class RegisterWriter:
         return np.array([found[id]["goal_position"] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
-        """Switch torque of all devices and read it back. Raises DeviceRefused, NoReply.
+        """Switch torque off in all devices, or on in those that were prepared; read it back.
 
-        Off is written three times. On follows only after `prepare`; then the torque limit rises in steps.
+        Off is written three times. On raises the torque limit in steps. Raises DeviceRefused, NoReply.
         """
-        for id in self._ids if on else ():
+        ids = self._led_ids() if on else self._ids
+        if not ids:
+            return
+        for id in ids if on else ():
             if id not in self._full:
                 raise DeviceRefused(self._name, id, "torque", "it is not prepared for torque")
         self._bus.registers.expire_torque(slice(None))
-        self._switched(False)
-        order = WriteRequest({id: bytes((on,)) for id in self._ids}, self.TORQUE)
+        self._mark_energised(self._ids, False)
+        order = WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE)
         yield GroupWriteBatch((order,) if on else (order, order, order))
-        found = yield from self._bus.collect(self._ids, self.TORQUE, 1)
-        for id in self._ids:
+        found = yield from self._bus.collect(ids, self.TORQUE, 1)
+        for id in ids:
             if found[id] != bytes((on,)):
                 where = f"torque enable ({self.TORQUE})"
                 raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
-        self._switched(on)
+        self._mark_energised(ids, on)
         for share in RAMP if on else ():
-            yield from self._set(self._limits(self._ids, share), verify=share == RAMP[-1])
+            yield from self._set(self._limits(ids, share), verify=share == RAMP[-1])
 
     def damp(self) -> Script[tuple[int, ...]]:
         """Lower torque limit and gains (RAM copies); return the ids that did not confirm it.
@@ -287,15 +290,19 @@ class RegisterWriter:
 
     # --------------------------------------------------------------------------- parts
 
-    def _switched(self, on: bool) -> None:
-        self._on.fill(on)
+    def _led_ids(self) -> list[int]:
+        """Return the ids of the devices that `prepare` chose."""
+        return [id for id, led in zip(self._ids, self._led.tolist(), strict=True) if led]
+
+    def _mark_energised(self, ids: Collection[int], on: bool) -> None:
+        """Note whether this writer has switched torque of `ids` on: goals leave for no others."""
+        self._on[[self._index[id] for id in ids]] = on
         self._version = -1
 
     def _take_over(self, holding: Collection[int]) -> Script[None]:
         """Give devices that have torque their full limit; their goals leave from now on."""
         yield from self._set(self._limits(holding, 1.0))
-        self._on[[self._index[id] for id in holding]] = True
-        self._version = -1
+        self._mark_energised(holding, True)
 
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:
         own = [id for id in ids if self.LIMIT in self._bus.tables[id]]

@@ -1,6 +1,7 @@
 """A robot of LeRobot that a twind daemon drives: every action passes the gate."""
 
 import logging
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from math import degrees, radians
@@ -37,7 +38,7 @@ class TwindRobot(CalibratedByTwind, LeRobotDevice):
         self._robot: Robot | None = None
         self._stream: GoalStream | None = None
         self._approached = False
-        self._clipped: set[str] = set()  # joints whose last action was clipped
+        self._clipped: set[str] = set()  # joints of which the last action was clipped
         with Robot(config.socket, read_only=True) as robot:
             self.joints = robot.names
 
@@ -103,41 +104,50 @@ class TwindRobot(CalibratedByTwind, LeRobotDevice):
         return {**joints, **{name: camera.read_latest() for name, camera in self.cameras.items()}}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
-        """Send goals (degrees); return those in force: clipped to limits, or the earlier ones if refused."""
+        """Send goals (degrees); return those in force: clipped to limits, or the earlier ones if refused.
+
+        They are written into `action` too: LeRobot records that, not what is returned.
+        """
         robot, stream = self._connected()
         goals = {key.removesuffix(KEY): radians(value) for key, value in action.items() if key.endswith(KEY)}
-        sent = {name: goals[name] for name in self.joints if name in goals}
-        if not self._approached or self._is_far(robot, sent):
-            robot.approach(sent)
-            self._approached = True
+        asked = {name: goals[name] for name in self.joints if name in goals}
         try:
-            changes = stream.send_and_wait(sent)
+            if not self._approached or self._is_far(robot, asked):
+                robot.approach(asked)
+                self._approached = True
+            changes = stream.send_and_wait(asked)
         except Refused as refusal:
             logger.warning("%s: action refused: %s", robot.name, refusal)
             self._approached = not self.config.approach  # the leader may be elsewhere when it goes on
-            sent = {name: at for name, at in goals_of(robot.state.message.rows).items() if at is not None}
-            return _action(sent)
+            in_force = goals_of(robot.state.message.rows)
+        else:
+            in_force = asked | self._clipped_goals(changes)
+        sent = {f"{name}{KEY}": degrees(at) for name in asked if (at := in_force.get(name)) is not None}
+        action.update(sent)
+        return sent
+
+    def _clipped_goals(self, changes: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+        """Return the goals (rad) that the gate clipped; log each joint once, as a leader may rest there."""
         clipped = {each["joint"]: each for each in changes if each["code"] == "POS_LIMIT"}
-        for joint in clipped.keys() - self._clipped:  # once: a leader may rest beyond a limit
-            logger.warning("%s: action clipped: %s", robot.name, clipped[joint]["message"])
+        for joint in clipped.keys() - self._clipped:
+            logger.warning("%s: action clipped: %s", self._connected()[0].name, clipped[joint]["message"])
         self._clipped = set(clipped)
-        sent |= {joint: each["bound"] for joint, each in clipped.items() if joint in sent}
-        return _action(sent)
+        return {joint: each["bound"] for joint, each in clipped.items()}
 
     def _is_far(self, robot: Robot, goals: dict[str, float]) -> bool:
         """True where a goal is so far that the robot would go there at full speed."""
+        if not self.config.approach:
+            return False
+        limits = robot.limits
         joints = robot.joints
-        here = {name: joints[name].position for name in goals}
-        return self.config.approach and any(
-            at is None or abs(goals[name] - at) > FAR for name, at in here.items()
-        )
+        for name, goal in goals.items():
+            lower, upper = limits[name]
+            at = joints[name].position
+            if at is None or abs(min(max(goal, lower), upper) - at) > FAR:
+                return True
+        return False
 
     def _connected(self) -> tuple[Robot, GoalStream]:
         if self._robot is None or self._stream is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
         return self._robot, self._stream
-
-
-def _action(goals: dict[str, float]) -> dict[str, float]:
-    """Return goals (rad) by joint as an action, degrees."""
-    return {f"{name}{KEY}": degrees(at) for name, at in goals.items()}

@@ -26,7 +26,11 @@ HEAD = "format: twind-mapping/1\nsoftware: x\nreads: json\nmotors: m\nfacts: "
 FILES = {
     "Poppy and pypot": (json.dumps(POPPY), "head_y", {"id": 37, "device": "AX-12", "sign": -1}),
     "LeRobot": (json.dumps(LEROBOT), "pan", {"id": 1, "sign": -1, "lower_count": 800, "upper_count": 3200}),
-    "ToddlerBot": (json.dumps(TODDLER), "neck", {"id": 3, "device": "XC330", "lower": -0.5, "upper": 0.7}),
+    "ToddlerBot": (
+        json.dumps(TODDLER),
+        "neck",
+        {"id": 3, "device": "XC330", "lower": -0.5, "mode": "extended_position"},
+    ),
     "ROBOTIS framework": (
         ROBOTIS,
         "r_sho",
@@ -72,6 +76,30 @@ def test_degrees_become_rad_and_ports_become_buses(tmp_path: Path) -> None:
     assert draft.buses["ttyUSB0"].get("baud") == 2_000_000
 
 
+def test_keys_of_motors_that_are_not_read_are_reported_once(tmp_path: Path) -> None:
+    draft = RobotDraft("r")
+    fill_from_file(draft, written(tmp_path, json.dumps(TODDLER)))
+    told = [each for each in draft.remarks if "not read" in each]
+    assert len(told) == 1
+    assert "gear_ratio (it links two joints of the model" in told[0] and "kp_real" in told[0]
+    assert "id" not in told[0].split(", ") and draft.buses["main"].get("baud") == 2_000_000
+
+
+def test_motors_of_a_controller_are_found_through_its_groups(tmp_path: Path) -> None:
+    motors = dict.fromkeys(("head_y", "abs_z", "l_elbow"), POPPY["motors"]["head_y"])
+    groups = {"all": ["head", "spine"], "head": ["head_y"], "spine": ["abs_z", "all"]}
+    controllers = {"a": {"port": "x", "attached_motors": ["all"]}, "b": {"attached_motors": ["l_elbow"]}}
+    draft = RobotDraft("r")
+    text = json.dumps({"controllers": controllers, "motorgroups": groups, "motors": motors})
+    fill_from_file(draft, written(tmp_path, text))
+    assert {each.name: each.get("bus") for each in draft.joints.values()} == {
+        "head_y": "a",
+        "abs_z": "a",
+        "l_elbow": "b",
+    }
+    assert draft.buses["a"].get("protocol") == 1.0
+
+
 def test_an_owners_mapping_reads_an_unknown_format(tmp_path: Path) -> None:
     mapping = tmp_path / "mine.yaml"
     mapping.write_text(
@@ -94,7 +122,6 @@ def test_an_owners_mapping_reads_an_unknown_format(tmp_path: Path) -> None:
         (json.dumps({"pan": {**LEROBOT["pan"], "id": "seven"}}), "pan: id"),
         (json.dumps({"pan": {**LEROBOT["pan"], "id": 1.5}}), "no whole number"),
         (json.dumps({"pan": {**LEROBOT["pan"], "drive_mode": 7}}), "7 is none of 0, 1"),
-        (json.dumps({"p/n": LEROBOT["pan"]}), "joint 'p/n'"),
         ("a: &a [1]\nb: *a\n", "alias"),
     ],
 )

@@ -8,19 +8,20 @@ import pytest
 
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
-from twind_calibration.drafting.robot_file_edit import RobotFileEdit
+from twind_calibration.drafting.robot_file_edit import TODO_COMMENT, RobotFileEdit
 
-TEXT = """\
+TEXT = f"""\
 # mine
 format: twind-robot/1
 name: arm
-model: {mjcf: pantilt.xml, base: base}
+model: {{mjcf: pantilt.xml, base: base}}
 support: fixed
-loop: {rate_hz: 50}
+loop: {{rate_hz: 50}}
+{TODO_COMMENT}
 todo:
   - types.a.watchdog
   - poses.rest
-buses: {main: {kind: feetech}}
+buses: {{main: {{kind: feetech}}}}
 types:
   a:
     device: STS3215
@@ -29,10 +30,10 @@ types:
   b:
     device: STS3215
 joints:
-  pan: {id: 1, bus: main, type: a, sign: 1, limits_rad: [-1, 1]}   # left
-  tilt: {id: 2, bus: main, type: b, limits_rad: [-0.5, 0.5]}
+  pan: {{id: 1, bus: main, type: a, sign: 1, limits_rad: [-1, 1]}}   # left
+  tilt: {{id: 2, bus: main, type: b, limits_rad: [-0.5, 0.5]}}
 poses:
-  rest: {}
+  rest: {{}}
 """
 
 
@@ -71,7 +72,7 @@ def test_values_are_replaced_and_added_in_flow_sections(file: Path) -> None:
     assert [joint.sign for joint in robot.joints] == [-1, -1]
     assert robot.poses["rest"]["pan"] == 0.25
     assert robot.todo == ()
-    assert "todo" not in file.read_text()
+    assert "todo" not in file.read_text() and "What no source" not in file.read_text()
 
 
 def test_a_value_that_is_refused_leaves_the_file_as_it_was(file: Path) -> None:

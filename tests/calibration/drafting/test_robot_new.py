@@ -14,6 +14,7 @@ from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
 from twind_calibration.drafting import new_command
 from twind_calibration.drafting.scan_source import devices_of
+from twind_calibration.wiggling.wiggle_command import read_body
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 COMMANDS = {
@@ -55,6 +56,15 @@ def test_what_no_source_states_is_open_and_refuses_live(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"joints\.r_sho\.sign"):
         describe(ConfigSources(mode="live", robot=file, ports=("/dev/null",)))
     describe(ConfigSources(mode="mirror", robot=file, ports=("/dev/null",)))
+
+
+def test_virtual_servos_are_no_next_step_before_watchdogs_are_settled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    assert "finish --no-watchdog" in (told := capsys.readouterr().out) and "--virtual" not in told
+    new(tmp_path, "thor", ROBOTIS)
+    assert "twind --virtual --mode live" in capsys.readouterr().out
 
 
 def test_answers_leave_fewer_items_open(tmp_path: Path) -> None:
@@ -104,7 +114,8 @@ def test_a_scan_completes_a_file_and_must_not_contradict_it(
     ("text", "options", "words"),
     [
         (json.dumps(LEROBOT), [], "say --device MODEL"),
-        (json.dumps(LEROBOT), ["--device", "STS9999"], "no model of that name"),
+        (json.dumps({"p n": LEROBOT["pan"]}), [], "name it with --joint 'p n=NAME'"),
+        (json.dumps(LEROBOT), ["--device", "ST3215"], "no model of that name; nearest: STS3215"),
         (json.dumps(TODDLER), [], "XC330-M181"),
         (json.dumps(LEROBOT), ["--device", "STS3215", "--bus", "elbow=main"], "no source has a joint elbow"),
         ("{}", [], "no known format"),
@@ -137,7 +148,7 @@ def test_a_urdf_with_ros2_control_becomes_a_robot_with_bodies(
         str(MODELS / "pantilt.urdf"),
     ]
     assert main(words) == 1
-    assert "joint pan: no source states its model" in capsys.readouterr().err
+    assert "joint pan, tilt: no source states its model" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     assert main([*words, "--device", "XL330-M288", "--support", "fixed"]) == 0
     robot = read_robot(tmp_path / "p" / "pantilt.yaml")
@@ -172,6 +183,129 @@ def test_a_motor_that_is_no_joint_of_the_model_is_refused(
     assert "nearest: pan" in told
     assert main(["robot", "new", "bare", "--folder", str(tmp_path / "bare"), *words]) == 1
     assert "no source has ids" in capsys.readouterr().err
+
+
+def test_mode_and_rate_of_a_file_are_taken_over(tmp_path: Path) -> None:
+    new(tmp_path, "toddler", json.dumps(TODDLER), "--device", "XC330=XC330-T288")
+    robot = read_robot(tmp_path / "toddler" / "toddler.yaml")
+    assert robot.joints[0].mode == "extended_position"
+    assert robot.buses[0].baud == 2_000_000
+
+
+def poppy_of(controllers: dict[str, object]) -> str:
+    motors = {
+        name: POPPY["motors"]["head_y"] | {"id": number, "type": model}
+        for number, (name, model) in enumerate((("l_y", "MX-64"), ("l_x", "MX-64"), ("head", "AX-12A")), 1)
+    }
+    return json.dumps({"controllers": controllers, "motors": motors})
+
+
+def test_servos_of_one_bus_speak_the_protocol_of_their_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new(tmp_path, "poppy", poppy_of({"c": {"port": "auto"}})) == 0
+    robot = read_robot(tmp_path / "poppy" / "poppy.yaml")
+    assert [joint.type.device for joint in robot.joints] == ["MX-64(1.0)", "MX-64(1.0)", "AX-12A"]
+    assert new(tmp_path, "mixed", poppy_of({"c": {"port": "auto", "protocol": 2}})) == 1
+    assert "MX-64 need kind dynamixel2; AX-12A need kind dynamixel1; say --device" in capsys.readouterr().err
+
+
+def test_joints_without_a_bus_are_named_in_one_line_and_answered_by_a_pattern(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = poppy_of({"c": {"port": "x"}, "d": {"port": "y"}})
+    assert new(tmp_path, "poppy", text, "--bus", "head=d") == 1
+    assert "joint l_y, l_x: on which of the buses c, d? Say --bus JOINT=BUS" in capsys.readouterr().err
+    assert new(tmp_path, "poppy", text, "--bus", "head=d", "--bus", "l_*=c") == 0
+    assert [joint.bus for joint in read_robot(tmp_path / "poppy" / "poppy.yaml").joints] == ["c", "c", "d"]
+
+
+def test_two_files_of_equal_names_become_two_sides(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, number in (("one", 1), ("two", 2)):
+        arm = {"Elbow Joint": LEROBOT["pan"] | {"id": number}, "pan": LEROBOT["pan"] | {"id": number + 4}}
+        (tmp_path / f"{name}.json").write_text(json.dumps(arm))
+    words = ["robot", "new", "pair", "--folder", str(tmp_path / "pair"), "--device", "STS3215"]
+    files = [tmp_path / "one.json", tmp_path / "two.json"]
+    both = ["--from", str(files[0]), "--from", str(files[1]), "--joint", "Elbow Joint=elbow"]
+    assert main([*words, *both]) == 1
+    assert "--from left_=FILE" in capsys.readouterr().err
+    words += ["--from", f"l_={files[0]}", "--from", f"r_={files[1]}"]
+    words += ["--joint", "l_Elbow Joint=l_elbow", "--joint", "r_Elbow Joint=r_elbow"]
+    assert main([*words, "--bus", "l_*=left", "--bus", "r_*=right"]) == 0
+    robot = read_robot(tmp_path / "pair" / "pair.yaml")
+    assert [(joint.name, joint.bus, joint.id) for joint in robot.joints] == [
+        ("l_elbow", "left", 1),
+        ("l_pan", "left", 5),
+        ("r_elbow", "right", 2),
+        ("r_pan", "right", 6),
+    ]
+
+
+def test_parameters_of_ros2_control_that_are_not_read_are_reported_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mode = '<param name="Operating Mode">5</param></gpio>'
+    model = tmp_path / "pantilt.urdf"
+    model.write_text((MODELS / "pantilt.urdf").read_text().replace("</gpio>", mode))
+    words = ["robot", "new", "p", "--folder", str(tmp_path / "p"), "--model", str(model)]
+    assert main([*words, "--device", "XL330-M288"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("Operating Mode") == 1 and "not read: Operating Mode\n" in told
+
+
+def test_a_travel_of_more_than_a_turn_takes_a_mode_of_several(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "pantilt.urdf"
+    text = (MODELS / "pantilt.urdf").read_text()
+    model.write_text(text.replace("1, 0, 0, 1", "0.25, 0, 0, 1"))  # a gear of 4 on a travel of half a turn
+    words = ["robot", "new", "p", "--folder", str(tmp_path / "p"), "--model", str(model)]
+    assert main([*words, "--device", "XL330-M288"]) == 0
+    assert "joint pan: its travel is 1.87 turns of its servo" in capsys.readouterr().out
+    modes = [joint.mode for joint in read_robot(tmp_path / "p" / "p.yaml").joints]
+    assert modes == ["extended_position", "position"]
+
+
+def test_wiggle_compares_no_loads_of_a_robot_without_bodies(tmp_path: Path) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215")
+    robot = read_robot(tmp_path / "arm" / "arm.yaml")
+    body, why = read_body({"path": str(robot.path), "text_sha256": robot.text_sha256})
+    assert body is None and "describes no bodies" in why
+
+
+def test_what_is_no_motor_is_left_out_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new(tmp_path, "thor", ROBOTIS)
+    assert "note: thor.txt: open-cr is left out: sensor" in capsys.readouterr().out
+    assert read_robot(tmp_path / "thor" / "thor.yaml").names == ("r_sho",)
+    new(tmp_path, "toddler", json.dumps(TODDLER), "--device", "XC330=XC330-T288")
+    assert "note: toddler.txt: neck_driven is left out: is_passive is True" in capsys.readouterr().out
+
+
+def test_joints_are_left_out_by_patterns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = json.dumps({f"{name}_grip": LEROBOT["pan"] | {"id": 2} for name in ("l", "r")} | LEROBOT)
+    assert new(tmp_path, "arm", text, "--device", "STS3215", "--without", "hand_*") == 2
+    assert "no source has a joint hand_*: l_grip, r_grip, pan" in capsys.readouterr().err
+    assert new(tmp_path, "arm", text, "--device", "STS3215", "--without", "*_grip") == 0
+    assert read_robot(tmp_path / "arm" / "arm.yaml").names == ("pan",)
+
+
+def test_a_sliding_joint_of_a_model_is_left_out_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "gripper.urdf"
+    model.write_text(
+        (MODELS / "pantilt.urdf")
+        .read_text()
+        .replace('<joint name="tilt" type="revolute">', '<joint name="tilt" type="prismatic">')
+    )
+    words = ["robot", "new", "grip", "--folder", str(tmp_path / "g"), "--model", str(model)]
+    words += ["--device", "XL330-M288"]
+    assert main(words) == 1
+    assert "is a slide, no hinge, of pantilt.xml; leave it out (--without tilt)" in capsys.readouterr().err
+    assert main([*words, "--without", "tilt"]) == 0
+    assert read_robot(tmp_path / "g" / "grip.yaml").passive == ("tilt",)
 
 
 def test_a_trouble_of_the_line_counts_where_no_device_is_found() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from tests.support.robot_description_files import ROBOTIS
+from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
 from twind.ctl.ctl_main import main
 from twind_calibration.drafting.finish_command import FinishTask
@@ -53,3 +54,22 @@ def test_the_sign_is_that_of_the_shortest_movement(
     task.settle_signs(Positions(robot.text_sha256, *places), task.open_joints("sign"))  # type: ignore[arg-type]
     assert [joint.sign for joint in read_robot(file).joints] == [sign]
     assert words in capsys.readouterr().out
+
+
+def test_signs_follow_answers_that_changed_the_file_in_the_same_run(tmp_path: Path) -> None:
+    source = tmp_path / "op.robot"
+    source.write_text(ROBOTIS)
+    assert main(["robot", "new", "op", "--folder", str(tmp_path / "op"), "--from", str(source)]) == 0
+    file = tmp_path / "op" / "op.yaml"
+    robot = read_robot(file)
+    task = FinishTask(
+        RobotDescription(robot, {}, None, tmp_path / "none.yaml", tmp_path),
+        RobotFileEdit(file),
+        lambda question: "fixed" if "carries" in question else "",
+    )
+    task.settle_answers(None, no_watchdog=False)
+    joints = task.open_joints("sign")
+    with pytest.raises(Rejected, match="restart it"):
+        task.settle_signs(Positions("another file"), joints)  # type: ignore[arg-type]
+    task.settle_signs(Positions(robot.text_sha256, 0.0, 0.5), joints)  # type: ignore[arg-type]
+    assert read_robot(file).todo == ("joints.r_sho.limits_rad", "poses.rest")

@@ -85,7 +85,7 @@ def test_status_prints_text_and_with_json_a_json_object(loop: StandIn) -> None:
     done = ctl(loop, "status", "--joints")
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    assert lines[0] == "stand-in · mode live · state armed · motion holding · armed"
+    assert lines[0] == "stand-in · mode live · state armed · motion holding"
     assert any(line.startswith("fault    STATE_STALE: joint_3") for line in lines)
     assert sum(line.startswith("joint_") for line in lines) == len(NAMES)
     assert "silent" in lines[-1]
@@ -171,7 +171,7 @@ def test_ctrl_c_cancels_and_reports_how_it_ended(loop: StandIn, tmp_path: Path) 
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=10.0)
-    assert (process.returncode, out) == (1, "cancelled at 50%\n")
+    assert (process.returncode, out) == (1, "cancelled at 50%; now at joint_1 0.100 rad\n")
     assert "the robot holds" in err
     assert asked(loop)[-2:] == ["Cancel", "ReleaseLease"]
 

@@ -287,12 +287,15 @@ def test_an_unread_log_delays_no_client_and_lost_lines_are_counted(tmp_path: Pat
 
 
 def test_an_idle_peer_without_a_first_call_is_disconnected_after_five_seconds(front: SharedFront) -> None:
-    with Raw(front) as silent, Raw(front) as speaking:
+    with Raw(front) as silent, Raw(front) as unfinished, Raw(front) as speaking:
+        unfinished.bytes(b'{"method":"io.twind.Control.GetStatus"}')
         assert "error" not in speaking.call("GetStatus")
         began = time.monotonic()
         silent.socket.settimeout(8.0)
         assert silent.ended()
         assert 4.5 <= time.monotonic() - began <= 6.0
+        assert code(unfinished.receive()) == "FRAME_INCOMPLETE"
+        assert unfinished.ended()
         assert "error" not in speaking.call("GetStatus")
 
 

@@ -8,8 +8,9 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -27,6 +28,7 @@ OVER = 1.0  # s after which a motion that goes on would have been seen
 JOINT = "head_yaw"
 UP = f"hold: {JOINT} more"
 DOWN = f"hold: {JOINT} less"
+SLIDER = f"hold and drag: {JOINT} follows"
 
 
 @dataclass
@@ -100,6 +102,20 @@ def test_a_held_button_moves_until_it_is_released_cut_off_frozen_hidden_or_close
         take_lease(page, rig.daemon)
 
         took = {"released": rig.stops_after(rig.lift, UP, "button released")}
+
+        x, y = middle(page, SLIDER)  # the joint is not far above 0, the middle of its range
+        for _ in range(5):  # on a busy machine a hold lapses
+            page.pointer("mouseMoved", x + 30, y)
+            page.pointer("mousePressed", x + 30, y)
+            with suppress(AssertionError):
+                until(lambda: rig.goal.velocity() > 0.1, 3.0, "up, towards the slider")
+                page.pointer("mouseMoved", x - 30, y)
+                until(lambda: rig.goal.velocity() < -0.1, 3.0, "down, to where the slider was dragged")
+                break
+            page.pointer("mouseReleased", x, y)
+        assert rig.goal.is_moving()
+        let_go = partial(page.pointer, "mouseReleased", x - 30, y)
+        took["slider"] = rig.last_change_after(let_go, "slider released")
 
         took["cut off"] = rig.stops_after(rig.line.cut, DOWN, "packets dropped")
         rig.line.mend()  # what was held back comes now, with the button still held

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -219,6 +220,35 @@ def test_the_python_example_of_the_readme_moves_the_simulation(
     after = json.loads(run("twindctl --json status", folder, environment))["status"]["loop"]["ticks"]
     assert said[-1].startswith("JointReading(name='head_yaw', position=")
     assert after - before > 500  # a move of 1 s and a wave of 9 s were waited for
+
+
+def test_the_python_example_of_the_readme_runs_in_a_notebook_and_the_robot_is_a_table(
+    simulation: tuple[Path, dict[str, str]],
+) -> None:
+    for needed in ("nbclient", "ipykernel"):
+        pytest.importorskip(needed, reason="make extras EXTRAS=notebook")
+    (example,) = fenced(README, "python")
+    folder, environment = simulation
+    cells = [example, "robot = Robot(read_only=True)\nrobot", "robot.state", "robot.close()"]
+    pages = execute_cells(cells, folder, environment)
+    (printed,) = pages[0]
+    assert printed["text"].startswith("JointReading(name='head_yaw', position=")
+    for (shown,) in pages[1:3]:
+        table = shown["data"]["text/html"]
+        assert table.startswith("<table><tr><th>joint</th>") and "<td>head_yaw</td>" in table
+        assert table.count("<tr>") == 25  # a head and the joints of h24
+
+
+def execute_cells(cells: list[str], folder: Path, environment: dict[str, str]) -> list[list[Any]]:
+    """Run cells in a new kernel of Jupyter; return the outputs of each."""
+    import nbclient
+    import nbformat
+
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(each) for each in cells])
+    resources = {"metadata": {"path": str(folder)}}
+    client = nbclient.NotebookClient(notebook, timeout=60, kernel_name="python3", resources=resources)
+    client.execute(env=environment)
+    return [cell["outputs"] for cell in notebook.cells]
 
 
 def test_the_setpoint_example_of_the_protocol_page_moves_the_simulation(

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tests.support.doctor_rig import (
     look,
     mended,
     needs_root,
+    options,
     run_with_own_mounts,
     unprivileged,
     way_to,
@@ -33,12 +34,13 @@ from twind.ctl.ctl_main import main
 from twind.doctor import daemon as daemon_subject
 from twind.doctor import host
 from twind.doctor.check import DoctorFinding
-from twind.doctor.check_context import CheckContext
+from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.daemon import ENOUGH, MISSED
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import PATIENCE
 from twind.doctor.inspectors import DaemonInspector as Asked
 from twind.version import __version__
+from twind_drivers.clock import MonotonicClock
 
 # What a machine may really lack: no false alarm of these is claimed here, but in test_doctor_machine.py.
 OF_THE_MACHINE = {row.code for row in host.ROWS}
@@ -102,6 +104,12 @@ def test_a_healthy_robot_with_its_daemon_gives_no_alarm_and_is_left_alone(
         if loop["missed"] > MISSED * loop["ticks"] / 2:
             counted -= {"TICKS_MISSED"}  # this machine really is so busy
         assert counted <= OF_THE_MACHINE, said["found"]
+        with closing(examine(options(socket=running.sockets), HostInspector(), MonotonicClock())) as examined:
+            with Client(running.sockets, name="observe") as client:
+                reported = client.call("GetParameters")["parameters"]
+            assert examined.settings is not None
+            assert str(examined.settings.calibration) == reported["calibration"] == str(virtual.calibration)
+            assert str(examined.settings.state_dir) == reported["state_dir"]
         assert after["state"] == "connected" and not after["armed"] and after["lease"] is None
         assert {"daemon", "sockets", "versions", "files as read", "front", "latency"} <= set(said["looked"])
         # The same port, by somebody who does not know of this daemon: held, and not opened.

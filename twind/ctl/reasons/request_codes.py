@@ -13,6 +13,11 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
         "A message exceeds 64 KiB (observe socket) or 4 MiB (control socket).",
         "send fewer points",
     ),
+    ReasonCode.FRAME_INCOMPLETE: ReasonText(
+        "refused, connection closed",
+        "A message has no terminator: at the end of what the client sent, or after 5 s if it is the first.",
+        "end each message with NUL or a newline",
+    ),
     ReasonCode.RATE_LIMIT: ReasonText(
         REFUSED,
         "One process sent too many trajectories or `Mark` calls in one second. Ten in a row close the "
@@ -54,6 +59,12 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.NOT_ARMED: ReasonText(
         REFUSED, "Motion in `live`, but the robot is not armed or holds no position.", "`twindctl arm`"
     ),
+    ReasonCode.JOINT_LIMP: ReasonText(
+        REFUSED,
+        "The joint was left limp when the others were armed, or may not be: a leg of a robot that stands "
+        "freely, a joint that shares motors with others.",
+        "`twindctl disarm`, then arm it too",
+    ),
     ReasonCode.ROBOT_UNFINISHED: ReasonText(
         REFUSED, "`todo` of the robot file has open items.", "`twindctl robot finish`"
     ),
@@ -84,11 +95,18 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
         "`twindctl doctor`: latency timer, load of this machine",
     ),
     ReasonCode.CMD_EXPIRED: ReasonText(
-        REFUSED, "Start or `valid_for` has passed, or the check took too long.", "send the command again"
+        REFUSED,
+        "Start, `valid_for` or `valid_until` has passed, or the check took too long.",
+        "send the command again",
     ),
     ReasonCode.TOO_DISTANT: ReasonText(REFUSED, "`start_in` is too long.", "send the command later"),
     ReasonCode.VALID_TOO_LONG: ReasonText(
         REFUSED, "`valid_for` of a setpoint is too long.", "send setpoints more often"
+    ),
+    ReasonCode.STREAM_STOPPED: ReasonText(
+        REFUSED,
+        "Another client stopped the stream, and this setpoint continues it.",
+        "send no setpoint for 0.5 s, then begin anew",
     ),
     ReasonCode.EMPTY: ReasonText(REFUSED, "The trajectory has no points.", "add points"),
     ReasonCode.NO_JOINTS: ReasonText(REFUSED, "No joint is named.", "name the joints"),
@@ -154,12 +172,12 @@ REQUEST_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.KEEP_OUT: ReasonText(
         REFUSED,
         "The path brings a body closer than `world_m` to the world's geometry.",
-        "keep clear of the geometry in the message",
+        "keep clear of the geometry in the message, or lower `collision.world_m`",
     ),
     ReasonCode.FLOOR: ReasonText(
         REFUSED,
         "The path brings a body closer than `world_m` to a plane of the world.",
-        "keep clear of the floor plane in the message",
+        "keep clear of the plane; an arm that grips things on it: `collision: {world_m: 0.005}`",
     ),
     ReasonCode.TORQUE_INFEASIBLE: ReasonText(
         "warning; with `on_torque: reject` refused",

@@ -39,8 +39,8 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.RX_SHAPE: ReasonText(
         "warning",
-        "Bytes that are no expected reply were dropped.",
-        "check wiring; look for a second master or two devices with one id",
+        "Bytes that are no expected reply were dropped. Once at a start or under load: a late reply.",
+        "if it repeats, check wiring; look for a second master or two devices with one id",
     ),
     ReasonCode.FOREIGN_TRAFFIC: ReasonText(
         "armed, arming: fault, INHIBIT; else warning, arming refused",

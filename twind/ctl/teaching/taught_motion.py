@@ -67,8 +67,15 @@ class TaughtMotion:
         return float(np.ptp(self.path.time) - np.ptp(self.hand.time))
 
     def deviation(self) -> Deviation:
-        """Return the largest distance from the hand's path at equal phase."""
-        return deviation(self.points, self.path)
+        """Return the largest distance from the hand's path at equal phase, and the time of the hand there."""
+        worst = deviation(self.points, self.path)
+        sample = np.searchsorted(self.path.time - self.path.time[0], worst.time)
+        return worst._replace(time=float(self.hand.time[sample] - self.hand.time[0]))
+
+    @property
+    def still(self) -> bool:
+        """True where no joint left its first position by more than `bound`."""
+        return bool((np.abs(self.hand.position - self.hand.position[0]) <= self.bound).all())
 
     def clipped(self) -> dict[str, float]:
         """Return by how much (rad) joints were moved into their limits; others are left out."""
@@ -128,7 +135,8 @@ class TaughtMotion:
             place = self._sample(each["time"])
             pace[place] = max(pace[place], _needed(each))
             at = f"at {self.hand.time[place] - self.hand.time[0]:.2f} s"
-            text = f"{each['joint']} {at}: {each['value']:.3g}, bound {each['bound']:.3g}"
+            unit = "rad/s²" if each["code"] == ReasonCode.ACC_LIMIT else "rad/s"
+            text = f"{each['joint']} {at}: {each['value']:.3g}, bound {each['bound']:.3g} {unit}"
             reasons.setdefault((each["code"], each["joint"]), text)
         if not 1.0 < pace.max() < inf:
             return None

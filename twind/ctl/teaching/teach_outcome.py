@@ -49,10 +49,12 @@ class TeachOutcome:
             f"{self.recorder.seconds:.2f} s of {len(motion.joints)} joints: {count} points in {self.path}",
             f"largest deviation from the hand's path: {worst.size:.4f} rad ({where})",
         ]
+        if motion.still:
+            lines.append(f"no joint moved by more than {motion.bound:g} rad: guide them while it records")
         if self.recorder.ended:
             lines.append(f"the recording ended: {self.recorder.ended}")
         if self.recorder.bridged:
-            lines.append(f"{self.recorder.bridged} gaps below {GAP:g} s were bridged")
+            lines.append(f"gaps below {GAP:g} s that were bridged: {self.recorder.bridged}")
         for joint, by in motion.clipped().items():
             lines.append(f"moved into the limits: {joint} by up to {by:.4f} rad")
         if motion.reasons:
@@ -66,5 +68,7 @@ class TeachOutcome:
             if any(each["code"] == ReasonCode.TOO_MANY_POINTS for each in refusals):
                 lines.append("teach less at a time, guide more slowly, or permit more with --bound")
         lines.append(f"its start is reached in {motion.lead:.1f} s")
-        lines.append(hint.command(f"next: twindctl arm, then twindctl play {name} --approach"))
+        about_now = () if self.verdict is None else (each["code"] for each in self.verdict["warnings"])
+        first = "disarm, twindctl " if ReasonCode.JOINT_LIMP in about_now else ""
+        lines.append(hint.command(f"next: twindctl {first}arm, then twindctl play {name} --approach"))
         return lines

@@ -7,12 +7,12 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.move_duration import slow_duration
+from twind.command_line.joint_patterns import matching_joints
 from twind.command_line.progress import ProgressLine
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.torque_free import limp
@@ -37,7 +37,8 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
     """Record, write and report. Returns the exit code. Raises ClientError, Rejected, UsageError."""
     with operator(options) as client:
         robot = client.call("GetRobot")["robot"]
-        joints = _chosen([joint["name"] for joint in robot["joints"]], options.joints)
+        names = [joint["name"] for joint in robot["joints"]]
+        joints = matching_joints(names, options.joints or "*", "--joints")
         folder = robot.get("motions")
         path = new_motion(options.motion, Path(folder) if isinstance(folder, str) else None)
         _require_place(path, options.force)
@@ -50,15 +51,6 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
     name = options.motion if written == path else str(written)
     show(options, outcome.as_sent(), "\n".join(outcome.lines(command_hint(options), name)))
     return DONE if accepted and not recorder.cut_off and written == path else REFUSED
-
-
-def _chosen(names: list[str], patterns: str | None) -> list[str]:
-    """Return the joints that match, in the robot's order. Raises UsageError: a pattern matches none."""
-    asked = ["*"] if patterns is None else patterns.split(",")
-    for pattern in asked:
-        if not any(fnmatchcase(name, pattern) for name in names):
-            raise UsageError(f"--joints: no joint {pattern!r}; there are {', '.join(names)}")
-    return [name for name in names if any(fnmatchcase(name, pattern) for pattern in asked)]
 
 
 def _require_place(path: Path, force: bool) -> None:

@@ -1,1 +1,1 @@
-"""Recordings as data sets that others train on: LeRobotDataset v3.0. Reads files alone, off the robot."""
+"""Recordings as episodes of frames on a fixed grid, for a data set of LeRobot. Reads files alone."""

@@ -1,9 +1,10 @@
-"""Convert recordings to a data set for imitation learning (LeRobotDataset v3.0).
+"""Convert recordings to a data set for imitation learning (LeRobotDataset).
 
-Reads .mcap and .flight files. Episodes are those marked (`twindctl mark begin TASK`, `mark end --success`);
-a recording without marks gives one episode for each stretch without a hole. Unusable parts are left out and
-reported: missing readings, unknown or silent joints, times without goals. Nothing is interpolated. No file
-is overwritten.
+LeRobot writes it: run this in the environment of LeRobot, with the package lerobot_robot_twind. Reads .mcap
+and .flight files. Episodes are those marked (`twindctl mark begin TASK`, `mark end --success`); a recording
+without marks gives one episode for each stretch without a hole. Unusable parts are left out and reported:
+missing readings, unknown or silent joints, times without goals. No hole is filled. No file is
+overwritten.
 """
 
 import argparse
@@ -12,13 +13,14 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.command_line.extras import how_to_add
+from twind.command_line.extras import clone
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 if TYPE_CHECKING:
     from twind.learn.dataset.episode_collection import DatasetContents
 
+PLUGIN = "lerobot_robot_twind"
 group = "learn"
 
 
@@ -41,29 +43,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: it is written. Raises UsageError, Rejected."""
-    if find_spec("pyarrow") is None:
-        raise UsageError(f"dataset needs pyarrow: {how_to_add('dataset')}")
+    if find_spec(PLUGIN) is None:
+        raise UsageError(f"dataset needs LeRobot with the package {PLUGIN}: {_how_to_install()}")
     if options.fps < 1:
         raise UsageError(f"--fps {options.fps}: at least 1")
     if not (isfinite(options.gap) and options.gap > 0.0):
         raise UsageError(f"--gap {options.gap:g}: above 0")
-    from twind.learn.dataset.dataset_folder import spare, write
+    from lerobot_robot_twind.dataset_writer import write
+
     from twind.learn.dataset.episode_collection import DatasetRequest, gather
+    from twind.learn.dataset.new_folder import whole_folder
 
     asked = DatasetRequest(options.fps, options.task, options.only_success, options.robot_type, options.gap)
     with ProgressLine(options, "dataset") as progress:
         try:
-            spare(options.out)
-            gathered = gather(options.files, asked, lambda path: progress.update(path.name))
-            progress.update(f"writing {gathered.frames} frames")
-            write(gathered, options.out)
+            with whole_folder(options.out) as folder:
+                gathered = gather(options.files, asked, lambda path: progress.update(path.name))
+                progress.update(f"writing {gathered.frames} frames")
+                write(gathered, folder)
         except OSError as error:
             raise Rejected(f"{error.filename or options.out}: {error.strerror or error}") from None
     return _print_summary(options, gathered)
 
 
+def _how_to_install() -> str:
+    source = clone() or Path("CLONE")
+    return f"in LeRobot's environment, python -m pip install {source} {source / 'integrations/lerobot'}"
+
+
 def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> int:
-    from twind.learn.dataset.dataset_folder import absent
     from twind.learn.dataset.episode_collection import line
 
     data = {
@@ -73,6 +81,10 @@ def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> 
         "fps": gathered.fps,
         "tasks": list(gathered.tasks),
         "features": list(gathered.features),
+        "sources": [
+            {"recording": each.recording, "time": each.time, "frames": each.count, "success": each.success}
+            for each in gathered.episodes
+        ],
         "left_out": [
             {"recording": each.recording, "task": each.task, "time": each.time, "why": each.why}
             for each in gathered.left
@@ -85,6 +97,6 @@ def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> 
     ]
     lines += [f"left out: {line(each)}" for each in gathered.left]
     lines += [f"damaged: {each}" for each in gathered.damage]
-    lines.append(f"not in it: {', '.join(absent(gathered))}; nor what was asked for before the gate")
+    lines.append(f"not in it: {', '.join(gathered.absent)}; nor what was asked for before the gate")
     show(options, data, "\n".join(lines))
     return DONE

@@ -67,6 +67,16 @@ class DatasetContents:
         """True where every episode is marked as a success or a failure."""
         return all(each.success is not None for each in self.episodes)
 
+    @property
+    def absent(self) -> list[str]:
+        """Columns that a data set might have and this one has not, with the reason."""
+        missing = [name for name in (VELOCITY, EFFORT) if name not in self.features]
+        found = [f"{name} (not known of every joint in every frame)" for name in missing]
+        found += [] if IMU in self.features else [f"{IMU} (none, or not read all the time)"]
+        if not self.has_success_marks:
+            found.append("next.success (some episodes are marked neither as success nor as failure)")
+        return [*found, "images (recordings have none)"]
+
 
 def gather(
     paths: Sequence[Path], asked: DatasetRequest, tell: Callable[[Path], None] = lambda path: None

@@ -1,4 +1,4 @@
-"""Arming: torque on in all joints, or in none.
+"""Arming: torque on in all joints, or in none; joints may be left limp by request.
 
 Order: device watchdogs armed and read back, goal := present read back, torque on and read back, no joint
 jumped. A failure, an interruption or a lost client ends with torque off again. Torque that was on before
@@ -26,7 +26,7 @@ from twind.loop.procedures.torque_switching import (
     switch_torque_off,
     take,
 )
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Bools, Floats, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_map import JointMap
 from twind.robot.modes import RobotState
@@ -48,20 +48,25 @@ JUMP = 0.05  # rad a joint may move within the first ticks of torque; beyond it 
 
 
 def arm(
-    context: ProcedureContext, judge: Callable[[float], Verdict], edited: Sequence[str], now: float
+    context: ProcedureContext,
+    judge: Callable[[float], Verdict],
+    edited: Sequence[str],
+    limp: Bools,
+    now: float,
 ) -> Procedure:
     """Set goal := present, read it back, switch torque on, read it back, then hold.
 
-    `judge` returns the gate's verdict at a time (s); `edited`: files whose present content differs.
+    `judge` returns the gate's verdict at a time (s); `edited`: files whose present content differs; `limp`
+    (n,): joints that stay without torque.
     """
     refusals = yield from _check_arming_request(judge, now)
-    if refusals := (*refusals, *_find_edited_files(edited)):
+    if refusals := (*refusals, *_find_edited_files(edited), *_find_needed_joints(context, limp)):
         return CallRefusal(refusals)
     inherited = torque_inherited(context)
     context.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
     context.condition.change(RobotEvent.ARM)
     try:
-        held = yield from _energise(context, inherited)
+        held = yield from _energise(context, limp, inherited)
     except (BusError, ProcedureFailed) as error:
         yield from back_out(context, inherited)
         failed = Finding(ReasonCode.ARM_FAILED, message=error_text(context, error))
@@ -70,16 +75,33 @@ def arm(
         context.hardware.clear()
         context.condition.change_if(RobotEvent.ARM_FAILED)
         raise
+    context.torque.leave_limp(limp)
     take(context, held)
     context.condition.change(RobotEvent.ARMED)
-    return CallReply(_joints_and_warnings(context.robot.joints))
+    return CallReply(_joints_and_warnings(context.robot.joints, context.torque.held))
 
 
-def _joints_and_warnings(joints: JointMap) -> dict[str, Any]:
+def _joints_and_warnings(joints: JointMap, held: Bools) -> dict[str, Any]:
     """Return the parameters of the reply: joints armed, and those without a watchdog that is read back."""
-    findings = [Finding(ReasonCode.DEVICE_MISMATCH, joint, message=UNWATCHED) for joint in joints.unwatched]
-    every = {"joints": list(range(len(joints)))}
-    return every | {"warnings": findings} if findings else every
+    unwatched = [joint for joint in joints.unwatched if held[joint]]
+    findings = [Finding(ReasonCode.DEVICE_MISMATCH, joint, message=UNWATCHED) for joint in unwatched]
+    armed = {"joints": np.flatnonzero(held).tolist()}
+    return armed | {"warnings": findings} if findings else armed
+
+
+def _find_needed_joints(context: ProcedureContext, limp: Bools) -> list[Finding]:
+    """Return JOINT_LIMP for joints (n,) that must not stay limp.
+
+    A free-standing robot needs its legs, and joints that share motors have torque together.
+    """
+    carried = context.robot.carried
+    legs = () if carried else np.flatnonzero(limp & context.robot.description.ratings.leg)
+    message = "a robot that stands freely needs torque in its legs: do not leave this joint limp"
+    found = [Finding(ReasonCode.JOINT_LIMP, int(joint), message=message) for joint in legs]
+    groups = context.robot.joints.transmission_groups
+    message = "shares motors with a joint that gets torque: leave all of them limp, or none"
+    shared = np.flatnonzero(limp & spread_over_groups(~limp, groups))
+    return [*found, *(Finding(ReasonCode.JOINT_LIMP, int(joint), message=message) for joint in shared)]
 
 
 def _check_arming_request(
@@ -113,25 +135,26 @@ def _find_edited_files(edited: Sequence[str]) -> list[Finding]:
     return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in edited]
 
 
-def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, float, Floats]:
+def _energise(context: ProcedureContext, limp: Bools, inherited: bool) -> Generator[None, float, Floats]:
     """Run all steps from the watchdogs to torque read back; return the position (n,) that is held, rad."""
     hardware = context.hardware
-    _require_all_or_none(context)
+    wanted = ~limp
+    _require_all_or_none(context, limp)
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
     # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
     # the servo would resume its old goal.
-    yield from all_of(hardware.prepare(hardware.reachable(present(context))))
+    yield from all_of(hardware.prepare(hardware.reachable(present(context, limp)), wanted))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
-    held = yield from _write_present_goals(context)
+    held = yield from _write_present_goals(context, limp)
     _require_undisturbed(context)
-    _require_one_turn(context)
+    _require_one_turn(context, limp)
     if not inherited:  # torque that was on before stays on when arming fails
         context.torque.begin_energising()
     yield from all_of(hardware.torque(True))
     # Torque needs a few ticks to act; only then a wrong goal shows as movement.
     yield from ticks(3)
     _require_undisturbed(context)
-    jump = np.abs(context.robot.measured.position - held)
+    jump = np.where(wanted, np.abs(context.robot.measured.position - held), 0.0)
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
@@ -139,7 +162,7 @@ def _energise(context: ProcedureContext, inherited: bool) -> Generator[None, flo
     return held
 
 
-def _require_one_turn(context: ProcedureContext) -> None:
+def _require_one_turn(context: ProcedureContext, limp: Bools) -> None:
     """Raise ProcedureFailed where a servo in position mode would read another turn at torque-on.
 
     In position mode a servo reads one turn from torque-on (e-manual, "Operating Mode", note). The count that
@@ -151,7 +174,7 @@ def _require_one_turn(context: ProcedureContext) -> None:
         return
     count = readings.raw.ticks + readings.shift
     then = expected(readings.raw.ticks, turns)
-    beyond = turns.known & turns.falls & (count != then)
+    beyond = turns.known & turns.falls & (count != then) & ~limp
     if beyond.any():
         joint = int(np.argmax(beyond))
         message = (
@@ -163,7 +186,7 @@ def _require_one_turn(context: ProcedureContext) -> None:
         raise ProcedureFailed.measured(ReasonCode.CALIB_MISMATCH, then[joint], count[joint], message, joint)
 
 
-def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Floats]:
+def _write_present_goals(context: ProcedureContext, limp: Bools) -> Generator[None, float, Floats]:
     """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad.
 
     The goal of a joint that rests on its mechanical stop, a little beyond its range of goals, is the end of
@@ -172,10 +195,11 @@ def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Fl
     hardware = context.hardware
     for _ in range(TRIES):
         # The robot moved while the goal was written: such a goal would be a step, so it is taken anew.
-        here = present(context)
+        here = present(context, limp)
         held = hardware.quantised(hardware.reachable(here))
         yield from all_of(hardware.write_goals(held))
         moved = np.abs(context.robot.measured.position - here) / hardware.resolution
+        moved[limp] = 0.0
         if (moved <= STILL).all():
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
@@ -186,22 +210,26 @@ def _write_present_goals(context: ProcedureContext) -> Generator[None, float, Fl
 def _require_undisturbed(context: ProcedureContext) -> None:
     if context.condition.state is not RobotState.ARMING or context.condition.latches:
         message = f"the robot went to {context.condition.state.value} meanwhile"
-        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, 0.0, 0.0, message)
+        raise ProcedureFailed(Finding(ReasonCode.ARM_FAILED, message=message))
 
 
-def _require_all_or_none(context: ProcedureContext) -> None:
+def _require_all_or_none(context: ProcedureContext, limp: Bools) -> None:
+    unknown = limp & (context.hardware.slow.torque < 0)
+    if unknown.any():
+        message = "is to stay limp, and its torque was not read"
+        raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, -1.0, 0.0, message, int(np.argmax(unknown)))
     on = context.hardware.slow.torque == 1
-    if on.any() and not on.all():
+    if on.any() and not np.array_equal(on, ~limp):
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
         raise ProcedureFailed.measured(ReasonCode.ARM_FAILED, on.sum(), 0.0, message, joint)
 
 
-def present(context: ProcedureContext) -> Floats:
+def present(context: ProcedureContext, limp: Bools) -> Floats:
     """Return the measured position (n,), rad: fresh, complete, and where a joint may be held.
 
     A joint on its mechanical stop reads a little beyond its hard limit: the tolerance is that of the guard.
-    Raises ProcedureFailed.
+    `limp` (n,): joints that are not to be held, wherever they are. Raises ProcedureFailed.
     """
     state = context.robot.measured
     age = context.clock.now() - state.time + state.age
@@ -209,7 +237,12 @@ def present(context: ProcedureContext) -> Floats:
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
         raise ProcedureFailed.measured(ReasonCode.HW_DISCONNECTED, age[joint], FRESH, message, joint)
-    outside = beyond_hard_limit(context) | ~np.isfinite(state.position)
+    unknown = ~np.isfinite(state.position)
+    if unknown.any():
+        message = "its position is unknown: wait until it is read and its turn is known, then arm"
+        joint = int(np.argmax(unknown))
+        raise ProcedureFailed(Finding(ReasonCode.HW_DISCONNECTED, joint, message=message))
+    outside = beyond_hard_limit(context) & ~limp
     if outside.any():
         joint = int(np.argmax(outside))
         value = float(state.position[joint])

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from twind import link
 from twind.loop.ipc.call_outcome import CallOutcome, CallReply
 from twind.loop.ipc.front_link import ReceivedCommand
@@ -254,18 +256,14 @@ class CommandHandlers:
 
     def _arm(self, command: link.Arm, now: float) -> None:
         context = self._context
-        everyone = list(range(len(context.robot.joints)))
-        if command.joints is not None and sorted(command.joints) != everyone:
-            finding = Finding(
-                ReasonCode.BAD_SHAPE, message="arming some joints is not supported: name all, or none"
-            )
-            context.reports.refuse(command, (finding,))
-            return
-        judge = partial(self.gate_input.may_arm, command.client)
+        limp = np.zeros(len(context.robot.joints), np.bool_)
+        if command.joints is not None:
+            limp = ~np.isin(np.arange(len(limp)), command.joints)
+        judge = partial(self.gate_input.may_arm, command.client, limp=limp)
         if self._own(
             command,
             Priority.ARM,
-            lambda: arming.arm(context, judge, command.edited, now),
+            lambda: arming.arm(context, judge, command.edited, limp, now),
             lambda outcome: self._arm_ended(command, outcome),
         ):
             self._arming_client = command.client
@@ -372,5 +370,6 @@ class CommandHandlers:
     def _cancel(self, command: link.Cancel, now: float) -> None:
         context = self._context
         if context.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
+            self.submissions.stopped.stop(command.client, now)
             context.executor.stop()
         context.reports.reply(command, state=context.condition.state.value)

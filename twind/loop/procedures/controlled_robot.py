@@ -80,6 +80,11 @@ class ControlledRobot:
         return self.description.support
 
     @property
+    def carried(self) -> bool:
+        """True where the robot falls no further than its own arms: support fixed or gantry."""
+        return self.description.support in ("fixed", "gantry")
+
+    @property
     def period(self) -> float:
         """Duration of a tick, s."""
         return self.description.period

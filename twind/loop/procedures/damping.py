@@ -54,9 +54,10 @@ def damp(context: ProcedureContext) -> Steps:
 
 
 def _quiet(context: ProcedureContext) -> bool:
-    """True when every joint has a fresh reading and is slow."""
+    """True when every joint but limp ones has a fresh reading and is slow."""
     fresh = context.robot.measured.age <= SLOW_FOR
-    return bool((fresh & (np.abs(context.robot.measured.velocity) <= SLOW)).all())
+    slow = np.abs(context.robot.measured.velocity) <= SLOW
+    return bool(((fresh & slow) | context.torque.limp).all())
 
 
 def _report_unconfirmed(context: ProcedureContext, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:

@@ -26,10 +26,10 @@ from twind.flight import EntryKind
 from twind.loop.bus.bus_port import PortState as Stage
 from twind.loop.ipc.front_link import ReceivedCommand, Record
 from twind.loop.procedures.identification import IdentificationState
-from twind.loop.procedures.lowering import CARRIED, LETTING_GO, SettleProfile
+from twind.loop.procedures.lowering import LETTING_GO, SettleProfile
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
-from twind.loop.procedures.torque_readback import torque_known, torque_off, torque_on
+from twind.loop.procedures.torque_readback import found_limp, torque_known, torque_off, torque_on
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_switching import beyond_hard_limit, joint_names
 from twind.loop.process.service_notify import Notifier
@@ -119,7 +119,7 @@ class FailsafeRun:
 
     def _lower(self) -> Procedure:
         context = self._context
-        whole = context.robot.support not in CARRIED
+        whole = not context.robot.carried
         manner = SettleProfile(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
         context.reports.event(
             "warning",
@@ -162,16 +162,20 @@ def why_left(context: ProcedureContext, identity: IdentificationState) -> str:
     for doubt in doubts:
         if doubt.code is not ReasonCode.DEVICE_MISSING:
             return f"torque is on, and the joint positions are unknown: {doubt.code}: {doubt.message}"
-    beyond = beyond_hard_limit(context)
+    limp = found_limp(context)
+    beyond = beyond_hard_limit(context) & ~limp
     if some(beyond):
         return (
             f"torque is on, and to hold {joint_names(context, beyond)} inside the hard limits would be a step"
         )
-    return "" if context.robot.support in CARRIED else _not_whole(context, identity, on)
+    return "" if context.robot.carried else _not_whole(context, identity, on | limp)
 
 
-def _not_whole(context: ProcedureContext, identity: IdentificationState, on: Bools) -> str:
-    """Return the reason why a robot that stands freely cannot be taken over completely; "": it can."""
+def _not_whole(context: ProcedureContext, identity: IdentificationState, well: Bools) -> str:
+    """Return the reason why a robot that stands freely cannot be taken over completely; "": it can.
+
+    `well` (n,): joints with torque, or that may be limp.
+    """
     state = context.robot.measured
     stands = f"torque is on, support is {context.robot.support!r}, and"
     if not context.hardware.connected or not every(state.age <= FRESH):
@@ -183,8 +187,8 @@ def _not_whole(context: ProcedureContext, identity: IdentificationState, on: Boo
             else f"{joint_names(context, ~(state.age <= FRESH))} without a fresh reading"
         )
         return f"{stands} not every device is there: {cause}"
-    if not every(on):
-        return f"{stands} it is not on in {joint_names(context, ~on)}"
+    if not every(well):
+        return f"{stands} it is not on in {joint_names(context, ~well)}"
     return ""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
+from twind.robot.arrays import Bools
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Reference
@@ -56,6 +57,7 @@ class GateInput:
             lease_held=self._lease.held_by(client, now),
             mismatches=tuple(self._troubles()),
             calibrated=np.array(robot.joints.calibrated),
+            limp=context.torque.limp,
             age=now - target.time + target.age,
             latency=self._health.latency(now),
             latency_p95=self._health.latency_p95(now),
@@ -73,9 +75,9 @@ class GateInput:
             ),
         )
 
-    def may_arm(self, client: int, now: float) -> Verdict:
-        """Judge the request Arm: LEASE_MISSING to LATENCY_BLOCK."""
-        verdict = admission.arming(self.snapshot(client, now), self.thresholds)
+    def may_arm(self, client: int, now: float, *, limp: Bools) -> Verdict:
+        """Judge the request Arm of all joints but `limp` (n,): LEASE_MISSING to LATENCY_BLOCK."""
+        verdict = admission.arming(self.snapshot(client, now), self.thresholds, ~limp)
         if self._context.condition.mode is Mode.LIVE and not self._context.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))

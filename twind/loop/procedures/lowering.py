@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps, ticks
 from twind.loop.procedures.torque_switching import error_text
+from twind.motion.motion_layers import choose
 from twind.motion.settle import SPEED, settle
+from twind.motion.stop_profiles import still
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
@@ -28,7 +30,6 @@ NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is rele
 # rad/s ... and when it has been at rest for so many s
 SLOW = 0.05
 SLOW_FOR = 0.5
-CARRIED = ("fixed", "gantry")  # support values under which the robot falls no further than its own arms
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,11 @@ def lower(
         now = context.clock.now()
         if reference is None or context.torque.soft_since is not None or now >= until:
             break
-        way = settle(reference, robot.rest, robot.limits, profile.way, profile.speed)
+        limp = context.torque.limp
+        start = choose(limp, still(reference.position), reference)
+        there = np.where(limp, reference.position, robot.rest)
+        way = settle(start, there, robot.limits, profile.way, profile.speed)
+        way = replace(way, commanded=~limp)
         refused = context.executor.submit("settle", way)
         if refused is not None:
             message = f"no way to the rest pose: {refused.message}"
@@ -70,11 +75,11 @@ def lower(
             message = f"the way to the rest pose takes {lasts:.1f} s"
             context.reports.event("warning", EventCode.SETTLE, message)
             extend(lasts + LETTING_GO)
-            until = now + lasts + LATE if robot.support in CARRIED else until
+            until = now + lasts + LATE if robot.carried else until
         yield from _confirm_begun(context)
         yield from _wait_for_end(context, until)
         if _arrived(context):
-            return robot.support in CARRIED or (yield from _rests(context, until))
+            return robot.carried or (yield from _rests(context, until))
     if context.torque.soft_since is None:
         context.reports.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False
@@ -94,9 +99,12 @@ def _wait_for_end(context: ProcedureContext, until: float) -> Steps:
 
 
 def _arrived(context: ProcedureContext) -> bool:
-    """Check that the goals are at the rest pose."""
+    """Check that the goals are at the rest pose, but for limp joints."""
     reference = context.executor.reference
-    return reference is not None and bool((np.abs(reference.position - context.robot.rest) <= ARRIVED).all())
+    if reference is None:
+        return False
+    arrived = np.abs(reference.position - context.robot.rest) <= ARRIVED
+    return bool((arrived | context.torque.limp).all())
 
 
 def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool]:
@@ -117,7 +125,7 @@ def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool
 
 
 def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bool]:
-    """Wait until every joint answers, is near its rest pose, and is slow for a while.
+    """Wait until every joint that is held answers, is near its rest pose, and is slow for a while.
 
     False if not by `until` (s).
     """
@@ -125,7 +133,7 @@ def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bo
     while now < until and context.torque.soft_since is None:
         state = context.robot.measured
         near = (state.age <= SLOW_FOR) & (np.abs(state.position - context.robot.rest) <= NEAR)
-        if not (near & (np.abs(state.velocity) <= SLOW)).all():
+        if not ((near & (np.abs(state.velocity) <= SLOW)) | context.torque.limp).all():
             quiet_since = now
         if now - quiet_since >= SLOW_FOR:
             return True

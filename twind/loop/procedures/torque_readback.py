@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.robot.arrays import Bools
 from twind.robot.modes import Mode
 
 GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
@@ -14,6 +15,15 @@ GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
 def torque_known(context: ProcedureContext) -> NDArray[np.int8]:
     """Return torque (n,) as read back: 1 on, 0 off; -1 never read, or of a servo without a fresh reading."""
     return np.where(context.robot.measured.age <= GONE, context.hardware.slow.torque, np.int8(-1))
+
+
+def found_limp(context: ProcedureContext) -> Bools:
+    """Return joints (n,) whose torque reads off, and without which the others can be lowered.
+
+    The legs of a robot that stands freely are never among them.
+    """
+    off: Bools = torque_known(context) == 0
+    return off if context.robot.carried else off & ~context.robot.description.ratings.leg
 
 
 def torque_inherited(context: ProcedureContext) -> bool:

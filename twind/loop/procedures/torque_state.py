@@ -17,6 +17,9 @@ class TorqueState:
         self._held: Bools
         self._armed: bool
         self._set_held(np.zeros(count, np.bool_))
+        self._limp: Bools
+        self._partial: bool
+        self._set_limp(np.zeros(count, np.bool_))
         self._energising = False
         self._inhibited = False
         self._unconfirmed = False
@@ -36,6 +39,16 @@ class TorqueState:
     def armed(self) -> bool:
         """True while this daemon holds any joint."""
         return self._armed
+
+    @property
+    def limp(self) -> Bools:
+        """Joints (n,) that stay without torque by request while the others hold. Read-only."""
+        return self._limp
+
+    @property
+    def partial(self) -> bool:
+        """True while a joint stays limp by request."""
+        return self._partial
 
     @property
     def energising(self) -> bool:
@@ -74,6 +87,10 @@ class TorqueState:
 
     # ------------------------------------------------------------------------------- on and off
 
+    def leave_limp(self, joints: Bools) -> None:
+        """Keep `joints` (n,) without torque until torque goes off: the others are about to be held."""
+        self._set_limp(joints)
+
     def begin_energising(self) -> None:
         """Torque is about to be switched on: from here on every end switches it off again."""
         self._energising = True
@@ -88,6 +105,7 @@ class TorqueState:
     def begin_release(self) -> None:
         """Torque off is sent to every joint. It counts as on until it is read back."""
         self._set_held(np.zeros_like(self._held))
+        self._set_limp(np.zeros_like(self._limp))
         self._energising = True
         self._unconfirmed = True
         self._soft_since = None
@@ -108,6 +126,8 @@ class TorqueState:
 
     def find_off(self) -> None:
         """Torque was read back off everywhere: nothing is left to switch off."""
+        if self._partial:  # called in every tick without torque
+            self._set_limp(np.zeros_like(self._limp))
         self._unconfirmed = False
         self._pending_restore = False
 
@@ -125,6 +145,7 @@ class TorqueState:
     def lose_every_bus(self) -> None:
         """No bus is left to write to. Devices that come back are stiff again, and are lowered as any."""
         self._set_held(np.zeros_like(self._held))
+        self._set_limp(np.zeros_like(self._limp))
         self._energising = False
         self._soft_since = None
 
@@ -167,6 +188,11 @@ class TorqueState:
     def lift_stop(self) -> None:
         """An operator has acknowledged the e-stop."""
         self._stop_level = None
+
+    def _set_limp(self, joints: Bools) -> None:
+        self._limp = joints.copy()
+        self._limp.setflags(write=False)
+        self._partial = bool(joints.any())
 
     def _set_held(self, joints: Bools) -> None:
         self._held = joints.copy()

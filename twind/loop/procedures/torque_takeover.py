@@ -1,4 +1,4 @@
-"""Take-over of torque before the robot is lowered: it holds where it is, and every joint gets goals.
+"""Take-over of torque before the robot is lowered: it holds where it is, and all but limp joints get goals.
 
 Torque that was found on, watchdogs that tripped, and buses that were lost and are back. A joint that cannot
 be held without a step gets no goal.
@@ -14,9 +14,9 @@ import numpy as np
 from twind.loop.bus.bus_wait import all_of
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
-from twind.loop.procedures.torque_readback import torque_on
+from twind.loop.procedures.torque_readback import found_limp, torque_on
 from twind.loop.procedures.torque_switching import beyond_hard_limit, error_text, joint_names, take
-from twind.robot.arrays import Bools, Floats, every, some
+from twind.robot.arrays import Bools, Floats, some
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import TRIPPED, BusError, NoReply
 
@@ -44,8 +44,10 @@ def take_over(
     if torque.energising or not torque_on(context):
         return False
     yield from _wait_for_turns(context, unjudged)
+    if not torque.armed:
+        torque.leave_limp(found_limp(context))
     here, located = _where_it_is(context)
-    stepped = beyond_hard_limit(context)
+    stepped = beyond_hard_limit(context) & ~torque.limp
     # A joint that holds well goes on: a goal at its measured position would make it sag. A limp one is
     # prepared where it is, and not at all beyond its hard limit.
     if torque.armed and context.robot.written is not None:
@@ -53,16 +55,18 @@ def take_over(
         here = np.where(well & ~limp, context.robot.written, here)
         located = (located | well) & ~(limp & stepped)
         stepped = stepped & ~well
+    located = located & ~torque.limp
+    unknown = ~located & ~torque.limp
     whole = whole and not torque.armed
     if some(stepped):
         remedy = "torque goes off where the robot stands; support it"
         _leave_out(context, stepped, ReasonCode.OUT_OF_LIMIT, _step_text(context, stepped), remedy, whole)
         return False
-    if not every(located):
+    if some(unknown):
         # a goal could be a turn away
-        message = f"the position of {joint_names(context, ~located)} is unknown"
+        message = f"the position of {joint_names(context, unknown)} is unknown"
         remedy = "it gets no goal, and torque goes off where it stands; support it"
-        _leave_out(context, ~located, ReasonCode.CALIB_MISMATCH, message, remedy, whole)
+        _leave_out(context, unknown, ReasonCode.CALIB_MISMATCH, message, remedy, whole)
         if not some(located):
             return False
     yield from _prepare(context, here, located, whole)
@@ -119,17 +123,18 @@ def _rejoin(context: ProcedureContext) -> Steps:
     """Take over a bus that was lost and is back at its present positions; the others hold their goals."""
     hardware = context.hardware
     robot = context.robot
-    if hardware.energised_joints.all():
+    if (hardware.energised_joints | context.torque.limp).all():
         return
-    while context.executor.reference is not None and context.executor.reference.velocity.any():
+    wanted = ~context.torque.limp
+    while context.executor.reference is not None and context.executor.reference.velocity[wanted].any():
         yield  # the joints that are held brake
-    back_with = ~hardware.energised_joints & hardware.open & beyond_hard_limit(context)
+    back_with = wanted & ~hardware.energised_joints & hardware.open & beyond_hard_limit(context)
     if some(back_with):
         message = f"not taken over, torque goes off where it stands: {_step_text(context, back_with)}"
         context.reports.event("error", ReasonCode.OUT_OF_LIMIT, message)
         return
     here, located = _where_it_is(context)
-    back = hardware.prepare_back(here, located)
+    back = hardware.prepare_back(here, located & wanted)
     try:
         yield from all_of(back)
     except NoReply as error:

@@ -27,6 +27,7 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, setpoint_gate
 from twind.safety.admission import admit
+from twind.safety.stopped_stream import StoppedStream
 from twind.telemetry.command_latency import STREAM, StartedCommand
 
 # s: the age up to which the front's part of the verdict counts; it rests on a state that changes
@@ -41,6 +42,7 @@ ABOUT_NOW = frozenset(  # depend on the present state, not on the path
         ReasonCode.FAULT_LATCHED,
         ReasonCode.SOCKETS_GONE,
         ReasonCode.NOT_ARMED,
+        ReasonCode.JOINT_LIMP,
         ReasonCode.CALIB_MISSING,
         ReasonCode.CALIB_MISMATCH,
         ReasonCode.DEVICE_MISSING,
@@ -60,6 +62,7 @@ class TrajectorySubmissions:
     def __init__(
         self, context: ProcedureContext, parts: LoopParts, gate_input: GateInput, figures: LoopFigures
     ) -> None:
+        self.stopped = StoppedStream()
         self.epoch = -1  # of the lease under which the motion was accepted
         self._context = context
         self._way = parts.way
@@ -152,7 +155,8 @@ class TrajectorySubmissions:
         again = self._gate_input.snapshot(command.client, now)
         refusals = admit(again, commanded, self._gate_input.thresholds).refusals
         here = context.executor.reference
-        if here is None or not np.array_equal(here.position, before.reference.position):
+        held = ~context.torque.limp
+        if here is None or not np.array_equal(here.position[held], before.reference.position[held]):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
             refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
         return refusals
@@ -236,7 +240,7 @@ class TrajectorySubmissions:
         if taken is not None:
             self._way.judge(taken, context.clock.now())
             self._send_verdict(command.id, verdict, now)
-            codes = sorted({finding.code for finding in verdict.refusals})
+            codes = list(dict.fromkeys(finding.code for finding in verdict.refusals))
             message = f"refused {command.id}: {', '.join(codes)}"
             context.reports.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
         return CallRefusal(verdict.refusals)
@@ -272,6 +276,7 @@ class TrajectorySubmissions:
         """Judge a setpoint, and follow it unless it is refused."""
         context = self._context
         snapshot = self._gate_input.snapshot(command.client, now)
+        valid_for = command.remaining(now)
         joints = np.array(command.joints, np.int64)
         verdict = admit(snapshot, self._places(joints), self._gate_input.thresholds, setpoint=True)
         judged = setpoint_gate.judge(
@@ -279,19 +284,22 @@ class TrajectorySubmissions:
             np.array(command.positions, np.float64),
             None if command.velocities is None else np.array(command.velocities, np.float64),
             context.robot.limits,
-            valid_for=command.valid_for,
+            valid_for=valid_for,
             allow_clamp=command.allow_clamp,
         )
-        refusals = (*verdict.refusals, *judged.verdict.refusals)
+        stopped = self.stopped.refusal(command.client, now)
+        refusals = (*verdict.refusals, *((stopped,) if stopped else ()), *judged.verdict.refusals)
         if not refusals and context.robot.outlook is not None:
             refusals = context.robot.outlook.refuses(
                 context.executor, judged.joints, judged.position, judged.velocity
             )
         if not refusals:
             self._lease.renew(command.client, now, streaming=True)
-            args = (judged.joints, judged.position, judged.velocity, command.valid_for)
+            args = (judged.joints, judged.position, judged.velocity, valid_for)
             refused = context.executor.setpoint(*args)
             refusals = () if refused is None else (refused,)
+            if refused is None:
+                self.stopped.accept(command.client, now)
         return replace(judged, verdict=Verdict(refusals, changes=judged.verdict.changes))
 
     def _places(self, joints: Ints) -> Bools:

@@ -98,6 +98,8 @@ class Loop:
         target = (
             self.robot.measured if live else self.robot.simulated
         )  # the state that follows commands and is judged
+        if self.torque.partial and live:
+            self.executor.follow_limp(self.torque.limp, self.hardware.reachable(self.robot.measured.position))
         reference = self.executor.goal(now, self.figures.missed_in_a_row)
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
@@ -139,7 +141,7 @@ class Loop:
 
     def close(self) -> None:
         """Close the ports, and end the front."""
-        self.reports.event("info", EventCode.END, f"torque {_torque_text(torque_off(self))}")
+        self.reports.event("info", EventCode.END, _torque_text(torque_off(self), self.condition.mode))
         self.publisher.publish(self.clock.now())
         self.hardware.access(read=False, write=False)
         self.supply.close()
@@ -183,5 +185,11 @@ class Loop:
             self.reports.slow(alert)
 
 
-def _torque_text(off: bool | None) -> str:
-    return {None: "unknown: not every servo has reported", True: "is off", False: "is left on"}[off]
+def _torque_text(off: bool | None, mode: Mode) -> str:
+    if off is None:
+        return (
+            "mode sim drives no servos"
+            if mode is Mode.SIM
+            else "torque unknown: not every servo has reported"
+        )
+    return "torque is off" if off else "torque is left on"

@@ -64,6 +64,7 @@ def facts(
         simulated=context.robot.simulated,
         outlook=context.robot.outlook.look(context.executor) if context.robot.outlook is not None else None,
         load=readings.loads(now),
+        limp=context.torque.limp if context.torque.partial else None,
         suspended=context.clock.suspended(),
     )
 

@@ -17,7 +17,16 @@ from twind.link import unpack_path
 from twind.observe.replaying.replay_script import RecordedCommand
 
 INTERFACE = "io.twind.Control"
-INSIDE = ("kind", "ticket", "client", "uid", "holder", "received", "edited")  # no parameters of a call
+INSIDE = (
+    "kind",
+    "ticket",
+    "client",
+    "uid",
+    "holder",
+    "received",
+    "edited",
+    "valid_until",
+)  # no parameters of a call
 Reply = tuple[dict[str, Any], str | None, bool]  # parameters, error without its prefix, more follow
 
 
@@ -32,6 +41,8 @@ def call(asked: RecordedCommand, names: Sequence[str]) -> tuple[str, dict[str, A
         case link.Setpoint() | link.LocateJoints():
             given = msgspec.to_builtins(command)
             given["joint_names"] = [names[joint] for joint in given.pop("joints")]
+            if isinstance(command, link.Setpoint) and command.received is not None:
+                given["valid_for"] = command.remaining(command.received)
         case link.FindStop():
             given = msgspec.to_builtins(command) | {"joint": names[command.joint]}
         case link.Arm():

@@ -2,14 +2,15 @@
 
 A heartbeat that waited in a buffer must not move a robot. So the viewer issues tokens, and a heartbeat is the
 return of a token: its age is that of the token, by one clock. A hold ends for good when no token younger than
-`HOLD` was returned; it takes a new press to move again.
+`HOLD` (s) was returned; it takes a new press to move again.
 """
 
 import threading
 from dataclasses import dataclass, field
 from enum import Enum
 
-HOLD = 0.15  # s from the issue of a token to the end of the motion that its return permits
+from twind.robot_client.jog_motion import HOLD
+
 BEAT = 0.04  # s between two tokens
 
 

@@ -1,4 +1,4 @@
-"""Table of joints as HTML: a bar of the angle between its limits, and buttons to hold. Pure.
+"""Table of joints as HTML: a bar of the angle between its limits, to drag, and buttons to hold. Pure.
 
 It is sent once for a robot: the page's script fills in the values, so that a held button is never replaced.
 """
@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.jog_motion import SPEED
 from twind.robot.arrays import Floats
+from twind.robot_client.jog_motion import SLIDER, SPEED
 
 ARROWS = (("down", "−", "less"), ("up", "+", "more"))
 
@@ -44,12 +44,15 @@ def _joint_row(place: int, joint: Mapping[str, Any], *, jogs: bool) -> str:
     lower = float(joint["lower"])
     upper = float(joint["upper"])
     data = f'data-twind-row data-place="{place}" data-lower="{lower}" data-upper="{upper}"'
-    bar = '<span class="tw-bar"><i class="tw-goal" hidden></i><i class="tw-is" hidden></i></span>'
+    hold = f"hold and drag: {name} follows"
+    slides = f'class="tw-bar tw-slider" {_control(SLIDER, name, hold)}' if jogs else 'class="tw-bar"'
+    marks = "".join(f'<i class="tw-{mark}" hidden></i>' for mark in ("to", "goal", "is"))
     buttons = "".join(_button(kind, name, sign, f"hold: {name} {word}") for kind, sign, word in ARROWS)
     title = escape(f"{name}: {lower:g} to {upper:g} rad")
     return (
-        f'<div {data} class="tw-row" title="{title}"><span class="tw-name">{escape(name)}</span>{bar}'
-        f'<span class="tw-number">–</span><span>{buttons if jogs else ""}</span>{_ANSWER}</div>'
+        f'<div {data} class="tw-row" title="{title}"><span class="tw-name">{escape(name)}</span>'
+        f'<span {slides}>{marks}</span><span class="tw-number">–</span>'
+        f"<span>{buttons if jogs else ''}</span>{_ANSWER}</div>"
     )
 
 
@@ -57,8 +60,9 @@ _ANSWER = '<div data-twind-answer class="tw-answer" role="status"></div>'
 
 
 def _button(kind: str, name: str, text: str, title: str) -> str:
-    data = f'data-twind-kind="{kind}" data-twind-name="{escape(name)}"'
-    return (
-        f'<button type="button" class="tw-hold" {data} title="{escape(title)}" '
-        f'aria-label="{escape(title)}">{escape(text)}</button>'
-    )
+    return f'<button type="button" class="tw-hold" {_control(kind, name, title)}>{escape(text)}</button>'
+
+
+def _control(kind: str, name: str, title: str) -> str:
+    words = escape(title)
+    return f'data-twind-kind="{kind}" data-twind-name="{escape(name)}" title="{words}" aria-label="{words}"'

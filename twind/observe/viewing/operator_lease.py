@@ -24,6 +24,7 @@ RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
 # s between two checks that a page is there, and until it must have answered
 ASKED = 0.5
 ANSWER = 4.0
+LEASE_ANSWER = 2.0  # s for the daemon's answer about the lease: after a second it has lapsed
 SHORTEST = 2.0  # s, of the way to the rest pose
 
 Work = Callable[[Client], StopOutcome]
@@ -73,7 +74,8 @@ class OperatorThread(threading.Thread):
         def and_held(client: Client) -> StopOutcome:
             outcome = work(client)
             try:
-                client.call("AcquireLease")  # it may have taken longer than a lease lasts
+                with client.within(LEASE_ANSWER):
+                    client.call("AcquireLease")  # it may have taken longer than a lease lasts
             except ClientError as error:  # what was asked is done nevertheless
                 self._release()
                 return replace(outcome, text=f"{outcome.text}; the lease is gone: {error}")
@@ -145,7 +147,8 @@ class OperatorThread(threading.Thread):
             self._release()
             return
         try:
-            self._client.call("RenewLease")
+            with self._client.within(LEASE_ANSWER):
+                self._client.call("RenewLease")
         except ClientError:  # lapsed, taken by another, or the daemon is gone
             self._release()
 

@@ -11,11 +11,12 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from math import isfinite
 from typing import Any
 
 from twind.observe.viewing.dead_man_hold import BEAT, DeadManHold, Press
-from twind.observe.viewing.jog_motion import JogRequest
 from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell
+from twind.robot_client.jog_motion import JogRequest
 
 PATH = "/twind"  # behind the secret
 LARGEST = 1000  # characters of a message
@@ -63,7 +64,9 @@ class PageTab:
         self.number = number
         self._channel = channel
         self._connection = connection
-        self._press = Press(number, 0)  # the newest
+        # the newest
+        self._press = Press(number, 0)
+        self._request = JogRequest("", "")
         self._loop = asyncio.get_running_loop()
         self._answers: set[asyncio.Task[None]] = set()
 
@@ -92,7 +95,10 @@ class PageTab:
             case {"token": int(token)}:
                 self._channel.hold.beat(press, token, time.monotonic())
             case {"kind": str(kind), "name": str(name), "key": str(key)}:
-                self._begin(press, key, JogRequest(kind, name))
+                self._begin(press, key, JogRequest(kind, name, _finite(told.get("value", 0.0))))
+            case {"value": value}:
+                if press == self._press:
+                    self._request.value = _finite(value)
             case _:
                 self._channel.hold.release(press)
 
@@ -103,6 +109,7 @@ class PageTab:
 
         if self._channel.hold.press(press, time.monotonic()):
             self._press = press
+            self._request = request
             self._channel.begin(press, key, request, tell)
         else:
             self._tell(press, StopOutcome(False, "not moved", "another button is held"))
@@ -120,3 +127,10 @@ class PageTab:
     async def _send(self, **message: Any) -> None:
         with contextlib.suppress(Exception):  # the tab is gone: `serve` ends
             await self._connection.send(json.dumps(message))
+
+
+def _finite(value: Any) -> float:
+    """Return a number of a message. Raises ValueError, TypeError."""
+    if not isfinite(number := float(value)):
+        raise ValueError("not finite")
+    return number

@@ -11,7 +11,6 @@ from typing import Any
 from twind.observe.viewing import operator_lease
 from twind.observe.viewing.dead_man_hold import Press
 from twind.observe.viewing.jog_control import jog
-from twind.observe.viewing.jog_motion import JogRequest
 from twind.observe.viewing.joint_html import joint_rows
 from twind.observe.viewing.live_plots import LivePlots
 from twind.observe.viewing.operator_lease import OperatorThread, Work
@@ -26,6 +25,7 @@ from twind.observe.viewing.stop_threads import (
 from twind.observe.viewing.viewer_access import ViewerSite
 from twind.observe.viewing.viewer_state import Message, ViewerState
 from twind.robot.finding import ReasonCode
+from twind.robot_client.jog_motion import JogRequest
 
 NO_LEASE = "this tab does not hold the lease. Remedy: press `Take the lease` first"
 

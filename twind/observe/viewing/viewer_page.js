@@ -16,7 +16,7 @@
 
   let socket = null;
   let number = 0;
-  let held = null; // {button, pointer, number}
+  let held = null; // {button, pointer, number, value}
   let newest = null; // the newest of them: its refusal may come after its release
 
   const rowOf = (button) => button.closest("[data-twind-row]");
@@ -32,9 +32,24 @@
     if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
   }
 
+  // Value of a slider under the pointer, rad; null: the control is a button.
+  function valueAt(button, event) {
+    if (!button.classList.contains("tw-slider")) return null;
+    const edge = button.getBoundingClientRect();
+    const share = Math.min(1, Math.max(0, (event.clientX - edge.left) / edge.width));
+    const lower = Number(rowOf(button).dataset.lower);
+    const upper = Number(rowOf(button).dataset.upper);
+    const mark = button.querySelector(".tw-to");
+    mark.hidden = false;
+    mark.style.left = `${(100 * share).toFixed(2)}%`;
+    return Math.min(upper, Math.max(lower, lower + share * (upper - lower)));
+  }
+
   function release() {
     if (!held) return;
     send({ press: held.number });
+    const mark = held.button.querySelector(".tw-to");
+    if (mark) mark.hidden = true;
     held.button.removeAttribute("data-held");
     held = null;
   }
@@ -49,12 +64,14 @@
       return;
     }
     number += 1;
-    newest = held = { button, pointer: event.pointerId, number };
+    const value = valueAt(button, event);
+    newest = held = { button, pointer: event.pointerId, number, value };
     button.setAttribute("data-held", "");
     button.setPointerCapture(event.pointerId);
     for (const place of document.querySelectorAll("[data-twind-answer]")) place.textContent = "";
     const key = document.querySelector("[data-twind-key]")?.dataset.twindKey ?? "";
-    send({ press: number, key, kind: button.dataset.twindKind, name: button.dataset.twindName });
+    const asked = { press: number, key, kind: button.dataset.twindKind, name: button.dataset.twindName };
+    send(value === null ? asked : { ...asked, value });
   }
 
   function lift(event) {
@@ -63,6 +80,10 @@
 
   function leave(event) {
     if (!held || event.pointerId !== held.pointer) return;
+    if (held.value !== null && event.buttons & 1) { // a slider is dragged beyond its edges
+      send({ press: held.number, value: valueAt(held.button, event) });
+      return;
+    }
     const edge = held.button.getBoundingClientRect();
     const inside =
       event.clientX >= edge.left && event.clientX <= edge.right &&

@@ -9,6 +9,7 @@ from typing import Any
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind_calibration.calibrating.entry_writer import agreed, require_terminal
 from twind_calibration.drafting.scan_source import announce, require_devices, scan_rows
+from twind_calibration.scan import LAST_ID
 from twind_drivers.bus import PortError
 from twind_drivers.servo_tools.family_tools import FamilyTools, ServoLocation, tools_of
 from twind_drivers.servo_tools.servo_configurator import (
@@ -40,7 +41,7 @@ def relocate(options: argparse.Namespace) -> int:
     require_terminal(options)
     announce(options, options.port)
     changes = planned_changes(
-        require_devices(*scan_rows(options.port), options.port),
+        _find_devices(options),
         number=options.id,
         new_id=options.new_id,
         baud=options.baud,
@@ -61,6 +62,16 @@ def relocate(options: argparse.Namespace) -> int:
     text = "nothing to change" if not changes else f"{len(changes)} changed, torque off"
     show(options, {"changed": result}, text)
     return DONE
+
+
+def _find_devices(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Return the devices between present and new id; where none answers there, all. Raises Rejected."""
+    ends = [each for each in (options.id, options.new_id) if each is not None]
+    if options.id is not None and min(ends) >= 0 and max(ends) <= LAST_ID:
+        rows, _ = scan_rows(options.port, range(min(ends), max(ends) + 1))
+        if any(row.get("id") in ends for row in rows):
+            return require_devices(rows, "", options.port)
+    return require_devices(*scan_rows(options.port), options.port)
 
 
 def planned_changes(

@@ -7,13 +7,16 @@ from hypothesis import strategies as st
 
 from tests.support.viewer_messages import h24
 from twind.exceptions import InvalidInput
-from twind.observe.viewing.jog_motion import (
+from twind.robot_client.jog_motion import (
     BEYOND,
     LONGEST_STEP,
     SPEED,
     STOPPING,
+    JogMotion,
     JogRequest,
     jog_speed,
+    joints_of,
+    known_positions,
     plan_jog,
 )
 
@@ -24,7 +27,7 @@ HERE = {joint["name"]: 0.0 for joint in ROBOT["joints"]}
 def test_a_joint_goes_to_just_beyond_its_limit_where_the_gate_refuses() -> None:
     motion = plan_jog(JogRequest("up", "head_yaw"), ROBOT, HERE)
     assert motion.names == ["head_yaw"]
-    assert motion.duration == pytest.approx((1.5 + BEYOND) / SPEED)
+    assert motion.target == pytest.approx([1.5 + BEYOND])
     positions, velocities = motion.advance(0.02)
     assert positions == pytest.approx([0.02 * SPEED]) and velocities == pytest.approx([SPEED])
 
@@ -32,11 +35,40 @@ def test_a_joint_goes_to_just_beyond_its_limit_where_the_gate_refuses() -> None:
 def test_a_pose_moves_all_its_joints_at_once_and_ends_at_rest_on_it() -> None:
     pose = dict(HERE, head_yaw=0.1, l_knee=0.4)
     motion = plan_jog(JogRequest("pose", "bow"), ROBOT | {"poses": {"bow": pose}}, HERE)
+    steps = 0
     while not motion.is_done:
+        before = dict(zip(motion.names, motion.position.tolist(), strict=True))
         positions, velocities = motion.advance(0.02)
+        steps += 1
     assert dict(zip(motion.names, positions, strict=True)) == pytest.approx(pose)
     assert not any(velocities)
-    assert motion.duration == pytest.approx(0.4 / SPEED)
+    assert steps == pytest.approx(0.4 / SPEED / 0.02, abs=1.0)
+    assert pose["head_yaw"] - before["head_yaw"] == pytest.approx(0.25 * (pose["l_knee"] - before["l_knee"]))
+
+
+def test_a_slider_leads_its_joint_to_wherever_it_is_moved() -> None:
+    motion = plan_jog(JogRequest("to", "head_yaw", 0.1), ROBOT, HERE)
+    motion.advance(0.02)
+    motion.target[:] = -0.1
+    assert motion.advance(0.04) == ([pytest.approx(-0.02 * SPEED)], [-SPEED])
+    motion.target[:] = motion.position
+    assert motion.advance(0.02)[1] == [0.0]
+
+
+def test_joints_that_are_steered_go_to_their_limits_and_no_faster_than_a_jog() -> None:
+    joints = joints_of(ROBOT)
+    start = known_positions(["head_yaw", "l_knee"], HERE | {"head_yaw": 1.49, "l_knee": 0.5})
+    motion = JogMotion(["head_yaw", "l_knee"], start, start, np.zeros(2))
+    motion.steer({"head_yaw": 9.0}, joints)
+    positions, velocities = motion.advance(0.04)
+    assert positions == pytest.approx([1.49 + 0.04 * SPEED, 0.5]) and velocities == [SPEED, 0.0]
+    positions, velocities = motion.advance(0.04)
+    assert positions == [1.5, 0.5] and velocities == [0.0, 0.0]
+    motion.steer({"l_knee": -0.1}, joints)
+    positions, velocities = motion.advance(0.02)
+    assert positions == pytest.approx([1.5, 0.498]) and velocities == [0.0, -0.1]
+    motion.steer({}, joints)
+    assert motion.advance(0.02)[1] == [0.0, 0.0]
 
 
 @given(st.lists(st.floats(-1.0, 10.0), max_size=50))
@@ -62,6 +94,7 @@ def test_a_joint_with_low_limits_is_slower_so_that_it_stops_as_soon() -> None:
     [
         (JogRequest("up", "tail"), HERE, "no button"),
         (JogRequest("sideways", "head_yaw"), HERE, "no button"),
+        (JogRequest("to", "head_yaw"), HERE, "no button"),
         (JogRequest("pose", "handstand"), HERE, "no pose 'handstand'; known: rest"),
         (JogRequest("up", "head_yaw"), HERE | {"head_yaw": None}, "head_yaw is not known"),
         (JogRequest("pose", "rest"), dict(ROBOT["poses"]["rest"]), "rest: it is there"),
