@@ -44,7 +44,8 @@ def block(heading: str, language: str = "sh", index: int = 0) -> str:
     ("language", "file"), [("yaml", "arm.yaml"), ("xml", "arm.xml"), ("json", "motions/reach.json")]
 )
 def test_a_file_that_the_page_prints_is_the_example_file(language: str, file: str) -> None:
-    assert fenced(TEXT, language) == [(EXAMPLES / "arm" / file).read_text()]
+    printed = [text for text in fenced(TEXT, language) if not text.startswith("format: twind-mapping/")]
+    assert printed == [(EXAMPLES / "arm" / file).read_text()]
 
 
 def test_the_table_of_joint_fields_has_every_field_of_the_interface() -> None:

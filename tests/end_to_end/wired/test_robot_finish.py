@@ -89,9 +89,9 @@ def test_a_drafted_robot_is_settled_by_hand_and_moves(
     try:
         first = task()
         first.settle_answers(None, no_watchdog=False)
+        later = task()  # it has read the changed file, and the daemon the one before
         with running.client() as client, pytest.raises(Rejected, match="another robot file"):
-            first.settle_signs(client, first.open_joints("sign"))  # it has read the file as it was
-        running = restarted("mirror")
+            later.settle_signs(client, later.open_joints("sign"))
         with running.client() as client:
             first.settle_signs(client, first.open_joints("sign"))
         assert [joint.sign for joint in read_robot(file).joints] == [-1, 1]
@@ -114,7 +114,10 @@ def test_a_drafted_robot_is_settled_by_hand_and_moves(
         assert limits["elbow"] == pytest.approx((-0.47, 1.47), abs=0.02)
         assert robot.poses["rest"] == pytest.approx(REST, abs=0.02)
         kept = file.read_text().splitlines()
-        assert [line for line in comments if line not in kept and "todo" not in line] == []
+        settled = ("todo", "no source states")  # these go with the last open item
+        assert not [
+            line for line in comments if line not in kept and not any(word in line for word in settled)
+        ]
 
         virtual.order(fault="hand", off=True)
         running = restarted("live")
