@@ -14,7 +14,8 @@ from typing import Any
 import zenoh
 
 from tests.support.zenoh_router import free_port
-from twind.bridge.fleet.remote_client import PrivateSession, client
+from twind.bridge.fleet.client_sessions import PrivateSession
+from twind.bridge.fleet.remote_client import client
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Client

@@ -14,7 +14,8 @@ from tests.support.processes import until
 from tests.support.remote_robot import CLOCK, FarRobot
 from tests.support.zenoh_router import Router
 from twind.bridge.fleet import repeated_queries
-from twind.bridge.fleet.remote_client import PrivateSession, SharedSession, client
+from twind.bridge.fleet.client_sessions import PrivateSession, SharedSession
+from twind.bridge.fleet.remote_client import client
 from twind.bridge.fleet.repeated_queries import RENEWED, REPORTS
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now

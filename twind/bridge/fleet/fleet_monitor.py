@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from twind.bridge.fleet.client_sessions import SharedSession, joining
 from twind.bridge.fleet.fleet_roster import FleetRoster
 from twind.bridge.fleet.local_daemons import LocalDaemonPoller
-from twind.bridge.fleet.remote_client import SharedSession, joining
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, close_session, open_now, open_session
 from twind.client.errors import ClientError
 from twind.command_line.verb import UsageError

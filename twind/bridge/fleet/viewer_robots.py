@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 
+from twind.bridge.fleet.client_sessions import SharedSession
 from twind.bridge.fleet.fleet_monitor import FleetMonitor
 from twind.bridge.fleet.fleet_roster import UPLINK, RobotRecord
-from twind.bridge.fleet.remote_client import SharedSession, client
+from twind.bridge.fleet.remote_client import client
 from twind.client import Client
 from twind.observe.viewing.robot_connections import RobotConnections, local
 

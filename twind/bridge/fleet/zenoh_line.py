@@ -26,7 +26,7 @@ from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 
 if TYPE_CHECKING:
-    from twind.bridge.fleet.remote_client import PrivateSession, SharedSession
+    from twind.bridge.fleet.client_sessions import PrivateSession, SharedSession
 
 FOUND = 2.0  # s within which a robot that is there is found
 IDLE = 5.0  # s between two polls of an idle line
