@@ -280,3 +280,26 @@ def test_a_failed_arming_leaves_no_joint_marked_as_limp(make_rig: MakeRig) -> No
     assert arm(rig, LEFT_ARM).error == "Refused"
     assert not rig.loop.torque.partial
     assert rig.loop.executor.motion is Motion.IDLE
+
+
+def test_a_joint_that_was_limp_when_every_bus_was_lost_stays_where_it_is_once_it_is_armed(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig("h24", support="gantry")
+    assert arm(rig, LEFT_ARM).error is None
+    hand(rig, {"l_elbow": -1.0})
+    rig.seconds(1.0)
+    rig.loop.hardware.give_up(0, "ordered by the test")
+    rig.seconds(1.0)
+    hand(rig, {"l_elbow": -0.2})
+    rig.seconds(2.0)
+    rig.virtual["main"].faults.hand(off=True)
+    assert rig.call(link.Disarm, ticks=1500).error is None
+    assert rig.call(link.Reset).error is None
+    rig.lease()
+    before = rig.truth.copy()
+    reply = rig.call(link.Arm)
+    assert reply.error is None, reply
+    rig.lease()
+    rig.seconds(1.0)
+    assert np.abs(rig.truth - before).max() < 0.01

@@ -50,7 +50,7 @@ class TrajectoryExecutor:
         self.stream: SetpointStream | None = None
         self._ended: list[GoalOutcome] = []
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
-        self._limp: LimpJoints | None = None
+        self.limp: LimpJoints | None = None  # of the coming tick: they decide before any motion
 
     # ------------------------------------------------------------------------------- what is
 
@@ -136,8 +136,8 @@ class TrajectoryExecutor:
         now = self._reference
         layers = tuple(self.layers)
         stream = self.stream
-        changing = self.slowed or stream is not None or self._limp is not None
-        now = now if self._limp is None else self._limp.hold(now, now)
+        changing = self.slowed or stream is not None or self.limp is not None
+        now = now if self.limp is None else self.limp.hold(now, now)
         return LookaheadPlan(now, self._floor, layers, self._tick, changing, stream, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
@@ -158,7 +158,6 @@ class TrajectoryExecutor:
         self._end_all("aborted", ())
         self._reference = None
         self._floor = None
-        self._limp = None
 
     def submit(
         self,
@@ -252,10 +251,6 @@ class TrajectoryExecutor:
             self._floor = self._yielding
         self._yielding.aim_at(np.isfinite(place), place)
 
-    def follow_limp(self, joints: Bools, place: Floats) -> None:
-        """Let the reference of limp `joints` (n,) follow their `place` (n,), rad, until idle."""
-        self._limp = LimpJoints(joints, place)
-
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float, missed: int = 0) -> Reference | None:
@@ -274,8 +269,8 @@ class TrajectoryExecutor:
         self._keep_time(missed)
         self._tick += 1
         reference = self._next(self._floor)
-        if self._limp is not None:
-            reference = self._limp.follow(reference, self._reference, self.limits, self._period)
+        if self.limp is not None:
+            reference = self.limp.follow(reference, self._reference, self.limits, self._period)
         if not isfinite(float(reference.position @ reference.position)):
             self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -315,7 +310,7 @@ class TrajectoryExecutor:
         assert self._floor is not None  # `ahead` has checked it
         reference = overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
         here = self._reference
-        return reference if self._limp is None or here is None else self._limp.hold(reference, here)
+        return reference if self.limp is None or here is None else self.limp.hold(reference, here)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.

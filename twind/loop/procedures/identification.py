@@ -337,11 +337,7 @@ class IdentificationState:
         context = self._context
         if context.torque.inhibited:
             return  # torque stays, and nothing is written
-        if (
-            context.robot.support not in ("fixed", "gantry")
-            or not armed
-            or context.procedures.rank is not None
-        ):
+        if not context.robot.carried or not armed or context.procedures.rank is not None:
             context.procedures.own(Priority.FAULT, self._release.fault)
         elif not context.torque.armed:  # a bus that was lost before is back, but takes no goals of itself
             context.executor.idle()

@@ -27,6 +27,7 @@ from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
 from twind.loop.tick.reactions import Reactions
 from twind.loop.tick.state_publisher import StatePublisher
+from twind.motion.limp_joints import LimpJoints
 from twind.robot.arrays import Floats
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
@@ -98,8 +99,7 @@ class Loop:
         target = (
             self.robot.measured if live else self.robot.simulated
         )  # the state that follows commands and is judged
-        if self.torque.partial and live:
-            self.executor.follow_limp(self.torque.limp, self.hardware.reachable(self.robot.measured.position))
+        self.executor.limp = self._limp_joints() if live and self.torque.partial else None
         reference = self.executor.goal(now, self.figures.missed_in_a_row)
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
@@ -110,6 +110,10 @@ class Loop:
         self._observe(now, read)
         self._follow(left, target, self.hardware.sent if live else read)
         self.publisher.publish(now)
+
+    def _limp_joints(self) -> LimpJoints:
+        """Return the limp joints and where a goal for them may be."""
+        return LimpJoints(self.torque.limp, self.hardware.reachable(self.robot.measured.position))
 
     def _attempt(self, now: float) -> None:
         """Run a tick; hold the last goal after an exception, give up after several in a row (INTERNAL)."""
