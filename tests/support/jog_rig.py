@@ -4,12 +4,14 @@ import contextlib
 import socket
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tests.support.bare_browser import BareTab
 from tests.support.processes import PATIENCE, Daemon, until
 from twind.client import Client, ClientError
 
+OVER = 1.0  # s after which a motion that goes on would have been seen
 STILL = 1e-7  # rad: less is no motion
 MOVES = 0.2  # s
 
@@ -91,6 +93,15 @@ class CommandedPosition:
         """Rad/s, of the last two ticks."""
         before, after = self.rows[-2:]
         return (after[1] - before[1]) / (after[0] - before[0])
+
+    def last_change_after(self, event: Callable[[], object], what: str) -> float:
+        """Seconds from the event to the last change in the `OVER` s after it."""
+        at = time.monotonic()
+        event()
+        time.sleep(max(0.0, at + OVER - time.monotonic()))
+        took = self.last_change() - at
+        print(f"{what}: the last change of the goal came {took * 1e3:.0f} ms after the event")
+        return took
 
     def last_change(self) -> float:
         """Return the time of its last change, s monotonic; 0: never."""

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -19,14 +19,13 @@ from typing import Any
 
 import pytest
 
-from tests.support.jog_rig import CommandedPosition
+from tests.support.jog_rig import OVER, CommandedPosition
 from tests.support.processes import Daemon, simulated, until
 from twind.ctl.teleoperating.default_mapping import default_gamepad
 from twind.ctl.teleoperating.teleop_session import TeleopSession
 from twind.robot_client.robot import Robot
 
 BOUND = 0.3  # s from the event to the last change of the goal
-OVER = 0.8  # s after which a motion that goes on would have been seen
 JOINT = "head_yaw"
 PRESS = "\x1b[100u"  # of the key d, by the kitty protocol
 RELEASE = "\x1b[100;1:3u"
@@ -136,15 +135,6 @@ class Teleoperation:
             time.sleep(0.3)
         raise AssertionError(self.terminal.shown.decode())
 
-    def last_change_after(self, event: Callable[[], Any], what: str) -> float:
-        """Seconds from the event to the last change of the goal."""
-        at = time.monotonic()
-        event()
-        time.sleep(max(0.0, at + OVER - time.monotonic()))
-        took = self.goal.last_change() - at
-        print(f"{what}: the last change of the goal came {took * 1e3:.0f} ms after the event")
-        return took
-
 
 @contextmanager
 def teleoperating(folder: Path, *, releases: bool) -> Iterator[Teleoperation]:
@@ -172,19 +162,21 @@ def test_a_held_key_moves_until_its_release_a_stop_a_frozen_terminal_or_a_lost_f
         }
         for name, end in ends.items():
             rig.hold(PRESS)
-            took[name] = rig.last_change_after(end, name)
+            took[name] = rig.goal.last_change_after(end, name)
             rig.terminal.thaw()
             rig.terminal.type(RELEASE + "\x1b[32;1:3u")
             time.sleep(0.2)
         rig.hold(PRESS)
-        took["killed"] = rig.last_change_after(lambda: os.kill(rig.terminal.pid, signal.SIGKILL), "killed")
+        took["killed"] = rig.goal.last_change_after(
+            lambda: os.kill(rig.terminal.pid, signal.SIGKILL), "killed"
+        )
         assert max(took.values()) <= BOUND, took
 
 
 def test_a_process_that_was_stopped_does_not_move_on(tmp_path: Path) -> None:
     with teleoperating(tmp_path, releases=True) as rig:
         rig.hold(PRESS)
-        took = rig.last_change_after(lambda: os.kill(rig.terminal.pid, signal.SIGSTOP), "SIGSTOP")
+        took = rig.goal.last_change_after(lambda: os.kill(rig.terminal.pid, signal.SIGSTOP), "SIGSTOP")
         os.kill(rig.terminal.pid, signal.SIGCONT)  # with the key still held
         still = rig.goal.last_change()
         time.sleep(OVER)
@@ -196,7 +188,7 @@ def test_without_releases_a_tap_is_a_short_step_and_repeats_move_on(tmp_path: Pa
         until(lambda: b"no releases" in rig.terminal.shown, 5.0, "the terminal is told")
         for _ in range(5):  # a terminal that answers too late moves nothing
             before = rig.goal.rows[-1][1]
-            took = rig.last_change_after(lambda: rig.terminal.type("d"), "tapped")
+            took = rig.goal.last_change_after(lambda: rig.terminal.type("d"), "tapped")
             step = rig.goal.rows[-1][1] - before
             if step:
                 break
@@ -208,7 +200,7 @@ def test_without_releases_a_tap_is_a_short_step_and_repeats_move_on(tmp_path: Pa
             rig.terminal.type("d")
             time.sleep(0.033)
         assert rig.goal.rows[-1][1] - before > 0.1
-        assert rig.last_change_after(lambda: None, "repeats ended") <= BOUND
+        assert rig.goal.last_change_after(lambda: None, "repeats ended") <= BOUND
 
 
 def test_a_pose_and_a_motion_run_while_their_key_is_held(tmp_path: Path) -> None:
@@ -257,7 +249,7 @@ def test_a_gamepad_moves_until_its_stick_its_dead_man_button_or_the_gamepad_is_g
             lost = threads.submit(session.run, ended)
             rig = Teleoperation(running, pad, goal)
             pad.axis("ABS_X", 32767)
-            assert rig.last_change_after(lambda: None, "the stick alone") < 0.0
+            assert rig.goal.last_change_after(lambda: None, "the stick alone") < 0.0
             took = {}
             ends = {
                 "stick released": lambda: pad.axis("ABS_X", 0),
@@ -267,7 +259,7 @@ def test_a_gamepad_moves_until_its_stick_its_dead_man_button_or_the_gamepad_is_g
             }
             for name, end in ends.items():
                 rig.hold_stick()
-                took[name] = rig.last_change_after(end, name)
+                took[name] = rig.goal.last_change_after(end, name)
             with pytest.raises(EOFError, match="Test pad: unplugged"):
                 lost.result(5.0)
     assert max(took.values()) <= BOUND, took

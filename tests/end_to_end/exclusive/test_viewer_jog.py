@@ -18,13 +18,12 @@ import pytest
 
 from tests.support.bare_browser import BareTab, bare_browser
 from tests.support.browser import missing
-from tests.support.jog_rig import CommandedPosition, CuttableLine, answers, hold, middle, take_lease
+from tests.support.jog_rig import OVER, CommandedPosition, CuttableLine, answers, hold, middle, take_lease
 from tests.support.processes import Daemon, simulated, until
 from tests.support.viewer_process import viewing
 
 pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 BOUND = 0.3  # s from the event to the last change of the goal
-OVER = 1.0  # s after which a motion that goes on would have been seen
 JOINT = "head_yaw"
 UP = f"hold: {JOINT} more"
 DOWN = f"hold: {JOINT} less"
@@ -44,16 +43,7 @@ class Jogging:
     def stops_after(self, event: Callable[[], object], name: str, what: str) -> float:
         """Seconds from the event to the last change of the goal. Hold this button until the event."""
         hold(self.page, self.goal, name)
-        return self.last_change_after(event, what)
-
-    def last_change_after(self, event: Callable[[], object], what: str) -> float:
-        """Seconds from the event to the last change of the goal."""
-        at = time.monotonic()
-        event()
-        time.sleep(max(0.0, at + OVER - time.monotonic()))
-        took = self.goal.last_change() - at
-        print(f"{what}: the last change of the goal came {took * 1e3:.0f} ms after the event")
-        return took
+        return self.goal.last_change_after(event, what)
 
     def nothing_moves(self) -> None:
         """For `OVER`, whatever was held back."""
@@ -115,7 +105,7 @@ def test_a_held_button_moves_until_it_is_released_cut_off_frozen_hidden_or_close
             page.pointer("mouseReleased", x, y)
         assert rig.goal.is_moving()
         let_go = partial(page.pointer, "mouseReleased", x - 30, y)
-        took["slider"] = rig.last_change_after(let_go, "slider released")
+        took["slider"] = rig.goal.last_change_after(let_go, "slider released")
 
         took["cut off"] = rig.stops_after(rig.line.cut, DOWN, "packets dropped")
         rig.line.mend()  # what was held back comes now, with the button still held
