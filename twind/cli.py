@@ -75,6 +75,11 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--robot", metavar="NAME|FILE", help="built-in robot or robot file (default h24)")
     result.add_argument("--calibration", metavar="FILE", help="calibration of this individual")
     result.add_argument(
+        "--identified",
+        metavar="FILE",
+        help="identified model (default: NAME.identified.yaml beside the calibration)",
+    )
+    result.add_argument(
         "--port",
         metavar="PORT|BUS=PORT",
         action="append",
@@ -360,6 +365,7 @@ def _sources(options: argparse.Namespace) -> ConfigSources:
         mode=options.mode,
         robot=options.robot,
         calibration=options.calibration,
+        identified=options.identified,
         socket=options.socket,
         rate_hz=options.rate,
         ports=tuple(options.port),

@@ -7,7 +7,7 @@ import hashlib
 import os
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from twind.config.calibration_file import Calibration, load_calibration
@@ -16,6 +16,7 @@ from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.driver_family import family
 from twind.config.file_changes import fingerprints
+from twind.config.identified_file import identified_path, load_identified
 from twind.config.port_names import SCHEME, wrong_port
 from twind.config.robot_file import RobotFile, load_robot
 from twind.exceptions import InvalidInput
@@ -32,6 +33,7 @@ class ConfigSources:
     mode: str | None = None
     robot: str | None = None
     calibration: str | None = None
+    identified: str | None = None
     socket: str | None = None
     rate_hz: float | None = None
     ports: tuple[str, ...] = ()
@@ -58,7 +60,9 @@ class LoadedConfig:
     ports: Mapping[str, str | None]  # by bus
     calibration: Calibration | None
     rate_hz: float
-    files: Mapping[str, str]  # absolute path -> sha256 of robot file, model, tables, calibration as read
+    files: Mapping[
+        str, str
+    ]  # absolute path -> sha256 of robot file, model, tables, calibration, identified model
     live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
 
 
@@ -82,7 +86,7 @@ def unpacked(data: bytes) -> tuple[ConfigSources, LoadedConfig]:
 
 
 def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> LoadedConfig:
-    """Read settings (unless given), robot and calibration. Raises ConfigError, UsageError."""
+    """Read settings (unless given), robot, calibration, identified model. Raises ConfigError, UsageError."""
     settings = sources.settings() if settings is None else settings
     robot = load_robot(settings.robot, settings.robot_folders)
     ports = bus_ports(
@@ -90,12 +94,16 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     )
     refuse_wrong(robot, ports)
     path = settings.calibration_path(robot.name)
-    files = fingerprints([path] if path is not None else [])  # before it is read
+    usual = settings.usual_calibration(robot.name)
+    overlay = identified_path(path or usual) if sources.identified is None else Path(sources.identified)
+    measured = [overlay] if sources.identified is not None or overlay.is_file() else []
+    files = fingerprints(([path] if path is not None else []) + measured)  # before they are read
     calibration = load_calibration(path, robot) if path is not None else None
+    for each in measured:
+        robot = replace(robot, identified=load_identified(each, robot))
     files[str(robot.path)] = robot.text_sha256
     files[str(robot.mjcf_path)] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
     files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}
-    usual = settings.usual_calibration(robot.name)
     denied = live_denied(
         robot.name,
         ports,

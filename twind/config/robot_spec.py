@@ -8,6 +8,7 @@ from pathlib import Path
 from twind.config.actuator_types import TypeSpec
 from twind.config.collision_config import Clearance
 from twind.config.homing_config import HomingSettings, JointEndstops
+from twind.config.identified_spec import IdentifiedModel
 from twind.config.power_config import ButtonSpec, RelaySpec
 from twind.robot.transmission import Transmission
 
@@ -204,6 +205,7 @@ class RobotFile:
     relay: RelaySpec | None = None  # of the motors' supply
     stop_button: ButtonSpec | None = None
     todo: tuple[str, ...] = ()  # keys of the file that are not settled yet
+    identified: IdentifiedModel | None = None  # measured of this individual, from a file of its own
 
     @property
     def names(self) -> tuple[str, ...]:

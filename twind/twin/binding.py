@@ -24,6 +24,7 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
+from twind.twin.identified_model import apply_identified
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
@@ -122,6 +123,7 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
                 f"{robot.path}: support: free needs a free joint on body {robot.base!r} of {robot.mjcf_path}"
             )
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        apply_identified(spec, robot)
         if robot.imu is not None:
             require_site(spec, robot, robot.imu.site)
             feel(spec, robot.imu.site)

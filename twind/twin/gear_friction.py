@@ -5,6 +5,8 @@ larger of both counts. Some gears rub more under load: dry friction grows with t
 they carry. Motor and load press the teeth together, so where one holds the other both count.
 """
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,16 @@ BLOCKED = 1e4  # N·m, the friction of a blocked joint
 FRICTION = 0.05
 DAMPING = 0.01
 Places = NDArray[np.intp]
+
+
+def outside_torque(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.integer[Any]]) -> Floats:
+    """Return the torque (N·m) on joints `dofs` from outside their gears: weight, motion, stops, contacts."""
+    count = data.ne + data.nf
+    rubbing = np.zeros(model.nv)
+    kind = data.efc_type[data.ne : count] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+    rubbing[data.efc_id[data.ne : count][kind]] = data.efc_force[data.ne : count][kind]
+    found: Floats = data.qfrc_constraint[dofs] - rubbing[dofs] - data.qfrc_bias[dofs]
+    return found
 
 
 class GearFriction:
@@ -71,12 +83,7 @@ class GearFriction:
     def bear(self, data: mujoco.MjData, torque: Floats) -> None:
         """Let the friction of loaded gears follow what they carry. `torque` (n,): N·m of the motors."""
         at = self.loaded
-        dofs = self._dofs[at]
-        count = data.ne + data.nf
-        rubbing = np.zeros(self._model.nv)
-        kind = data.efc_type[data.ne : count] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-        rubbing[data.efc_id[data.ne : count][kind]] = data.efc_force[data.ne : count][kind]
-        outside = data.qfrc_constraint[dofs] - rubbing[dofs] - data.qfrc_bias[dofs]
+        outside = outside_torque(self._model, data, self._dofs[at])
         self._rub(at, self._dry[at] + self._load[at] * (torque[at] - outside) ** 2)
 
     def _weigh(self, at: Places, armature: Floats) -> None:

@@ -48,6 +48,7 @@ class ServoMotor:
     ratio: float = 1.0  # shaft turns per joint turn
     speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
     friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least of a gear
+    strength: float = 1.0  # share of the figures of its model
     stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
     @classmethod
@@ -57,6 +58,7 @@ class ServoMotor:
         zero: int,
         *,
         friction: float = math.nan,
+        strength: float = 1.0,
         stops: tuple[float, float] | None = None,
     ) -> "ServoMotor":
         """Return the motor of a robot file's joint. `zero`: ticks at joint angle 0."""
@@ -68,6 +70,7 @@ class ServoMotor:
             ratio=joint.ratio,
             speed_lsb=kind.velocity_lsb_rad_s,
             friction=friction,
+            strength=strength,
             stops=stops,
         )
 
@@ -85,9 +88,9 @@ class MotorControlLoops:
         joints = [model.joint(motor.joint) for motor in motors]
         self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
         self.v: Places = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
-        self._zero, self._ticks, self._ratio, self._speed_lsb = (
+        self._zero, self._ticks, self._ratio, self._speed_lsb, self._strength = (
             np.array([getattr(motor, name) for motor in motors], np.float64)
-            for name in ("zero", "ticks", "ratio", "speed_lsb")
+            for name in ("zero", "ticks", "ratio", "speed_lsb", "strength")
         )
         self._torque_lsb = np.ones(len(motors))  # N·m of the shaft per raw current
         self._way = np.copysign(1.0, self._ticks)
@@ -146,7 +149,8 @@ class MotorControlLoops:
         seeks = (mode >= 3) & (mode <= CURRENT_POSITION)
         spins = mode == VELOCITY
         motor = drive.motor
-        full = motor.stall / drive.full * ratio * drive.supply  # N·m per count
+        stall = motor.stall * self._strength[at]
+        full = stall / drive.full * ratio * drive.supply  # N·m per count
         raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
         kp = np.where(on & seeks, drive.p / motor.divisor * ticks, 0.0) * full
         kd = np.select(
@@ -162,7 +166,7 @@ class MotorControlLoops:
         model.actuator_biasprm[at, 2] = -kd
         bound = np.minimum(output, current)
         model.actuator_forcerange[at] = np.stack([-bound, bound], axis=-1)
-        self._emf[at] = np.where(on, motor.stall / motor.speed * ratio**2, 0.0)
+        self._emf[at] = np.where(on, stall / motor.speed * ratio**2, 0.0)
         self._gears.set(at, motor, self._emf[at])
         ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
         self._ki[at] = ki / 65536.0 * full / CYCLE

@@ -5,7 +5,7 @@ import copy
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, Ints, every, some
+from twind.robot.arrays import Bools, Floats, Ints, every, frozen, some
 from twind.robot.joint_state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
@@ -13,6 +13,7 @@ from twind.twin.collision_model import strangers
 from twind.twin.contacts import Contact, deepest_contact
 from twind.twin.imu_model import ImuModel
 from twind.twin.mirror import MAX_ANGLE, index
+from twind.twin.servo_effects import EncoderPlay, backlash_of, servo_effects, servo_rows
 
 # MuJoCo handles these by a reset to its own default pose, and goes on.
 FATAL = (
@@ -53,6 +54,7 @@ class Simulation:
         self._place = index(binding.qpos)
         self._speed = index(binding.dof)
         self._goal = index(binding.actuators)
+        self._servos = servo_rows(self.model, binding.actuators)
         self._qpos = self.data.qpos
         self._qvel = self.data.qvel
         self._ctrl = self.data.ctrl
@@ -62,6 +64,11 @@ class Simulation:
         self._fresh = np.ones(len(binding.rest), np.bool_)
         self._age.setflags(write=False)
         self._fresh.setflags(write=False)
+        self._period = period
+        self._effects = servo_effects(binding, self.model)
+        self._backlash = backlash_of(binding)
+        self._play: EncoderPlay | None = None
+        self._delayed = np.flatnonzero(self.model.actuator_delay > 0.0)
         self.place(binding.rest)
         self._rest = np.array(self._qpos), np.array(self._ctrl)
 
@@ -71,11 +78,22 @@ class Simulation:
         A joint without a finite angle stays.
         """
         position = np.where(np.abs(position) < MAX_ANGLE, position, self._qpos[self._place])
+        self.begin(position, np.zeros(len(position)), position[None])
+
+    def begin(self, position: Floats, velocity: Floats, goals: Floats) -> None:
+        """Start anew at `position` and `velocity` (n,), rad, rad/s, as a measured robot would go on.
+
+        `goals` (k, n), rad: of the last k periods, oldest first; the last is held from here on.
+        """
         self.frozen = False
         mujoco.mj_resetData(self.model, self.data)
         self._warned[:] = 0
         self._qpos[self._place] = position
-        self._ctrl[self._goal] = position
+        self._qvel[self._speed] = velocity
+        self._ctrl[self._goal] = goals[-1]
+        self._fill_history(goals)
+        if self._backlash is not None:
+            self._play = EncoderPlay(self._backlash, position)
         if self._floating:
             stand(self.model, self.data, self._base)
         self._good = (np.array(self._qpos), np.array(self._ctrl))
@@ -95,7 +113,12 @@ class Simulation:
         if goal is not None and not self.frozen:
             fit: Bools = np.abs(goal) < MAX_ANGLE
             self._ctrl[self._goal] = goal if every(fit) else np.where(fit, goal, self._ctrl[self._goal])
-        mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        if self._effects is None:
+            mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        else:
+            for _ in range(self._substeps):
+                self._effects.apply(self.data)
+                mujoco.mj_step(self.model, self.data)
         if some(self._warned):
             self._warning()
         else:
@@ -104,9 +127,10 @@ class Simulation:
 
     def state(self, now: float) -> JointState:
         """Return the simulated state as a fresh reading. Effort is the torque of the servos, N·m."""
+        position = _reading(self._qpos, self._place)
         return JointState(
             time=now,
-            position=_reading(self._qpos, self._place),
+            position=position if self._play is None else frozen(self._play.show(position)),
             velocity=_reading(self._qvel, self._speed),
             effort=_reading(self._force, self._speed),
             age=self._age,
@@ -122,6 +146,17 @@ class Simulation:
         ignored = strangers(self.model, self._base) if self._floating else frozenset[int]()
         return deepest_contact(self.model, self.data, int(self._dof[joint]), ignored)
 
+    def _fill_history(self, goals: Floats) -> None:
+        """Let delayed servos know the goals of the past; after a reset MuJoCo's history is all zeros."""
+        step = self.model.opt.timestep
+        columns = {int(actuator): column for column, actuator in enumerate(self._servos)}
+        for actuator in self._delayed.tolist():
+            samples = int(self.model.actuator_history[actuator, 0])
+            ages = step * np.arange(samples, 0, -1)  # s, of the samples, oldest first
+            back = np.ceil(ages / self._period - 1e-9).astype(np.int64)
+            values = goals[np.maximum(len(goals) - 1 - back, 0), columns[actuator]]
+            mujoco.mj_initCtrlHistory(self.model, self.data, actuator, None, np.ascontiguousarray(values))
+
     def _warning(self) -> None:
         """Count warnings.
 
@@ -136,6 +171,7 @@ class Simulation:
             self.resets += 1
             mujoco.mj_resetData(self.model, self.data)
             self._qpos[:], self._ctrl[:] = self._good if self._sound else self._rest
+            self._fill_history(self._ctrl[self._goal][None])
             self._sound = False
 
 

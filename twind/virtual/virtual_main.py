@@ -12,9 +12,11 @@ import stat
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from twind.config.identified_file import load_identified
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
@@ -94,6 +96,12 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--truth-seed", type=int, metavar="N", help="draw the true values of this robot at random"
     )
+    parser.add_argument(
+        "--identified",
+        type=Path,
+        metavar="FILE",
+        help="strength, friction and masses of this identified model",
+    )
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the matching calibration")
     parser.add_argument("--faults", type=Path, metavar="SOCKET", help="accept fault commands on this socket")
     return parser
@@ -106,6 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         clock = ServoClock(MonotonicClock())
         robot = None if options.servo and options.robot is None else load_robot(options.robot or "h24")
+        if robot is not None and options.identified is not None:
+            robot = replace(robot, identified=load_identified(options.identified, robot))
         virtual, crane = _buses(options, robot, clock.now())
         prepare_motors(virtual, options.supply)
         if options.link is not None:
@@ -136,7 +146,7 @@ def _check(options: argparse.Namespace) -> None:
     if (options.truth_seed or 0) < 0:
         raise InvalidInput(f"--truth-seed {options.truth_seed}: it is 0 or more")
     if options.servo and options.robot is None:
-        for name in ("calibration", "truth", "truth_seed"):
+        for name in ("calibration", "identified", "truth", "truth_seed"):
             if getattr(options, name) is not None:
                 raise InvalidInput(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
 

@@ -18,6 +18,7 @@ from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding, bind
+from twind.twin.identified_model import apply_identified
 from twind.twin.mirror import index
 from twind.twin.pinning import free_joints
 from twind.twin.standing_feet import StandingFeet
@@ -121,6 +122,7 @@ def plant_of(
             spec.delete(geom)
     _floor(spec)
     _sensors(spec, binding, round(imu_delay / spec.option.timestep))
+    apply_identified(spec, robot, delays=False)  # they are drawn, see `action_delay`
     for actuator in spec.actuators:
         actuator.nsample = round(action_delay / spec.option.timestep)
     model = spec.compile()

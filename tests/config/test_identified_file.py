@@ -1,0 +1,102 @@
+"""An identified model reads back as it was written, and refuses what it cannot mean."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.config.config_files import ConfigSources, describe
+from twind.config.identified_file import dump_identified, identified_path, read_identified, save_identified
+from twind.config.identified_spec import (
+    PARAMETERS,
+    GapReference,
+    IdentifiedBody,
+    IdentifiedJoint,
+    IdentifiedModel,
+    ParameterEstimate,
+    PositionEstimate,
+)
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import ConfigError
+
+ROBOT = load_robot("h24")
+SIZES = st.integers(0, 10**12).map(lambda count: count / 1e9)
+ESTIMATES = st.builds(ParameterEstimate, SIZES, SIZES, SIZES, SIZES, st.booleans())
+JOINTS = st.builds(
+    IdentifiedJoint,
+    **dict.fromkeys(PARAMETERS, st.none() | ESTIMATES),
+    gap=st.none() | st.builds(GapReference, SIZES, SIZES),
+)
+PLACES = st.tuples(*[st.integers(-(10**9), 10**9).map(lambda count: count / 1e9)] * 3)
+BODIES = st.builds(
+    IdentifiedBody, st.none() | ESTIMATES, st.none() | st.builds(PositionEstimate, *[PLACES] * 3)
+)
+MODELS = st.builds(
+    IdentifiedModel,
+    st.just("h24"),
+    st.just("2026-11-28T10:00:00Z"),
+    st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1),
+    st.just('two "files"'),
+    SIZES,
+    st.just(0.25),
+    st.dictionaries(st.sampled_from(ROBOT.names), JOINTS, max_size=3),
+    st.dictionaries(st.sampled_from(["torso", "l_shin"]), BODIES, max_size=2),
+)
+ESTIMATE = ParameterEstimate(0.2, 0.01, 0.1, 0.05)
+MODEL = IdentifiedModel(
+    "h24",
+    "2026-11-28T10:00:00Z",
+    "twindctl identify",
+    "a.mcap",
+    60.0,
+    0.25,
+    {"l_knee": IdentifiedJoint(friction_nm=ESTIMATE)},
+)
+
+
+@given(MODELS)
+def test_an_identified_model_reads_back_as_written(model: IdentifiedModel) -> None:
+    assert read_identified(dump_identified(model), "file", ROBOT) == model
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "path"),
+    [
+        ('robot: "h24"', 'robot: "other"', "robot"),
+        ("l_knee", "no_knee", "joints.no_knee"),
+        ("value: 0.2", "value: -0.2", "joints.l_knee.friction_nm.value"),
+        ("value: 0.2", "value: much", "joints.l_knee.friction_nm.value"),
+        ("friction_nm", "frictoin_nm", "joints.l_knee.frictoin_nm"),
+        ("friction_nm", "stiffness_nm_per_deg", "joints.l_knee.stiffness_nm_per_deg"),
+        ("held_out: 0.25", "held_out: 1.0", "held_out"),
+        ("twind-identified/1", "twind-identified/2", "format"),
+    ],
+)
+def test_a_wrong_identified_model_is_refused_at_its_place(old: str, new: str, path: str) -> None:
+    text = dump_identified(MODEL)
+    assert old in text
+    with pytest.raises(ConfigError) as refused:
+        read_identified(text.replace(old, new), "file", ROBOT)
+    assert refused.value.path == path
+
+
+def test_the_daemon_reads_the_identified_model_beside_the_calibration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    sources = ConfigSources(mode="sim", robot="h24")
+    assert describe(sources).robot.identified is None
+    folder = tmp_path / "calibration"
+    folder.mkdir()
+    path = save_identified(MODEL, folder / "h24.yaml")
+    assert path == identified_path(folder / "h24.yaml")
+    found = describe(sources)
+    assert found.robot.identified == MODEL
+    assert str(path) in found.files
+    named = tmp_path / "other.yaml"
+    named.write_text(dump_identified(replace(MODEL, source="named")))
+    identified = describe(replace(sources, identified=str(named))).robot.identified
+    assert identified is not None
+    assert identified.source == "named"

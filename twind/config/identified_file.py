@@ -1,0 +1,122 @@
+"""The identified model `twind-identified/1`: what was measured of one robot, laid over its model.
+
+`twindctl identify` writes it beside the calibration, as `NAME.identified.yaml`. What it does not name is as
+in the model.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
+
+from twind.config.atomic_save import save_text
+from twind.config.calibration_file import HISTORY, Stamp
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, IdentifiedModel
+from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import parse, read_text
+
+FORMAT = "twind-identified/1"
+SUFFIX = ".identified"  # NAME.identified.yaml beside NAME.yaml
+
+
+class IdentifiedKeys(ConfigStruct):
+    """Keys of an identified model."""
+
+    format: Text
+    robot: Text
+    created: Stamp
+    tool: Text
+    source: Text
+    seconds: Annotated[float, Meta(ge=0.0)]
+    held_out: Annotated[float, Meta(ge=0.0, lt=1.0)]
+    joints: ConfigReader
+    bodies: ConfigReader
+
+
+def identified_path(calibration: Path) -> Path:
+    """Return the path of the identified model of the robot with this calibration file, there or not."""
+    return calibration.with_name(f"{calibration.stem}{SUFFIX}.yaml")
+
+
+def load_identified(path: Path, robot: RobotFile) -> IdentifiedModel:
+    """The identified model at `path`, of `robot`. Raises ConfigError."""
+    return read_identified(read_text(path), str(path), robot)
+
+
+def read_identified(text: str, file: str, robot: RobotFile) -> IdentifiedModel:
+    """The identified model that `text` holds; `file` is what messages call it.
+
+    Raises ConfigError: another format, robot or joint, a value that is no number of its range.
+    """
+    top = ConfigReader(file, parse(text, file))
+    top.require_format(FORMAT)
+    given = top.read(IdentifiedKeys)
+    if given.robot != robot.name:
+        raise top.refuse("robot", f"identified on robot {given.robot!r}, not on {robot.name!r}")
+    given.joints.require_known(robot.names)
+    return IdentifiedModel(
+        robot=given.robot,
+        created=given.created,
+        tool=given.tool,
+        source=given.source,
+        seconds=given.seconds,
+        held_out=given.held_out,
+        joints={name: _joint(section) for name, section in given.joints.sections().items()},
+        bodies={name: section.read(IdentifiedBody) for name, section in given.bodies.sections().items()},
+    )
+
+
+def _joint(section: ConfigReader) -> IdentifiedJoint:
+    for key in section:
+        if "_deg" in key:  # N·m/deg is no scaled N·m/rad
+            raise section.refuse(key, "an identified model has radians only: write the key with `_rad`")
+    return section.read(IdentifiedJoint)
+
+
+def dump_identified(model: IdentifiedModel) -> str:
+    """The file's text in one fixed form. Raises ValueError for a number that is not finite."""
+    lines = [f"format: {FORMAT}"]
+    for key in ("robot", "created", "tool", "source", "seconds", "held_out"):
+        lines.append(f"{key}: {_flow(getattr(model, key))}")
+    for section in ("joints", "bodies"):
+        entries: Mapping[str, object] = getattr(model, section)
+        lines.append(f"{section}:" if entries else f"{section}: {{}}")
+        for name, entry in entries.items():
+            given = _given(entry)
+            lines.append(f"  {_flow(name)}:" if given else f"  {_flow(name)}: {{}}")
+            lines += [f"    {key}: {_flow(value)}" for key, value in given]
+    return "\n".join(lines) + "\n"
+
+
+def save_identified(model: IdentifiedModel, calibration: Path) -> Path:
+    """Write the identified model beside `calibration`, the earlier one kept as numbered history.
+
+    Raises ConfigError (a name that is no file name, a file that does not read back), OSError (disk full).
+    """
+    path = identified_path(calibration)
+    return save_text(path.parent, path.stem, dump_identified(model), HISTORY)
+
+
+def _given(entry: object) -> list[tuple[str, object]]:
+    """Return the fields of a dataclass that are not None, in their order."""
+    values = [(each.name, getattr(entry, each.name)) for each in fields(entry)]  # type: ignore[arg-type]
+    return [(name, value) for name, value in values if value is not None]
+
+
+def _flow(value: object) -> str:
+    """Return a value on one line that reads back as itself, numbers to nine decimals."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float | int):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} cannot stand in a file")
+        return f"{value:.9f}".rstrip("0") + ("0" if f"{value:.9f}".rstrip("0").endswith(".") else "")
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in _given(value)) + "}"

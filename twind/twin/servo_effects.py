@@ -1,0 +1,95 @@
+"""Effects of identified servos that no element of MuJoCo describes, laid over a simulation before each step.
+
+Friction near rest (Stribeck) and under load, the dead band of the position loop, the sag of the supply, and
+the play between encoder and joint. Arrays are (n,) in joint order.
+"""
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Floats, Ints
+from twind.twin.binding import Binding
+from twind.twin.gear_friction import outside_torque
+
+STRIBECK_SPEED = (
+    0.1  # rad/s at which the friction near rest has fallen to 1/e: between published fits of servos
+)
+LEAST_SUPPLY = 0.2  # share of the supply that a sag leaves at least
+_DYNAMIC = ("stribeck_nm", "load_friction_per_nm", "dead_band_rad", "sag_per_nm")
+
+
+def servo_effects(binding: Binding, model: mujoco.MjModel) -> "ServoEffects | None":
+    """Return the effects that the identified model of this robot has; None: it has none.
+
+    `model`: a copy of the binding's, which `ServoEffects.apply` changes at each step.
+    """
+    table = {name: _column(binding, name) for name in _DYNAMIC}
+    return ServoEffects(binding, model, table) if any(column.any() for column in table.values()) else None
+
+
+def backlash_of(binding: Binding) -> Floats | None:
+    """Return the identified play of each joint (n,), rad, whole width; None: no joint has any."""
+    play = _column(binding, "backlash_rad")
+    return play if play.any() else None
+
+
+def _column(binding: Binding, name: str) -> Floats:
+    identified = binding.robot.identified
+    if identified is None:
+        return np.zeros(len(binding.robot.names))
+    found = [identified.joints.get(joint) for joint in binding.robot.names]
+    return np.array([(joint.value(name) or 0.0) if joint else 0.0 for joint in found])
+
+
+def servo_rows(model: mujoco.MjModel, addresses: Ints) -> Ints:
+    """Return the actuators whose controls stand at `addresses` (n,) of ctrl."""
+    return np.searchsorted(model.actuator_ctrladr, addresses)
+
+
+class ServoEffects:
+    """Works out friction, stiffness and torque limit of each joint before a step of the physics."""
+
+    def __init__(self, binding: Binding, model: mujoco.MjModel, table: dict[str, Floats]) -> None:
+        """`table`: the columns of `_DYNAMIC`."""
+        self._model = model
+        self._qpos = binding.qpos
+        self._dofs = binding.dof
+        self._actuators = servo_rows(model, binding.actuators)
+        self._goals = binding.actuators
+        self._stribeck, self._load, dead_band, self._sag = (table[name] for name in _DYNAMIC)
+        self._half = dead_band / 2.0
+        self._dry = model.dof_frictionloss[self._dofs].copy()
+        self._stiffness = model.actuator_gainprm[self._actuators, 0].copy()
+        self._range = model.actuator_forcerange[self._actuators].copy()
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Set what acts in the next step, from the state and the forces of the last one."""
+        model = self._model
+        rows = self._actuators
+        torque = data.actuator_force[rows]
+        speed = data.qvel[self._dofs]
+        friction = self._dry + self._stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
+        if self._load.any():
+            friction += self._load * (torque - outside_torque(model, data, self._dofs)) ** 2
+        model.dof_frictionloss[self._dofs] = friction
+        supply = np.maximum(1.0 - self._sag * np.abs(torque), LEAST_SUPPLY)
+        stiffness = self._stiffness * supply
+        model.actuator_gainprm[rows, 0] = stiffness
+        model.actuator_biasprm[rows, 1] = -stiffness
+        model.actuator_forcerange[rows] = self._range * supply[:, None]
+        error = data.ctrl[self._goals] - data.qpos[self._qpos]
+        model.actuator_biasprm[rows, 0] = -stiffness * np.clip(error, -self._half, self._half)
+
+
+class EncoderPlay:
+    """Positions that encoders show: they stay behind their joints by up to half of the play."""
+
+    def __init__(self, play: Floats, position: Floats) -> None:
+        """`play` (n,): rad, whole width; `position` (n,): rad, where encoder and joint agree."""
+        self._half = play / 2.0
+        self._shown = np.array(position)
+
+    def show(self, position: Floats) -> Floats:
+        """Return the readings (n,) for joints at `position` (n,), after those of all calls before."""
+        self._shown = np.clip(self._shown, position - self._half, position + self._half)
+        return self._shown
