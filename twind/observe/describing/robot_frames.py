@@ -163,8 +163,9 @@ class _LinkTreeBuilder:
         if kind == "revolute":
             mujoco.mju_axisAngle2Quat(turn, axis, zero)
         place = place.then(FramePose(np.zeros(3) if kind == "revolute" else axis * zero, turn))
-        name, *law = self._moving[number]
-        return FrameJoint(name, parent, child, place, kind, tuple(axis.tolist()), *law)
+        name, leader, multiplier, offset = self._moving[number]
+        along = tuple(axis.tolist())
+        return FrameJoint(name, parent, child, place, kind, along, leader, multiplier, offset)
 
     def _free_name(self, wanted: str) -> str:
         taken = {*self._names.values(), *self._links}
