@@ -13,7 +13,7 @@ from twind.bridge.ros import rclpy_launcher
 from twind.bridge.ros.rclpy_launcher import command, distribution, graph
 from twind.command_line.verb import UsageError
 
-OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
+OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, tf=True, distro=None)
 PATH = {"PATH": "/usr/bin:/bin"}
 
 
@@ -201,8 +201,12 @@ def test_humble_gets_only_the_localhost_variable_or_is_refused(
 
 
 def test_options_are_handed_on() -> None:
-    assert command("/python3.10", OPTIONS)[:2] == ["/python3.10", "-c"]
-    options = argparse.Namespace(socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None)
+    words = command("/python3.10", OPTIONS)
+    assert words[:2] == ["/python3.10", "-c"]
+    assert words[4:] == ["--describer", sys.executable]
+    options = argparse.Namespace(
+        socket="/run/twind", rate=50.0, domain=7, commands=False, tf=False, distro=None
+    )
     words = command("/python3.10", options)[4:]
     assert words == ["--socket", "/run/twind", "--rate", "50.0", "--domain", "7", "--no-commands"]
 

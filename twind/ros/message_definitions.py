@@ -23,6 +23,12 @@ JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 VECTOR3 = "geometry_msgs/msg/Vector3"
 QUATERNION = "geometry_msgs/msg/Quaternion"
 IMU = "sensor_msgs/msg/Imu"
+CLOCK = "rosgraph_msgs/msg/Clock"
+TRANSFORM = "geometry_msgs/msg/Transform"
+TRANSFORM_STAMPED = "geometry_msgs/msg/TransformStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+INTERFACE_VALUE = "control_msgs/msg/InterfaceValue"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
@@ -74,6 +80,14 @@ KNOWN: Mapping[str, str] = {
         "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
         "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
         "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
+    ),
+    CLOCK: "builtin_interfaces/Time clock",
+    TRANSFORM: "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    TRANSFORM_STAMPED: "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform",
+    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms",
+    INTERFACE_VALUE: "string[] interface_names\nfloat64[] values",
+    DYNAMIC_JOINT_STATE: (
+        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values"
     ),
     KEY_VALUE: "string key\nstring value",
     DIAGNOSTIC_STATUS: (

@@ -62,7 +62,7 @@ class RosDistribution:
 def launch(options: argparse.Namespace, tell: Callable[[str], None]) -> int:
     """Run `twindctl ros --backend rclpy`; does not return. Raises UsageError without rclpy, with the remedy.
 
-    Of `options`: socket, rate, commands, domain, distro. The new process handles signals from then on.
+    Of `options`: socket, rate, commands, tf, domain, distro. The new process handles signals from then on.
     """
     found = distribution(os.environ, getattr(options, "distro", None))
     environment = graph(found.environment, options.domain)
@@ -79,6 +79,7 @@ def command(python: str, options: argparse.Namespace) -> list[str]:
     for name in ("socket", "rate", "domain"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
+    words += ["--describer", sys.executable] if options.tf else []
     return words if options.commands else [*words, "--no-commands"]
 
 

@@ -23,6 +23,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--socket")
     parser.add_argument("--rate", type=float)
     parser.add_argument("--domain", type=int)
+    parser.add_argument("--describer")
     parser.add_argument("--no-commands", dest="commands", action="store_false")
     parser.add_argument("--check", action="store_true")  # load all that is needed, and end
     options = parser.parse_args(words)
@@ -32,7 +33,13 @@ def main(words: Sequence[str]) -> int:
     node = RclpyTransport(discovery(os.environ, domain=options.domain), log, sockets=options.socket)
     with catch_stop_signals() as stop, log.writing():
         bridge = RosBridge(
-            node, sockets=options.socket, rate=options.rate, commands=options.commands, tell=log, stop=stop
+            node,
+            sockets=options.socket,
+            rate=options.rate,
+            commands=options.commands,
+            describer=options.describer,
+            tell=log,
+            stop=stop,
         )
         node.goals = bridge.commands.goal if options.commands else None
         return bridge.run()

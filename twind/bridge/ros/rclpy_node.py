@@ -50,12 +50,23 @@ def _kinds(topics: Sequence[RosTopic], services: Sequence[RosService]) -> set[st
     return {topic.kind for topic in topics} | {service.kind for service in services}
 
 
+def _missing(topic: RosTopic) -> str:
+    """Return why the type of an optional topic is missing; "": it is there. Raises OperationFailed."""
+    try:
+        message_type(topic.kind)
+    except OperationFailed as error:
+        if not topic.optional:
+            raise
+        return str(error)
+    return ""
+
+
 def check() -> None:
-    """Load every message type. Raises OperationFailed: one is missing.
+    """Load every message type that is required. Raises OperationFailed: one is missing.
 
     The middleware needs no check: where RMW_IMPLEMENTATION is not installed, `import rclpy` ends the process.
     """
-    for kind in _kinds(TOPICS, SERVICES):
+    for kind in _kinds([topic for topic in TOPICS if not topic.optional], SERVICES):
         message_type(kind)
 
 
@@ -95,6 +106,10 @@ class RclpyTransport:
         asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints. Raises OperationFailed."""
+        missing = {topic.name: reason for topic in topics if (reason := _missing(topic))}
+        topics = [topic for topic in topics if topic.name not in missing]
+        for name, reason in missing.items():
+            self._tell(f"{name} is not published: {reason}")
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
         read = sum(not topic.out for topic in topics)
         graph = _Graph(self._discovery.domain, len(services) + read + SPARE, self._tell)
@@ -115,8 +130,11 @@ class RclpyTransport:
         graph = self._graph
         if graph is None or not graph.alive:
             raise OperationFailed("rclpy: the node has left the graph; it is made anew")
+        publisher = graph.publishers.get(topic.name)
+        if publisher is None:
+            return  # the package of its type is not installed
         try:
-            graph.publishers[topic.name].publish(data)
+            publisher.publish(data)
         except RuntimeError as error:
             raise OperationFailed(f"rclpy: {topic.name}: {error}") from None
         if topic is STATUS and graph.mode is not None:

@@ -18,11 +18,16 @@ from twind.bridge.commands.permission import denied
 from twind.bridge.commands.stop_queues import Outcome
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
+from twind.bridge.ros.robot_model_messages import describe
 from twind.bridge.ros.ros_commands import RosCommands, error_text, result_line
-from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
+from twind.bridge.ros.ros_diagnostics import Diagnostics, command_latency, encode_string, latencies
 from twind.bridge.ros.ros_endpoints import (
+    DESCRIBED,
+    DESCRIPTION,
     DIAGNOSTICS,
+    FIXED_FRAMES,
     GET_STATUS,
+    LATENCIES,
     LATENCY,
     NEIGHBOURS,
     RESULTS,
@@ -62,12 +67,14 @@ class RosBridge:
         *,
         rate: float | None = None,
         commands: bool = True,
+        describer: str | None = None,
         tell: Callable[[str], None],
         stop: threading.Event,
     ) -> None:
         """Make the bridge; `sockets`: folder of the daemon's.
 
-        `rate`: readings a second; None: the loop's rate.
+        `rate`: readings a second; None: the loop's rate. `describer`: Python that describes the robot; None:
+        no description and no transforms.
         """
         self._transport = transport
         self._tell = tell
@@ -75,6 +82,7 @@ class RosBridge:
         self._sockets = sockets
         self._reads_only = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
         self._messages = RosStateMessages()
+        self._describer = describer
         self._diagnostics = Diagnostics()
         self._graph = RepeatedFaultFilter()
         self._deaf = RepeatedFaultFilter()
@@ -131,6 +139,8 @@ class RosBridge:
         if self._news.lives != self.asked_of:
             self.asked_of = self._news.lives
             self._ask_rights()
+            if self._describer and self._news.there:
+                threading.Thread(target=self._describe, name="describe", daemon=True).start()
         if not self._joined:
             self._join()
         if self._readings.error_text:
@@ -151,13 +161,15 @@ class RosBridge:
     def _join(self) -> None:
         self._transport.close()
         try:
-            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._on_request)
+            topics = [each for each in TOPICS if self._describer or each not in DESCRIBED]
+            self._transport.open((*topics, NEIGHBOURS), SERVICES, self._on_message, self._on_request)
         except OperationFailed as error:
             self._wrong = str(error)
         else:
             self._joined = True
             self._wrong = ""
             self._publish_status()
+            self._publish_description()
         if self._graph.is_transition(self._wrong, time.monotonic()):
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
@@ -231,7 +243,8 @@ class RosBridge:
             self._messages.status(answer["status"])
             self._keep(answer["status"], answer["time"])
         elif topic == "latency":
-            self._publish(LATENCY, latencies(answer["latency"]))
+            self._publish(LATENCY, command_latency(answer["latency"]))
+            self._publish(LATENCIES, latencies(answer["latency"]))
         elif topic == "trajectories":
             self._send(self._messages.accepted(answer, clocks()))
         self.commands.motions.on_monitor_reply(answer)
@@ -248,6 +261,22 @@ class RosBridge:
         if news or time - self._published_at >= STATUS_PERIOD:
             self._published_at = time
             self._publish_status()
+
+    def _describe(self) -> None:
+        """Request the robot of a new daemon, and publish its URDF and frames; in a thread of its own."""
+        try:
+            with self._observer() as client:
+                answer = client.call("GetRobot")
+            self._messages.description = describe(self._describer or "", answer)
+        except (ClientError, OperationFailed) as error:
+            self._tell(f"no /robot_description and no /tf: {error}")
+        self._publish_description()
+
+    def _publish_description(self) -> None:
+        description = self._messages.description
+        if description is not None:
+            self._publish(DESCRIPTION, description.urdf)
+            self._publish(FIXED_FRAMES, description.fixed(clocks().wall_ns))
 
     def _ask_rights(self) -> None:
         """Request the rights once for each daemon: without them no commands are offered."""

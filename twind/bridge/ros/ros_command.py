@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
@@ -62,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="only publish; of the commands from ROS only the e-stop is accepted, with dds none",
     )
     parser.add_argument(
+        "--no-tf",
+        dest="tf",
+        action="store_false",
+        help="leave /robot_description, /tf and /tf_static to robot_state_publisher",
+    )
+    parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
     )
     parser.add_argument("--zenoh-config", type=Path, metavar="FILE", help="configuration of the session")
@@ -109,7 +116,13 @@ def _bridge(
     transport = made(options, graph, log)
     print_line(_headline(options, graph, transport.refuses))
     bridge = RosBridge(
-        transport, options.socket, rate=options.rate, commands=options.commands, tell=log, stop=stop
+        transport,
+        options.socket,
+        rate=options.rate,
+        commands=options.commands,
+        describer=sys.executable if options.tf else None,
+        tell=log,
+        stop=stop,
     )
     return bridge.run()
 

@@ -8,7 +8,7 @@ from math import nan
 from typing import Any
 
 from twind.client.errors import finding_text
-from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, encode, stamp
+from twind.ros import DIAGNOSTIC_ARRAY, FLOAT, FLOATS, STRING, encode, stamp
 
 FIELDS = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 # levels of a DiagnosticStatus
@@ -26,7 +26,7 @@ def encode_string(content: Any) -> bytes:
 
 
 def latencies(hops: Sequence[Fields]) -> bytes:
-    """Topic `latency`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
+    """Topic `latencies`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
 
     The labels of the two dimensions name rows and columns.
     """
@@ -39,6 +39,12 @@ def latencies(hops: Sequence[Fields]) -> bytes:
     ]
     data = [value for row in rows for value in row]
     return encode(FLOATS, {"layout": {"dim": dimensions, "data_offset": 0}, "data": data})
+
+
+def command_latency(hops: Sequence[Fields]) -> bytes:
+    """Topic `latency`: s from the call of the last command to its first goal; NaN: unknown."""
+    values = [hop["now_ms"] for hop in hops if hop["hop"] == "command" and hop["now_ms"] is not None]
+    return encode(FLOAT, {"data": values[0] / 1e3 if values else nan})
 
 
 class Diagnostics:
