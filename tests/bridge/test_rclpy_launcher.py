@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests.support import interpreters
+from tests.support import rclpy_environment as ros_peer
 from twind.bridge.ros import rclpy_launcher
-from twind.bridge.ros.rclpy_launcher import command, distribution, graph
+from twind.bridge.ros.rclpy_launcher import PROFILES, command, distribution, graph, profile
 from twind.command_line.verb import UsageError
 
 OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
@@ -198,6 +199,25 @@ def test_humble_gets_only_the_localhost_variable_or_is_refused(
             graph(said, None)
     else:
         assert graph(said, None)["ROS_LOCALHOST_ONLY"] == only
+
+
+def test_readers_of_fast_dds_request_a_lost_message_at_once_unless_the_user_has_a_profile() -> None:
+    for distro, tag in (("humble", "initialAcknackDelay"), ("jazzy", "initialAcknackDelay")):
+        file, other = profile({"ROS_DISTRO": distro}).values()
+        assert file == other and f"<{tag}><sec>0</sec><nanosec>1000000<" in Path(file).read_text()
+    for name in PROFILES:
+        assert profile({name: "own.xml"}) == {}
+
+
+def test_the_real_fast_dds_accepts_its_profile_and_no_other(tmp_path: Path) -> None:
+    program = "import rclpy; rclpy.init(); rclpy.create_node('mine')"
+    for distro, accepted in (("kilted", True), ("jazzy", False)):
+        environment = ros_peer.environment(tmp_path, 0)
+        del environment[PROFILES[0]]
+        environment |= profile({"ROS_DISTRO": distro}) | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+        words = [ros_peer.python(), "-c", program]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0 and ("XMLPARSER" not in done.stdout + done.stderr) == accepted, done
 
 
 def test_options_are_handed_on() -> None:
