@@ -14,7 +14,7 @@ from twind.bridge.ros import rclpy_launcher
 from twind.bridge.ros.rclpy_launcher import PROFILES, command, distribution, graph, profile
 from twind.command_line.verb import UsageError
 
-OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
+OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None, ros_args=[])
 PATH = {"PATH": "/usr/bin:/bin"}
 
 
@@ -203,9 +203,9 @@ def test_humble_gets_only_the_localhost_variable_or_is_refused(
 
 def test_readers_of_fast_dds_request_a_lost_message_at_once_unless_the_user_has_a_profile() -> None:
     for distro, tag in (("humble", "initialAcknackDelay"), ("jazzy", "initialAcknackDelay")):
-        file, other = profile({"ROS_DISTRO": distro}).values()
-        assert file == other and f"<{tag}><sec>0</sec><nanosec>1000000<" in Path(file).read_text()
-    for name in PROFILES:
+        (file,) = profile({"ROS_DISTRO": distro}).values()
+        assert f"<{tag}><sec>0</sec><nanosec>1000000<" in Path(file).read_text()
+    for name in PROFILES.values():
         assert profile({name: "own.xml"}) == {}
 
 
@@ -213,8 +213,8 @@ def test_the_real_fast_dds_accepts_its_profile_and_no_other(tmp_path: Path) -> N
     program = "import rclpy; rclpy.init(); rclpy.create_node('mine')"
     for distro, accepted in (("kilted", True), ("jazzy", False)):
         environment = ros_peer.environment(tmp_path, 0)
-        del environment[PROFILES[0]]
-        environment |= profile({"ROS_DISTRO": distro}) | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+        (file,) = profile({"ROS_DISTRO": distro}).values()
+        environment |= {PROFILES[3]: file, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
         words = [ros_peer.python(), "-c", program]
         done = subprocess.run(words, env=environment, capture_output=True, text=True)
         assert done.returncode == 0 and ("XMLPARSER" not in done.stdout + done.stderr) == accepted, done
@@ -222,9 +222,22 @@ def test_the_real_fast_dds_accepts_its_profile_and_no_other(tmp_path: Path) -> N
 
 def test_options_are_handed_on() -> None:
     assert command("/python3.10", OPTIONS)[:2] == ["/python3.10", "-c"]
-    options = argparse.Namespace(socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None)
+    options = argparse.Namespace(
+        socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None, ros_args=["-r", "a:=b"]
+    )
     words = command("/python3.10", options)[4:]
-    assert words == ["--socket", "/run/twind", "--rate", "50.0", "--domain", "7", "--no-commands"]
+    assert words == [
+        "--socket",
+        "/run/twind",
+        "--rate",
+        "50.0",
+        "--domain",
+        "7",
+        "--no-commands",
+        "--ros-args",
+        "-r",
+        "a:=b",
+    ]
 
 
 def test_an_interpreter_without_rclpy_is_reported_in_one_line(tmp_path: Path) -> None:

@@ -1,15 +1,25 @@
 """Table of topics and services with their types and quality. Standard library, 3.10.
 
 State is RELIABLE KEEP_LAST 10: a BEST_EFFORT writer does not match RELIABLE readers, which most are.
+Names are those without a namespace; `ros_names` adds it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, IMU, JOINT_STATE, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER
+from twind.ros import (
+    DIAGNOSTIC_ARRAY,
+    FLOATS,
+    IMU,
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    LOG,
+    SET_BOOL,
+    STRING,
+    TRIGGER,
+)
 
-NODE = "twind"  # the node's name; no namespace
 MODES = ("sim", "mirror", "live")
 
 
@@ -43,6 +53,7 @@ LATENCY = RosTopic("/bridge/latency", FLOATS, out=True)
 STATUS = RosTopic("/bridge/status", STRING, out=True, depth=1, latched=True)
 RESULTS = RosTopic("/bridge/results", STRING, out=True)
 DIAGNOSTICS = RosTopic("/diagnostics", DIAGNOSTIC_ARRAY, out=True)
+ROSOUT = RosTopic("/rosout", LOG, out=True, depth=1000, latched=True)  # as rcl writes it
 
 TRAJECTORY = RosTopic("/cmd/joint_trajectory", JOINT_TRAJECTORY, out=False)
 SET_MODE = RosTopic("/bridge/set_mode_cmd", STRING, out=False)
@@ -51,7 +62,7 @@ E_STOP = RosTopic("/bridge/estop_cmd", STRING, out=False)
 
 TOPICS = (
     *(HW_JOINTS, SIM_JOINTS, MIRRORED_JOINTS, JOINTS, INERTIAL),
-    *(ACCEPTED, LATENCY, STATUS, RESULTS, DIAGNOSTICS),
+    *(ACCEPTED, LATENCY, STATUS, RESULTS, DIAGNOSTICS, ROSOUT),
     *(TRAJECTORY, SET_MODE, STOP, E_STOP),
 )
 
