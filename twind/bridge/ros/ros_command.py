@@ -131,9 +131,9 @@ def made(options: argparse.Namespace, graph: DiscoverySettings, tell: Tell) -> R
         raise UsageError(f"{words}; where ROS is installed: --backend rclpy")
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
-    name = node_name(options.ros_args)
+    node = node_name(options.ros_args)
     session = {"connect": options.zenoh_connect, "config": options.zenoh_config}
-    transport: RosTransport = kind(graph, tell, name, **(session if options.backend == ZENOH else {}))
+    transport: RosTransport = kind(graph, tell, node, **(session if options.backend == ZENOH else {}))
     return transport
 
 
