@@ -15,6 +15,7 @@ BRIDGE = {
     "error": None,
     "commands": True,
     "refuses": None,
+    "node": "/twind",
     "dropped": 0,
     "undelivered": 0,
     "driving": 0,

@@ -36,6 +36,7 @@ GID = "rmw_dds_common/msg/Gid"
 NODE_ENTITIES = "rmw_dds_common/msg/NodeEntitiesInfo"
 PARTICIPANT_ENTITIES = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
+LOG = "rcl_interfaces/msg/Log"
 TRIGGER = "std_srvs/srv/Trigger"
 SET_BOOL = "std_srvs/srv/SetBool"
 
@@ -95,6 +96,11 @@ KNOWN: Mapping[str, str] = {
         "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values"
     ),
     DIAGNOSTIC_ARRAY: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
+    LOG: (
+        "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\n"
+        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\n"
+        "string file\nstring function\nuint32 line"
+    ),
     GID: "char[16] data",
     NODE_ENTITIES: (
         "string<=256 node_namespace\nstring<=256 node_name\n"

@@ -13,6 +13,7 @@ from twind.bridge.bridge_log import BridgeLog, print_line
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import RclpyTransport, check
 from twind.bridge.ros.ros_bridge import RosBridge
+from twind.bridge.ros.ros_names import ROS_ARGS
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.exceptions import OperationFailed
 
@@ -25,12 +26,19 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--domain", type=int)
     parser.add_argument("--describer")
     parser.add_argument("--no-commands", dest="commands", action="store_false")
+    parser.add_argument(ROS_ARGS, nargs=argparse.REMAINDER, default=[])
     parser.add_argument("--check", action="store_true")  # load all that is needed, and end
     options = parser.parse_args(words)
+    try:
+        check(options.ros_args)
+    except OperationFailed as error:
+        print_line(str(error))
+        return 2
     if options.check:
-        return _checked()
+        return 0
     log = BridgeLog()
-    node = RclpyTransport(discovery(os.environ, domain=options.domain), log, sockets=options.socket)
+    graph = discovery(os.environ, domain=options.domain)
+    node = RclpyTransport(graph, log, sockets=options.socket, arguments=options.ros_args)
     with catch_stop_signals() as stop, log.writing():
         bridge = RosBridge(
             node,
@@ -42,14 +50,5 @@ def main(words: Sequence[str]) -> int:
             stop=stop,
         )
         node.goals = bridge.commands.goal if options.commands else None
+        node.settings = bridge.commands.settings
         return bridge.run()
-
-
-def _checked() -> int:
-    """0; 2 and a line on standard error: a message package is missing."""
-    try:
-        check()
-    except OperationFailed as error:
-        print_line(str(error))
-        return 2
-    return 0

@@ -20,7 +20,13 @@ from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
 from twind.bridge.ros.robot_model_messages import describe
 from twind.bridge.ros.ros_commands import RosCommands, error_text, result_line
-from twind.bridge.ros.ros_diagnostics import Diagnostics, command_latency, encode_string, latencies
+from twind.bridge.ros.ros_diagnostics import (
+    Diagnostics,
+    command_latency,
+    encode_string,
+    latencies,
+    log_message,
+)
 from twind.bridge.ros.ros_endpoints import (
     DESCRIBED,
     DESCRIPTION,
@@ -31,6 +37,7 @@ from twind.bridge.ros.ros_endpoints import (
     LATENCY,
     NEIGHBOURS,
     RESULTS,
+    ROSOUT,
     SERVICES,
     STATUS,
     TOPICS,
@@ -207,7 +214,11 @@ class RosBridge:
     def _result(self, result: Mapping[str, Any]) -> None:
         self._tell(result_line(result))
         robot = (self._status or {}).get("robot")
-        self._publish(RESULTS, encode_string({**result, "robot": robot, "bridge": self._neighbours.id}))
+        content = {**result, "robot": robot, "bridge": self._neighbours.id}
+        self._publish(RESULTS, encode_string(content))
+        self._show(RESULTS, content)
+        if result["phase"] == "refused":
+            self._report("warning", result_line(result))
 
     def _closed(self, stop: bool = False) -> str:
         """Return why no command is taken, or, with `stop`, no stop; "": they are. An e-stop always is."""
@@ -247,7 +258,13 @@ class RosBridge:
             self._publish(LATENCIES, latencies(answer["latency"]))
         elif topic == "trajectories":
             self._send(self._messages.accepted(answer, clocks()))
+        elif topic == "events":
+            self._report(answer["event"]["level"], f"{answer['event']['code']}: {answer['event']['message']}")
         self.commands.motions.on_monitor_reply(answer)
+
+    def _report(self, level: str, text: str) -> None:
+        """Publish a line on /rosout."""
+        self._publish(ROSOUT, log_message(clocks().wall_ns, self._transport.node, level, text))
 
     def _send(self, messages: Sequence[Message]) -> None:
         for topic, data in messages:
@@ -293,6 +310,7 @@ class RosBridge:
         daemon = self._over or self._news.error_text
         return {
             "id": self._neighbours.id,
+            "node": self._transport.node,
             "daemon": self._news.there and not daemon,
             "error": daemon or self._readings.error_text or self._wrong or None,
             "commands": not (self._reads_only or self._denied or self._over),
@@ -307,7 +325,13 @@ class RosBridge:
         return {**(status or {}), "bridge": self._bridge()}
 
     def _publish_status(self) -> None:
-        self._publish(STATUS, encode_string(self._make_status()))
+        status = self._make_status()
+        self._publish(STATUS, encode_string(status))
+        self._show(STATUS, {**status, "joints": self._joints})
+
+    def _show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        if self._joined:
+            self._transport.show(topic, content)
 
     def _status_text(self, now: Outcome) -> str:
         """Return the status text from the daemon's present status, or the reason why there is none."""

@@ -1,6 +1,7 @@
 """Table of topics and services with their types and quality. Standard library, 3.10.
 
 State is RELIABLE KEEP_LAST 10: a BEST_EFFORT writer does not match RELIABLE readers, which most are.
+Names are those without a namespace; `ros_names` adds it.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from twind.ros import (
     IMU,
     JOINT_STATE,
     JOINT_TRAJECTORY,
+    LOG,
     SET_BOOL,
     STRING,
     TRANSFORMS,
     TRIGGER,
 )
 
-NODE = "twind"  # the node's name; no namespace
 MODES = ("sim", "mirror", "live")
 
 
@@ -63,6 +64,7 @@ LATENCIES = RosTopic("/bridge/latencies", FLOATS, out=True)
 STATUS = RosTopic("/bridge/status", STRING, out=True, depth=1, latched=True)
 RESULTS = RosTopic("/bridge/results", STRING, out=True)
 DIAGNOSTICS = RosTopic("/diagnostics", DIAGNOSTIC_ARRAY, out=True)
+ROSOUT = RosTopic("/rosout", LOG, out=True, depth=1000, latched=True)  # as rcl writes it
 
 TRAJECTORY = RosTopic("/cmd/joint_trajectory", JOINT_TRAJECTORY, out=False)
 SET_MODE = RosTopic("/bridge/set_mode_cmd", STRING, out=False)
@@ -72,7 +74,7 @@ E_STOP = RosTopic("/bridge/estop_cmd", STRING, out=False)
 TOPICS = (
     *(HW_JOINTS, SIM_JOINTS, MIRRORED_JOINTS, JOINTS, INERTIAL),
     *(DYNAMIC_JOINTS, SIM_TIME, DESCRIPTION, MOVING_FRAMES, FIXED_FRAMES),
-    *(ACCEPTED, LATENCY, LATENCIES, STATUS, RESULTS, DIAGNOSTICS),
+    *(ACCEPTED, LATENCY, LATENCIES, STATUS, RESULTS, DIAGNOSTICS, ROSOUT),
     *(TRAJECTORY, SET_MODE, STOP, E_STOP),
 )
 
