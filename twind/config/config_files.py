@@ -95,7 +95,7 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     refuse_wrong(robot, ports)
     path = settings.calibration_path(robot.name)
     usual = settings.usual_calibration(robot.name)
-    overlay = identified_path(path or usual) if sources.identified is None else Path(sources.identified)
+    overlay = overlay_path(settings, robot.name, sources.identified)
     measured = [overlay] if sources.identified is not None or overlay.is_file() else []
     files = fingerprints(([path] if path is not None else []) + measured)  # before they are read
     calibration = load_calibration(path, robot) if path is not None else None
@@ -117,6 +117,14 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     if settings.mode != "sim":
         require_rate(robot, rate_hz)
     return LoadedConfig(settings, robot, ports, calibration, rate_hz, files, denied)
+
+
+def overlay_path(settings: DaemonSettings, robot_name: str, named: str | None = None) -> Path:
+    """Return the path of the identified model, there or not: as `named`, else beside the calibration."""
+    usual = settings.usual_calibration(robot_name)
+    return (
+        Path(named) if named is not None else identified_path(settings.calibration_path(robot_name) or usual)
+    )
 
 
 def bus_ports(

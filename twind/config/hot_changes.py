@@ -42,6 +42,7 @@ _OF_JOINTS = frozenset({"lower", "upper", "velocity_limit", "acceleration_limit"
 _OF_SLOTS = frozenset({"bus", "id", "sign", "ratio", "registers", "mode", "feedback_id"})
 _JOINT = {"stops": "stop_rad", "own_follow_rad": "follow_rad", "own_follow_s": "follow_s"}
 _ROBOT = {"mjcf": "model.mjcf", "mjcf_path": "model.mjcf", "base": "model.base", "rate_hz": "loop.rate_hz"}
+_ROBOT |= {"compensate_gravity": "loop.compensate_gravity"}
 _ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu", "relay": "power.relay"}
 
 

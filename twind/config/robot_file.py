@@ -49,6 +49,8 @@ class LoopKeys(ConfigStruct):
     """ticks per second"""
     command_timeout_ms: Annotated[float, Meta(ge=20.0, le=100.0)] = 100.0
     """oldest setpoint of a stream"""
+    compensate_gravity: bool = False
+    """`true` | | goals get an [offset against gravity](safety.md#gravity); support fixed or gantry"""
 
 
 class GateKeys(ConfigStruct):
@@ -140,6 +142,9 @@ def read_robot(path: Path) -> RobotFile:
     legs = names if given.legs is None else given.legs
     _require_passive(top, given.passive, joints)
     _require_legs(top, legs, names)
+    if given.loop.compensate_gravity and given.support == "free":
+        reason = "a robot on its feet has contact forces that the offset does not know: fixed or gantry only"
+        raise top.section("loop").refuse("compensate_gravity", reason)
     gate = given.gate
     return RobotFile(
         name=given.name,
@@ -151,6 +156,7 @@ def read_robot(path: Path) -> RobotFile:
         support=given.support,
         rate_hz=given.loop.rate_hz,
         command_timeout_ms=given.loop.command_timeout_ms,
+        compensate_gravity=given.loop.compensate_gravity,
         buses=wires,
         joints=joints,
         passive=given.passive,

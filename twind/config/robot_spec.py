@@ -201,6 +201,7 @@ class RobotFile:
     gate: GateSettings
     motions: Path  # folder of trajectory files
     transmissions: tuple[TransmissionSpec, ...] = ()
+    compensate_gravity: bool = False  # goals have an offset against gravity
     imu: ImuSpec | None = None
     relay: RelaySpec | None = None  # of the motors' supply
     stop_button: ButtonSpec | None = None

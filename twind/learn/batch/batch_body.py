@@ -42,8 +42,8 @@ class BatchBody:
         threads = max(1, min(cores, count))
         self.batch: Any = Batch(plant.model, count, threads, persistent=count <= KEPT)
         n = len(plant.default)
-        links = len(plant.places.links)
-        self._draws = DrawSampler(ranges, n, links)
+        links = plant.links
+        self._draws = DrawSampler(ranges, n, len(links), links)
         self._drawn = BatchModelWriter(PhysicsRandomiser(ranges, plant.model, plant.places), self.batch)
         self._delay: Any = self.batch.expand("sensor_delay") if ranges.imu_delay != ZERO else None
         self._pushes = PushSchedule(ranges.pushes, plant.mass, period, count)

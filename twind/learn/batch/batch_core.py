@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.config.robot_file import load_robot
 from twind.learn.batch.batch_body import BatchBody
 from twind.learn.randomise.disturbances import ReadingNoise
-from twind.learn.randomise.randomisation_ranges import load_ranges
+from twind.learn.randomise.identified_ranges import randomised_robot
 from twind.learn.task.action_shaping import ActionShaper, ActionShaping
 from twind.learn.task.learning_tasks import Command, command_of, task_of
 from twind.learn.task.observation import BodyReading, ObservationBuilder, Observations
@@ -49,6 +48,7 @@ class BatchCore:
         *,
         robot: str = "h24",
         randomise: str | None = None,
+        identified: str | None = None,
         shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
         threads: int | None = None,
@@ -64,11 +64,12 @@ class BatchCore:
         self.task = task_of(task)
         self.shaping = shaping or ActionShaping()
         period = self.shaping.period
-        ranges = self.task.ranges(load_ranges(randomise))
+        described = randomised_robot(robot, randomise, identified)
+        ranges = self.task.ranges(described.ranges)
         self.plant = plant = plant_of(
-            load_robot(robot),
+            described.robot,
             period=period,
-            action_delay=ranges.action_delay[1],
+            action_delay=ranges.longest_action_delay,
             imu_delay=ranges.imu_delay[1],
             looks=looks,
         )

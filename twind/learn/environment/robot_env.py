@@ -9,12 +9,12 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from twind.config.robot_file import load_robot
 from twind.learn.environment.camera_renderer import CameraRenderer
 from twind.learn.environment.daemon_body import DaemonBody
 from twind.learn.environment.sim_body import SimBody
 from twind.learn.randomise.disturbances import ReadingNoise
-from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
+from twind.learn.randomise.identified_ranges import randomised_robot
+from twind.learn.randomise.randomisation_ranges import RandomisationRanges
 from twind.learn.task.action_shaping import ActionShaper, ActionShaping
 from twind.learn.task.learning_tasks import command_in, task_of
 from twind.learn.task.observation import BodyReading, ObservationBuilder
@@ -70,13 +70,15 @@ class RobotEnv(gymnasium.Env):
         backend: str = "sim",
         render_mode: str | None = None,
         randomise: str | None = None,
+        identified: str | None = None,
         socket: str | None = None,
         shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
     ) -> None:
         """`robot`: name or path of a robot file; `backend`: sim or daemon (at `socket`, None: the usual one).
 
-        `randomise`: a profile of the ranges, or a file of them; `episode_steps`: None, as the task says.
+        `randomise`: a profile of the ranges, or a file of them; `identified`: file of an identified model,
+        whose uncertainties take the place of ranges; `episode_steps`: None, as the task says.
         Raises KeyError, ConfigError, InvalidInput, ValueError.
         """
         if render_mode not in (None, "rgb_array"):
@@ -86,11 +88,12 @@ class RobotEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.task = task_of(task)
         self.shaping = shaping or ActionShaping()
-        ranges = self.task.ranges(load_ranges(randomise))
+        described = randomised_robot(robot, randomise, identified)
+        ranges = self.task.ranges(described.ranges)
         self.plant = plant = plant_of(
-            load_robot(robot),
+            described.robot,
             period=self.shaping.period,
-            action_delay=ranges.action_delay[1],
+            action_delay=ranges.longest_action_delay,
             imu_delay=ranges.imu_delay[1],
             looks=render_mode is not None,
         )

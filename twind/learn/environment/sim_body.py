@@ -29,8 +29,8 @@ class SimBody:
         self.model: Any = copy.copy(plant.model)
         self.data: Any = mujoco.MjData(self.model)
         n = len(plant.default)
-        links = len(plant.places.links)
-        self._draws = DrawSampler(ranges, n, links)
+        links = plant.links
+        self._draws = DrawSampler(ranges, n, len(links), links)
         self._drawn = SingleModelWriter(PhysicsRandomiser(ranges, self.model, plant.places), self.model)
         self._start = EpisodeStart(plant.model, plant.places, plant.stance)
         self._pushed = ranges.pushes is not None

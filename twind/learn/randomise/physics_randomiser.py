@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from twind.learn.randomise.randomisation_ranges import SAME, ZERO, EpisodeDraw, RandomisationRanges, Span
-from twind.robot.arrays import Ints
+from twind.robot.arrays import Floats, Ints
 
 Fields = Mapping[str, Any]  # of a model, or of one simulation: name -> array
 SETCONST: frozenset[str] = frozenset(mujoco.MjModel._setconst_inputs)
@@ -83,14 +83,15 @@ def _imu_delay(new: Fields, old: Fields, draw: EpisodeDraw, at: ModelAddresses) 
     new["sensor_delay"][at.imu] = in_steps(draw.imu_delay, float(old["opt.timestep"]))
 
 
-def in_steps(delay: float, timestep: float) -> float:
-    """A delay of whole steps as MuJoCo needs it: half a step less.
+def in_steps(delay: float | Floats, timestep: float) -> float | Floats:
+    """Delays of whole steps as MuJoCo needs them: half a step less.
 
     It takes the last sample that is at least that old, and sums of steps are not whole multiples of a step:
     a delay of exactly three steps would now and then be four.
     """
-    steps = round(delay / timestep)
-    return max(0.0, (steps - 0.5) * timestep)
+    steps = np.rint(np.divide(delay, timestep))
+    whole: float | Floats = np.maximum(0.0, (steps - 0.5) * timestep)
+    return whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,14 +125,14 @@ class PhysicsRandomiser:
     def __init__(self, ranges: RandomisationRanges, model: Any, at: ModelAddresses) -> None:
         """`model`: mujoco.MjModel as compiled. Raises ValueError: it has no room for the longest delay."""
         self._at = at
-        self._changes = [each for each in CHANGES if getattr(ranges, each.quantity) != each.neutral]
+        self._changes = [each for each in CHANGES if ranges.varies(each.quantity, each.neutral)]
         self.fields = tuple(dict.fromkeys(name for each in self._changes for name in each.fields))
         self.derived = any(name in SETCONST for name in self.fields)
         old = {name: np.array(getattr(model, name)) for name in self.fields}
         self._old: Fields = {**old, "opt.timestep": np.array(model.opt.timestep)}
         step = float(model.opt.timestep)
-        _require_room(model.actuator_history[at.actuators, 0], ranges.action_delay, step, "actuators")
-        _require_room(model.sensor_history[at.imu, 0], ranges.imu_delay, step, "IMU sensors")
+        _require_room(model.actuator_history[at.actuators, 0], ranges.longest_action_delay, step, "actuators")
+        _require_room(model.sensor_history[at.imu, 0], ranges.imu_delay[1], step, "IMU sensors")
 
     def write(self, draw: EpisodeDraw, fields: Fields) -> None:
         """Write `draw` into `fields`; the caller lets MuJoCo derive its constants if `derived`."""
@@ -171,10 +172,10 @@ class BatchModelWriter:
             self._batch.set_const(ids)
 
 
-def _require_room(samples: Ints, delay: Span, step: float, whose: str) -> None:
-    needed = round(delay[1] / step)
+def _require_room(samples: Ints, delay: float, step: float, whose: str) -> None:
+    needed = round(delay / step)
     if samples.size and samples.min() < needed:
         raise ValueError(
-            f"the {whose} keep {samples.min()} samples, a delay of {delay[1]:g} s needs {needed}: "
+            f"the {whose} keep {samples.min()} samples, a delay of {delay:g} s needs {needed}: "
             "compile the model with the longest delay of its ranges"
         )

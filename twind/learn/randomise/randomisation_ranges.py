@@ -4,8 +4,8 @@ A file has profiles; a quantity that a profile leaves out is not randomised.
 """
 
 import difflib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.yaml_tree import parse, read_text
+from twind.learn.randomise.measured_spread import Entry, MeasuredSpread
 from twind.robot.arrays import Floats
 
 Span = tuple[float, float]  # low, high
@@ -79,6 +80,18 @@ class RandomisationRanges:
     start_velocity: Span = ZERO
     pushes: PushRanges | None = None
     noise: NoiseRanges = NoiseRanges()
+    # quantity -> entry -> distribution that takes the place of its range
+    measured: Mapping[str, Mapping[Entry, MeasuredSpread]] = field(default_factory=dict)
+
+    def varies(self, quantity: str, neutral: Span) -> bool:
+        """Check whether a quantity is drawn at all."""
+        return getattr(self, quantity) != neutral or bool(self.measured.get(quantity))
+
+    @property
+    def longest_action_delay(self) -> float:
+        """Longest delay that can be drawn for a joint, s."""
+        found = self.measured.get("action_delay", {}).values()
+        return max([self.action_delay[1], *(spread.high for spread in found)])
 
 
 def _factor(key: str) -> RangeRule:
@@ -196,7 +209,7 @@ class EpisodeDraw(NamedTuple):
     stiffness: Floats  # x, (n,), position gain
     braking: Floats  # x, (n,), velocity gain
     encoder_zero: Floats  # rad, (n,): the encoder says this much more than is
-    action_delay: float  # s
+    action_delay: float | Floats  # s; (n,) where delays of joints were measured
     imu_delay: float  # s
     start_joints: Floats  # + rad, (n,)
     start_tilt: Floats  # + rad, (2,): roll, pitch
@@ -206,26 +219,61 @@ class EpisodeDraw(NamedTuple):
 class DrawSampler:
     """Draws within ranges, of a robot with `joints` joints and `links` links."""
 
-    def __init__(self, ranges: RandomisationRanges, joints: int, links: int) -> None:
+    def __init__(
+        self, ranges: RandomisationRanges, joints: int, links: int, link_names: Sequence[str] = ()
+    ) -> None:
+        """`link_names`: bodies in the order of the links, by which measured masses find theirs."""
+        single = {"friction", "action_delay", "imu_delay"}
+        single -= ranges.measured.keys()
         known = {"mass": links, "centre_of_mass": 3, "start_tilt": 2, "start_velocity": 2}
-        sizes = [1 if name in _SINGLE else known.get(name, joints) for name in EpisodeDraw._fields]
+        sizes = [1 if name in single else known.get(name, joints) for name in EpisodeDraw._fields]
         spans: list[Span] = [getattr(ranges, name) for name in EpisodeDraw._fields]
         ends = np.cumsum(sizes).tolist()
         self._parts: list[slice | int] = [  # a number, or a run of them
-            end - 1 if name in _SINGLE else slice(end - size, end)
+            end - 1 if name in single else slice(end - size, end)
             for name, size, end in zip(EpisodeDraw._fields, sizes, ends, strict=True)
         ]
         self._low = np.repeat([low for low, _ in spans], sizes)
         self._width = np.repeat([high - low for low, high in spans], sizes)
-        self._any = bool(self._width.any())
+        begins = {name: end - size for name, size, end in zip(EpisodeDraw._fields, sizes, ends, strict=True)}
+        order = {name: number for number, name in enumerate(link_names)}
+        self._measured = {
+            begins[quantity] + (order[entry] if isinstance(entry, str) else entry): spread
+            for quantity, spreads in ranges.measured.items()
+            for entry, spread in spreads.items()
+            if not isinstance(entry, str) or entry in order
+        }
+        self._same = dict(self._shared(ranges, begins, joints))
+        self._any = bool(self._width.any()) or bool(self._measured)
+
+    def _shared(
+        self, ranges: RandomisationRanges, begins: Mapping[str, int], joints: int
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the places whose share is that of another place.
+
+        Braking and damping were measured as one. Delays that were not measured are one for all joints.
+        """
+        for joint in ranges.measured.get("braking", {}):
+            assert isinstance(joint, int)
+            yield begins["braking"] + joint, begins["damping"] + joint
+        delays = ranges.measured.get("action_delay", {})
+        others = [begins["action_delay"] + joint for joint in range(joints if delays else 0)]
+        others = [place for place in others if place not in self._measured]
+        for place in others[1:]:
+            yield place, others[0]
 
     def draw(self, rng: np.random.Generator) -> EpisodeDraw:
-        """The next draw: as many random numbers whatever the ranges are, none where all are points."""
+        """The next draw: as many random numbers whatever the ranges are, none where all are points.
+
+        Measured delays of joints take one number each.
+        """
         values = self._low.copy()
         if self._any:
-            values += rng.random(values.size) * self._width
+            shares = rng.random(values.size)
+            for place, source in self._same.items():
+                shares[place] = shares[source]
+            values += shares * self._width
+            for place, spread in self._measured.items():
+                values[place] = spread.at(float(shares[place]))
         values.setflags(write=False)
         return EpisodeDraw._make(values[part] for part in self._parts)
-
-
-_SINGLE = ("friction", "action_delay", "imu_delay")

@@ -58,6 +58,11 @@ class Plant:
         """Mass of the whole robot, kg."""
         return float(self.model.body_subtreemass[self.places.base])
 
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the robot's bodies, in the order of a draw."""
+        return tuple(self.model.body(body).name for body in self.places.links)
+
     def parts(self, qpos: Floats, qvel: Floats, sensordata: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the parts of a reading from a state as in `read`: positions, velocities, IMU, rest.
 

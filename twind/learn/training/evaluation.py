@@ -46,7 +46,13 @@ class EvaluationEnvs:
     ) -> None:
         """As the training has them, but `episodes` of them: one each. Raises what `Core` does."""
         count = episodes or settings.episodes
-        self.core = BatchCore(settings.task, count, robot=settings.robot, randomise=settings.profile)
+        self.core = BatchCore(
+            settings.task,
+            count,
+            robot=settings.robot,
+            randomise=settings.profile,
+            identified=settings.identified,
+        )
         self._seeds = [first_seed + place for place in range(count)]
 
     def zero(self) -> EvaluationScore:

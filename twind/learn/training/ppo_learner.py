@@ -27,7 +27,13 @@ def environments(settings: TrainingSettings) -> Any:
     if settings.kind == "batch":
         from twind.learn.batch.vec_env import BatchVecEnv
 
-        return BatchVecEnv(settings.task, settings.envs, robot=settings.robot, randomise=settings.profile)
+        return BatchVecEnv(
+            settings.task,
+            settings.envs,
+            robot=settings.robot,
+            randomise=settings.profile,
+            identified=settings.identified,
+        )
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
     if settings.kind == "subproc":
@@ -52,7 +58,7 @@ def _make_env(settings: TrainingSettings) -> Any:
 
     from twind.learn.environment.robot_env import RobotEnv
 
-    env = RobotEnv(settings.task, settings.robot, randomise=settings.profile)
+    env = RobotEnv(settings.task, settings.robot, randomise=settings.profile, identified=settings.identified)
     return TimeLimit(env, env.task.steps(env.shaping.period))
 
 
@@ -219,6 +225,6 @@ def export(
         command=dict(zip(names, core.task.command, strict=True)),
         trained_steps=model.num_timesteps,
         evaluation=dict(figures),
-        notes={"seed": str(settings.seed), "profile": settings.profile or "none"},
+        notes={"seed": str(settings.seed), "profile": settings.randomisation},
     )
     save(path, layers(model.policy), mean, std, float(normal.clip_obs), card)

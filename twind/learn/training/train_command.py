@@ -53,6 +53,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="ranges of randomisation: none, default, or a file",
     )
+    parser.add_argument(
+        "--randomise",
+        choices=("identified",),
+        help="draw from the uncertainties of the identified model; --profile (then: default) has the ranges "
+        "of all else",
+    )
+    parser.add_argument(
+        "--identified",
+        metavar="FILE",
+        help="this identified model, and --randomise identified (default: beside the robot's calibration)",
+    )
     parser.add_argument("--kind", choices=KINDS, help="how simulations run (default: batch, the fastest)")
     for name, kind, metavar, text in FIGURES:
         parser.add_argument(
@@ -131,7 +142,28 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
             given["task"] = task_of(options.task).name
         except KeyError as error:
             raise UsageError(error.args[0]) from None
+    if options.identified is not None or options.randomise is not None:
+        given["identified"] = str(_identified(options).absolute())
     return given
+
+
+def _identified(options: argparse.Namespace) -> Path:
+    """Return the identified model that is named, else that beside the calibration. Raises Rejected."""
+    from twind.config.config_files import overlay_path
+    from twind.config.daemon_settings import load_settings
+    from twind.config.robot_file import load_robot
+    from twind.config.yaml_tree import ConfigError
+
+    try:
+        robot = load_robot(options.robot or DEFAULTS["Stand"].robot).name
+        path = overlay_path(load_settings(None), robot, options.identified)
+    except (ConfigError, InvalidInput) as error:
+        raise Rejected(str(error)) from None
+    if not path.is_file():
+        raise Rejected(
+            f"{path}: no identified model: run `twindctl identify`, or name one by --identified FILE"
+        )
+    return path
 
 
 def _settings(given: dict[str, Any]) -> Any:

@@ -19,10 +19,9 @@ class TrainingReporter:
 
     def began(self, settings: TrainingSettings, path: Path, done: int, zero: EvaluationScore) -> None:
         """Print what is trained, and `zero`, the score of the policy that does nothing, as the reference."""
-        random = settings.profile or "none"
         lines = [
             f"{settings.task} with {settings.robot}: {_count(settings.steps)} steps of {settings.envs}"
-            f" environments ({settings.kind}), seed {settings.seed}, randomised: {random}",
+            f" environments ({settings.kind}), seed {settings.seed}, randomised: {settings.randomisation}",
             f"into {path}" + (f", going on after {_count(done)} steps" if done else ""),
             "",
             "Each line is an evaluation on simulations of its own, with the same seeds every time.",

@@ -6,11 +6,12 @@ Kept with the run, and compared when it is resumed.
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import read_text
-from twind.learn.randomise.randomisation_ranges import file_of
+from twind.learn.randomise.randomisation_ranges import DEFAULT, file_of
 
 KINDS = ("batch", "dummy", "subproc")  # how environments run: one batch, one after the other, a process each
 
@@ -22,9 +23,11 @@ class TrainingSettings:
     task: str
     robot: str = "h24"  # name or path of a robot file
     profile: str | None = None  # of the ranges of randomisation, or a file of them
+    identified: str | None = None  # file of the identified model that draws come from
     # of robot file and MJCF, as they were when the training began
     robot_sha256: str = ""
     profile_sha256: str = ""  # of the file of ranges
+    identified_sha256: str = ""
     seed: int = 0
     steps: int = 61_440  # control steps, of all environments together
     envs: int = 8
@@ -59,6 +62,13 @@ class TrainingSettings:
         if not 0.0 < self.gamma < 1.0:
             raise ValueError(f"gamma {self.gamma:g}: above 0 and below 1 is needed")
 
+    @property
+    def randomisation(self) -> str:
+        """Return the source of draws, as text."""
+        if self.identified is None:
+            return self.profile or "none"
+        return f"{self.identified}, {self.profile or DEFAULT} for the rest"
+
     def to_json(self) -> dict[str, object]:
         """As it stands in the run's file."""
         return asdict(self) | {"hidden": list(self.hidden)}
@@ -79,7 +89,8 @@ def make_settings(task: str, given: Mapping[str, Any]) -> TrainingSettings:
 def settings_from_json(data: Mapping[str, Any]) -> TrainingSettings:
     """Build the settings from a run's file. Raises ValueError: not the settings of this version."""
     known = {each.name for each in fields(TrainingSettings)}
-    if set(data) != known:
+    since = {"identified", "identified_sha256"}  # absent in the files of earlier versions
+    if not known - since <= set(data) <= known:
         other = ", ".join(sorted(known ^ set(data)))
         raise ValueError(f"its settings are not those of this twind: {other}")
     return TrainingSettings(**{**data, "hidden": tuple(data["hidden"])})
@@ -102,12 +113,19 @@ def _format_value(value: Any) -> str:
 def originated(settings: TrainingSettings) -> TrainingSettings:
     """Return the settings with the current hashes of their files.
 
-    These are the robot file with its MJCF (without meshes), and the file of ranges. Raises ConfigError.
+    These are the robot file with its MJCF (without meshes), the file of ranges and the identified model.
+    Raises ConfigError.
     """
     robot = load_robot(settings.robot)
     profile = settings.profile
     ranges = "" if profile is None else _hash(read_text(file_of(profile)))
-    return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
+    model = "" if settings.identified is None else _hash(read_text(Path(settings.identified)))
+    return replace(
+        settings,
+        robot_sha256=_hash(robot.text_sha256 + robot.mjcf),
+        profile_sha256=ranges,
+        identified_sha256=model,
+    )
 
 
 def describe_changes(settings: TrainingSettings) -> list[str]:
@@ -118,6 +136,8 @@ def describe_changes(settings: TrainingSettings) -> list[str]:
         found.append(f"the robot file {settings.robot} or its MJCF has changed since")
     if now.profile_sha256 != settings.profile_sha256:
         found.append(f"the ranges of {settings.profile} have changed since")
+    if now.identified_sha256 != settings.identified_sha256:
+        found.append(f"the identified model {settings.identified} has changed since")
     return found
 
 

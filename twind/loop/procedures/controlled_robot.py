@@ -12,6 +12,7 @@ import numpy as np
 
 from twind.loop.tick.bound_robot import BoundRobot
 from twind.loop.tick.collision_lookahead import CollisionLookahead
+from twind.motion.gravity_compensation import GravityCompensation
 from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
@@ -44,15 +45,37 @@ class ControlledRobot:
     """Description in force, states of this tick, and the last goal that left."""
 
     def __init__(
-        self, description: RobotInForce, outlook: CollisionLookahead | None, simulated: JointState
+        self,
+        description: RobotInForce,
+        outlook: CollisionLookahead | None,
+        simulated: JointState,
+        compensation: GravityCompensation | None = None,
     ) -> None:
-        """`outlook`: None where no two bodies can collide; `simulated`: where the simulation begins."""
+        """`outlook`: None where no two bodies can collide; `simulated`: where the simulation begins.
+
+        `compensation`: None where goals have no offset.
+        """
         self.description = description
         self.outlook = outlook
+        self.compensation = compensation
         self.measured = _never_read(len(description.joints), simulated.time)
         self.simulated = simulated
         self.written: Floats | None = None  # the last goal that was sent, rad (n,)
         self.untouched = True  # no motion was accepted yet
+
+    def restart(self, written: Floats | None) -> None:
+        """Set the last goal that was sent (n,), rad, from which commands go on without an offset."""
+        self.written = written
+        if self.compensation is not None:
+            self.compensation.reset()
+
+    @property
+    def commanded(self) -> Floats | None:
+        """The last goal that was sent, without its offset against gravity, rad (n,)."""
+        if self.compensation is None or self.written is None:
+            return self.written
+        commanded: Floats = self.written - self.compensation.offset(self.written)
+        return commanded
 
     @property
     def bound(self) -> BoundRobot:

@@ -19,8 +19,9 @@ def fail(context: ProcedureContext, finding: Finding) -> None:
     context.condition.change(RobotEvent.FAULT)
     rank = context.procedures.rank
     if rank is None or rank <= Priority.ARM:
-        if context.robot.written is not None and context.executor.motion is not Motion.IDLE:
-            context.executor.begin(context.robot.written)
+        commanded = context.robot.commanded
+        if commanded is not None and context.executor.motion is not Motion.IDLE:
+            context.executor.begin(commanded)
         if rank is Priority.ARM:
             context.procedures.own(Priority.DISARM, lambda: give_up(context))
 

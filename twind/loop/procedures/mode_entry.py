@@ -25,7 +25,7 @@ class ModeEntry:
         condition = context.condition
         robot = context.robot
         condition.mode = mode
-        robot.written = None
+        robot.restart(None)
         self._way.forget()
         context.hardware.access(read=mode is not Mode.SIM, write=mode is Mode.LIVE)
         if mode is Mode.SIM and condition.state not in (RobotState.DISCONNECTED, *LATCHED):

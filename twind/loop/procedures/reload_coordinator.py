@@ -262,6 +262,10 @@ def put_in_force(context: ProcedureContext, parts: LoopParts, one: BoundRobot) -
     hardware.rejoin(binding.joint_map)
     parts.guard.limit(binding.limits, binding.ratings)
     context.executor.limits = binding.limits
+    if context.robot.compensation is not None:
+        context.robot.compensation.rescale(
+            binding.ratings.stiffness / context.robot.description.ratings.stiffness
+        )
     context.robot.outlook = outlook
     context.robot.description = replace(
         context.robot.description,

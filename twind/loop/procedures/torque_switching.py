@@ -66,7 +66,7 @@ def take(context: ProcedureContext, held: Floats) -> None:
     context.hardware.hold(True)
     context.torque.take_hold(context.hardware.energised_joints)
     context.executor.begin(held)
-    context.robot.written = held
+    context.robot.restart(held)
 
 
 def switch_torque_off(context: ProcedureContext) -> Steps:

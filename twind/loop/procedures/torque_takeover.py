@@ -148,7 +148,7 @@ def _rejoin(context: ProcedureContext) -> Steps:
         hardware.hold(True, identified=True)
         context.torque.regain_bus(hardware.energised_joints)
         context.executor.begin(place)
-        robot.written = place
+        robot.restart(place)
 
 
 def _where_it_is(context: ProcedureContext) -> tuple[Floats, Bools]:

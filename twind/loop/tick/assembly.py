@@ -29,9 +29,11 @@ from twind.loop.tick.bound_robot import BoundRobot
 from twind.loop.tick.collision_lookahead import NEAR, CollisionLookahead
 from twind.loop.tick.control_loop import Loop
 from twind.loop.tick.loop_parts import LoopParts
+from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
+from twind.safety.follow_bounds import follow_bounds
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
@@ -50,6 +52,7 @@ from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
 
+FOLLOW_SHARE = 0.5  # of the bound of FOLLOW_ERR that an offset against gravity may use
 NO_TAPES: Mapping[str, BusTap] = MappingProxyType({})
 
 
@@ -109,6 +112,7 @@ def build(
         rewire=rewire,
         power=power,
         outlook=_outlook(binding, period),
+        compensation=gravity_compensation(robot.file, binding),
     )
     return Loop(parts, mode)
 
@@ -173,6 +177,24 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
 def _torque_at_rest(binding: Binding) -> TorqueAtRest | None:
     """Return the torque that holds a pose, as the model gives it; None: every device has a watchdog."""
     return Dynamics(binding).at_rest if np.isfinite(binding.ratings.lead).any() else None
+
+
+def gravity_compensation(robot: RobotFile, binding: Binding) -> GravityCompensation | None:
+    """Return the offset of goals against gravity; None: the robot file does not ask for it.
+
+    An offset uses at most half of the distance at which FOLLOW_ERR latches, and the lead limit.
+    """
+    if not robot.compensate_gravity:
+        return None
+    rated = binding.ratings
+    found = {} if robot.identified is None else robot.identified.joints
+    measured = [found[name].value("stiffness_nm_per_rad") if name in found else None for name in robot.names]
+    stiffness = [
+        own if value is None else value for own, value in zip(rated.stiffness, measured, strict=True)
+    ]
+    following = follow_bounds(rated, binding.limits, worst_load(binding), Bounds())
+    most = np.minimum(FOLLOW_SHARE * following.rad, rated.lead)
+    return GravityCompensation(Dynamics(binding).at_rest, np.array(stiffness), most)
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:

@@ -27,6 +27,7 @@ from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
 from twind.loop.tick.reactions import Reactions
 from twind.loop.tick.state_publisher import StatePublisher
+from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.limp_joints import LimpJoints
 from twind.robot.arrays import Floats
 from twind.robot.event_codes import EventCode
@@ -51,7 +52,7 @@ class Loop:
         self.procedures = ProcedureRunner(lambda: self.condition.cause)
         simulated = parts.twin.update(None, None, parts.clock.now())
         described = RobotInForce.of(parts.bound, parts.period)
-        self.robot = ControlledRobot(described, parts.outlook, simulated)
+        self.robot = ControlledRobot(described, parts.outlook, simulated, parts.compensation)
         self.torque = TorqueState(len(described.joints))
         self.parts = parts
         self.figures = LoopFigures(parts.period, parts.realtime)
@@ -101,6 +102,8 @@ class Loop:
         )  # the state that follows commands and is judged
         self.executor.limp = self._limp_joints() if live and self.torque.partial else None
         reference = self.executor.goal(now, self.figures.missed_in_a_row)
+        if self.robot.compensation is not None:
+            reference = self._compensated(self.robot.compensation, reference)
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
         left = goal if self.hardware.left or not live else None
@@ -114,6 +117,18 @@ class Loop:
     def _limp_joints(self) -> LimpJoints:
         """Return the limp joints and where a goal for them may be."""
         return LimpJoints(self.torque.limp, self.hardware.reachable(self.robot.measured.position))
+
+    def _compensated(self, against: GravityCompensation, reference: Reference | None) -> Reference | None:
+        """Return the goal with its offset against gravity, which fades out while a procedure moves."""
+        if reference is None:
+            against.reset()
+            return None
+        robot = self.robot
+        held = self.condition.mode is not Mode.LIVE or (
+            self.torque.armed and self.torque.soft_since is None and not self.torque.partial
+        )
+        active = held and self.procedures.rank is None
+        return against.compensate(reference, robot.written, robot.limits, robot.period, active=active)
 
     def _attempt(self, now: float) -> None:
         """Run a tick; hold the last goal after an exception, give up after several in a row (INTERNAL)."""

@@ -13,6 +13,7 @@ from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
 from twind.loop.tick.collision_lookahead import CollisionLookahead
+from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.safety.gate_types import GateThresholds
@@ -46,4 +47,5 @@ class LoopParts:
     # how write halves are made for a robot that was changed
     rewire: Callable[[BoundRobot], Enabler] | None = None
     power: PowerChild | None = None  # None: the robot has neither supply relay nor stop button
+    compensation: GravityCompensation | None = None  # None: goals have no offset against gravity
     outlook: CollisionLookahead | None = None  # None: no two bodies of the model can collide

@@ -72,8 +72,8 @@ class Reactions:
         if context.torque.inhibited or reference is None:
             return None
         if decision.goal_refused:
-            if context.robot.written is not None:
-                context.executor.begin(context.robot.written)
+            if (commanded := context.robot.commanded) is not None:
+                context.executor.begin(commanded)
             return context.robot.written
         return reference.position
 
