@@ -33,15 +33,17 @@ class GapReplay:
         even = resample(measured, self._period)
         return joint_gaps(even, self.simulate(even))
 
-    def simulate(self, measured: MotionSamples) -> MotionSamples:
+    def simulate(self, measured: MotionSamples, first: int = 0) -> MotionSamples:
         """Return the simulated motion at the times of `measured`, which are one period apart.
 
-        NaN in segments that cannot be simulated: a position of a joint is unknown.
+        NaN up to sample `first`, the first restart, and in segments that cannot be simulated: a position of a
+        joint is unknown.
         """
         length = max(1, round(SEGMENT / self._period))
         made = np.full((3, *measured.position.shape), np.nan)
-        for first in range(0, len(measured.time) - 1, length):
-            self._segment(measured, first, min(first + length, len(measured.time) - 1), made)
+        last = len(measured.time) - 1
+        for begin in range(first, last, length):
+            self._segment(measured, begin, min(begin + length, last), made)
         return MotionSamples(measured.names, measured.time, measured.goal, made[0], made[1], made[2])
 
     def _segment(self, measured: MotionSamples, first: int, last: int, made: Floats) -> None:

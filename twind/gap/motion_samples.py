@@ -1,5 +1,6 @@
 """Samples of a motion: what was commanded and what was measured. Arrays are (t, n), n joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,3 +40,11 @@ class MotionSamples:
             effort=self.effort[part],
             supply=None if self.supply is None else self.supply[part],
         )
+
+
+def joined(parts: Sequence[MotionSamples]) -> MotionSamples:
+    """Return the samples of `parts`, at least one, one after the other; supply is left out."""
+    columns = ("time", "goal", "position", "velocity", "effort")
+    return MotionSamples(
+        parts[0].names, *(np.concatenate([getattr(part, each) for part in parts]) for each in columns)
+    )

@@ -66,8 +66,8 @@ def _compiled(mjcf: str, folder: str) -> Any:
     return spec.compile()
 
 
-def _identified(told: object) -> IdentifiedModel | None:
-    return None if told is None else msgspec.convert(told, IdentifiedModel)
+def _identified(recorded: object) -> IdentifiedModel | None:
+    return None if recorded is None else msgspec.convert(recorded, IdentifiedModel)
 
 
 def _actuator(model: Any, joint: int) -> int:
