@@ -64,6 +64,8 @@ class SettingsKeys(ConfigStruct):
     thresholds: ThresholdKeys = msgspec.field(default_factory=ThresholdKeys)
     log_level: Level = "info"
     """lowest level in the log"""
+    gap: bool = True
+    """whether the [gap](gap.md) between robot and simulation is worked out in mode live"""
     cpu: Annotated[int, Meta(ge=0, le=1023)] | None = None
     """| any | CPU core of the loop"""
 
@@ -93,6 +95,7 @@ class DaemonSettings:
     latency_warn_ms: float
     latency_block_ms: float
     log_level: str
+    gap: bool = True  # the gap is worked out in mode live
     cpu: int | None = None  # the core that the loop stays on, as the kernel counts them; None: any
     source: str = field(default="defaults")  # the file they came from
     # Key of the file -> where its value comes from: the file, or the command line; not named: the default.
@@ -155,6 +158,7 @@ class DaemonSettings:
             "latency_warn_ms": self.latency_warn_ms,
             "latency_block_ms": self.latency_block_ms,
             "log_level": self.log_level,
+            "gap": self.gap,
             "cpu": self.cpu,
             "source": self.source,
             "origins": dict(self.origins),
@@ -246,6 +250,7 @@ def _settings(given: SettingsKeys, where: InstallationPaths) -> DaemonSettings:
         latency_warn_ms=given.thresholds.latency_warn_ms,
         latency_block_ms=given.thresholds.latency_block_ms,
         log_level=given.log_level,
+        gap=given.gap,
         cpu=given.cpu,
     )
 

@@ -7,7 +7,7 @@ from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.ctl.estop import reset_after_estop
-from twind.protocol.messages import JointMessage, LoopMessage, StatusMessage, StreamingMessage
+from twind.protocol.messages import GapMessage, JointMessage, LoopMessage, StatusMessage, StreamingMessage
 from twind.robot.modes import RESET_STATES, RobotState
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
@@ -59,6 +59,7 @@ def status_lines(status: StatusMessage) -> list[str]:
         lines.append(f"relay    {status['supply_relay']}")
     if status.get("stop_button") is not None:
         lines.append(f"button   {status['stop_button']}")
+    lines += gap_lines(status.get("gap"))
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]
 
@@ -116,6 +117,22 @@ def loop_text(loop: LoopMessage) -> str:
     if "scheduler" in (loop.get("realtime_denied") or ()):
         scheduler = f"no real time: {scheduler.removeprefix('no: ')}"
     return f"{text}; {scheduler}"
+
+
+def gap_lines(gap: GapMessage | None) -> list[str]:
+    """Format the total gap of the positions; no line without figures."""
+    text = gap_text(gap)
+    return [] if text is None else [f"gap      {text}"]
+
+
+def gap_text(gap: GapMessage | None) -> str | None:
+    """Format both norms of the positions of all joints; None without figures."""
+    total = None if gap is None else gap["total"].get("position")
+    if total is None:
+        return None
+    norms = (("of the spread", total["nrmse_spread"]), ("unexplained", total["unexplained"]))
+    shares = [f"{share:.1%} {name}" for name, share in norms if share is not None]
+    return ", ".join([f"{total['rms'] * 1e3:.1f} mrad rms", *shares])
 
 
 def stream_text(report: StreamingMessage) -> str:

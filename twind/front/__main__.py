@@ -82,6 +82,7 @@ async def _serve(
     front.listening.close()  # at once: threads that load a model are waited for
     front.part()
     front.reloads.close()
+    front.gap.close()
     await front.flights.end()
 
 

@@ -17,6 +17,7 @@ from twind.front.daemon_log import DaemonLog
 from twind.front.event_logger import EventLogger
 from twind.front.flight_dumper import FlightDumper, RecorderHandover
 from twind.front.front_core import FrontCore, FrontSession
+from twind.front.gap_monitor import GapMonitor
 from twind.front.message_stream import MessageStream
 from twind.front.reload_queue import ReloadQueue
 from twind.front.reserved_descriptors import PLACES, RESERVED, ReservedDescriptors
@@ -55,6 +56,7 @@ class FrontServer(FrontCore):
         self.reloads = ReloadQueue(self, self.adopt)
         self.flights = FlightDumper(self, recorded)
         self.streams = StreamerReportCache(self.world, self.telemetry)
+        self.gap = GapMonitor(self)
         self.submitted = PendingVerdict()
         self.listening = SocketAcceptor(self.loop, self.link, self._accept)
         self._spares = ReservedDescriptors(RESERVED)
@@ -167,6 +169,7 @@ class FrontServer(FrontCore):
             self.foreseen.load()
         if isinstance(news, Tick):
             self.telemetry.tick(news)
+            self.gap.tick(news)
         else:
             self.telemetry.overview(news)
             self._report.overview(news, self.world.tick)
@@ -181,6 +184,7 @@ class FrontServer(FrontCore):
         self.reloads.check_timeout(now)
         self.flights.housekeep(now)
         self.streams.drop_silent(now)
+        self.gap.housekeep(now)
         self._starved = not self._spares.refill()
         if self.world.is_known:
             self.listening.open()

@@ -79,6 +79,7 @@ class StateCache:
         self.overview: Overview | None = None
         self.flight: dict[str, object] | None = None  # `Flight` of the interface; None: nothing is recorded
         self.streams: list[dict[str, Any]] = []  # `[]Streaming`
+        self.gap: dict[str, object] | None = None  # `Gap`; None: no figures
         self._cache: dict[str, bytes] = {}
         self._last_status: tuple[Any, Any, bytes] | None = None  # last status: content, encoding
         self._slow: dict[str, msgspec.Raw] = {}
@@ -194,7 +195,7 @@ class StateCache:
     def _kept_status(self) -> bytes:
         tick = self.tick
         assert tick is not None
-        held = self.overview, self.flight, self.streams, self.briefing
+        held = self.overview, self.flight, self.streams, self.briefing, self.gap
         modes = (tick.mode, tick.state, tick.motion)
         of = (*map(id, held), *modes, tick.armed, tick.inherited)
         if self._last_status is None or self._last_status[0] != of:
@@ -215,6 +216,7 @@ class StateCache:
             "streams": self.streams,
             "unwatched": unwatched,
             "bodiless": self.briefing.bodiless,
+            "gap": self.gap,
         }
         return encode(head | of_tick | of_overview | tail | self._slow)
 

@@ -109,6 +109,33 @@ class FlightMessage(TypedDict):
     last: str | None
 
 
+class GapFigureMessage(TypedDict):
+    """`GapFigure` of the interface."""
+
+    rms: float
+    nrmse_spread: float | None
+    unexplained: float | None
+
+
+class JointGapMessage(TypedDict):
+    """`JointGap` of the interface."""
+
+    joint: str
+    samples: int
+    moved: float
+    delay: float
+    position: GapFigureMessage | None
+    velocity: GapFigureMessage | None
+    effort: GapFigureMessage | None
+
+
+class GapMessage(TypedDict):
+    """`Gap` of the interface."""
+
+    joints: list[JointGapMessage]
+    total: dict[str, GapFigureMessage | None]
+
+
 class StatusMessage(TypedDict):
     """`Status` of the interface."""
 
@@ -138,3 +165,4 @@ class StatusMessage(TypedDict):
     bodiless: bool | None
     supply_relay: str | None
     stop_button: str | None
+    gap: GapMessage | None

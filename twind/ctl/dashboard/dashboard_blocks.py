@@ -7,7 +7,7 @@ from math import acos, asin, atan2, degrees, hypot
 from twind.ctl.dashboard.dashboard_state import Answer, DashboardNotice, DashboardState
 from twind.ctl.dashboard.styled_lines import Line, Span, cut, fitting, length, line, wrapped
 from twind.ctl.reasons import remedy
-from twind.ctl.status_table import LOST
+from twind.ctl.status_table import LOST, gap_text
 
 STALE = 100.0  # ms, of an IMU's reading
 LABEL = 9  # columns of `loop     `
@@ -115,6 +115,9 @@ def summary(view: DashboardState, width: int) -> DashboardBlock:
     rows.append(_labelled("latency", _latency(status), width))
     if view.imu is not None:
         rows.append(_labelled("imu", _imu(view.imu), width))
+    gap = gap_text(status.get("gap"))
+    if gap is not None:
+        rows.append(_labelled("gap", [(gap, "")], width))
     return DashboardBlock("summary", (), [DashboardRow(each) for each in rows], len(rows))
 
 

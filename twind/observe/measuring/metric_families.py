@@ -45,6 +45,10 @@ STATUS = (
     ("state_latency_seconds", "seconds", "latency_ms", MS, "Age of the newest state + its round trip."),
     ("bus_skew_seconds", "seconds", "skew_ms", MS, "Between the first and the last bus of one exchange."),
 )
+GAP = (
+    ("spread_ratio", "ratio", "nrmse_spread", 1.0, "Error of the simulation / spread of the measured."),
+    ("unexplained_ratio", "ratio", "unexplained", 1.0, "The same / rms of delayed goal less measured."),
+)
 LOOP_GAUGES = (
     ("loop_rate_hertz", "hertz", "rate_hz", 1.0, "Ticks a second, as set."),
     ("loop_on_time_ratio", "ratio", "on_time", 1.0, "Share of the last 100 ticks that began on time."),
@@ -93,6 +97,7 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
     yield from _loop(news)
     yield from _buses(news)
     yield from _gauges(JOINT, [((each["name"],), each) for each in news.joints], ("joint",), "joint_")
+    yield from _gap(status.get("gap"))
     joint_faults = [(joint["name"], fault) for joint in news.joints for fault in joint["faults"]]
     text = "1 for each hardware error that its actuator reports."
     yield _ones("joint_fault", text, ("joint", "fault"), joint_faults)
@@ -100,6 +105,14 @@ def families(news: DaemonMetrics | None) -> Iterator[Metric]:
     yield from _gauges(FLIGHT, [((), status.get("flight") or {})], ())
     yield from _gauges(STREAMS, _together(status.get("streams") or ()), ())
     yield from _counted(news)
+
+
+def _gap(gap: Fields | None) -> Iterator[Metric]:
+    """A family for each norm; joints that moved too little have no sample."""
+    joints: Sequence[Fields] = () if gap is None else gap["joints"]
+    for quantity in ("position", "velocity", "effort"):
+        rows: Rows = [((each["joint"],), each[quantity]) for each in joints if each[quantity] is not None]
+        yield from _gauges(GAP, rows, ("joint",), f"joint_gap_{quantity}_")
 
 
 def _together(streams: Sequence[Fields]) -> Rows:

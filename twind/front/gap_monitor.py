@@ -1,0 +1,122 @@
+"""Live gap, the front's side: samples to a process of low priority, its figures into the status.
+
+Front process. A pipe that is full drops samples; neither loop nor clients wait for it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import subprocess
+import sys
+from typing import Any
+
+import msgspec
+
+from twind import link
+from twind.front.front_core import FrontCore
+from twind.robot.event_codes import EventCode
+from twind.robot.modes import Mode
+from twind.sealed_memfd import seal
+
+AGAIN = 60.0  # s until a process that ended is started again
+STALE = 5.0  # s without a report: its figures are not shown any more
+LARGEST = 1 << 17  # bytes of a report
+
+
+class GapMonitor:
+    """Process of the gap and its socket. None of it in other modes than live, or if `gap` is off."""
+
+    def __init__(self, front: FrontCore) -> None:
+        self._front = front
+        self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        self._next = 0.0  # s, earliest time of a start
+        self._reported = 0.0  # s, of the last report
+
+    def tick(self, tick: link.Tick) -> None:
+        """Pass a tick on, if its goals went to the robot."""
+        if tick.mode != Mode.LIVE or not tick.armed:
+            return
+        if self._socket is None and not self._start():
+            return
+        assert self._socket is not None
+        columns = (tick.goal, tick.position, tick.velocity, tick.effort)
+        try:
+            self._socket.send(struct.pack("d", tick.time) + b"".join(columns), socket.MSG_NOSIGNAL)
+        except BlockingIOError:
+            return
+        except OSError:
+            self.close()
+
+    def housekeep(self, now: float) -> None:
+        """Withdraw figures that are old: the robot is not driven any more."""
+        if self._front.world.gap is not None and now > self._reported + STALE:
+            self._front.world.gap = None
+
+    def close(self) -> None:
+        """End the process by end-of-file on its socket, and by a signal."""
+        if self._socket is not None:
+            self._front.loop.remove_reader(self._socket)
+            self._socket.close()
+            self._socket = None
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+    def _start(self) -> bool:
+        """Start the process; False: not wanted, or too soon."""
+        now = self._front.now()
+        briefing = self._front.world.briefing
+        if now < self._next or not briefing.parameters.get("gap", True) or not briefing.binding:
+            return False
+        self._next = now + AGAIN
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        fd = seal("twind-gap", briefing.binding)
+        program = [sys.executable, "-P", "-m", "twind.gap.gap_worker"]
+        program += ["--binding", str(fd), "--period", repr(1.0 / briefing.rate_hz)]
+        try:
+            self._process = subprocess.Popen(program, stdin=theirs, pass_fds=(fd,))
+        except OSError:
+            ours.close()
+            return False
+        finally:
+            theirs.close()
+            os.close(fd)
+        ours.setblocking(False)
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self._front.loop.add_reader(ours, self._readable)
+        self._socket = ours
+        return True
+
+    def _readable(self) -> None:
+        """Take a report."""
+        assert self._socket is not None
+        try:
+            data = self._socket.recv(LARGEST)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self.close()
+            return
+        report = msgspec.json.decode(data)
+        self._reported = self._front.now()
+        self._front.world.gap = report["gap"]
+        for grown in report["grown"]:
+            self._warn(grown)
+
+    def _warn(self, grown: dict[str, Any]) -> None:
+        """Report a joint whose gap has grown, to the log and to subscribers of events."""
+        message = (
+            f"{grown['joint']}: {grown['value']:.0%} of its motion unexplained, bound {grown['bound']:.0%}, "
+            "1.5 times the identified; look for a load, wear or a loose horn, then identify again"
+        )
+        event = link.Event(
+            time=self._front.now(), sequence=0, level="warning", code=EventCode.GAP_GROWN, message=message
+        )
+        self._front.telemetry.event(event)
+        self._front.log.write("warning", EventCode.GAP_GROWN, event.time, message=message)
