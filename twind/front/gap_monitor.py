@@ -5,11 +5,14 @@ Front process. A pipe that is full drops samples; neither loop nor clients wait 
 
 from __future__ import annotations
 
+import asyncio
+import math
 import os
 import socket
 import struct
 import subprocess
 import sys
+import threading
 from typing import Any
 
 import msgspec
@@ -20,6 +23,7 @@ from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind.sealed_memfd import seal
 
+SETTLED = 10.0  # s of torque before the start: no figure comes sooner, and a short run costs nothing
 AGAIN = 60.0  # s until a process that ended is started again
 STALE = 5.0  # s without a report: its figures are not shown any more
 LARGEST = 1 << 17  # bytes of a report
@@ -32,16 +36,20 @@ class GapMonitor:
         self._front = front
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
+        self._armed_since = math.inf  # s
         self._next = 0.0  # s, earliest time of a start
         self._reported = 0.0  # s, of the last report
 
     def tick(self, tick: link.Tick) -> None:
         """Pass a tick on, if its goals went to the robot."""
         if tick.mode != Mode.LIVE or not tick.armed:
+            self._armed_since = math.inf
             return
-        if self._socket is None and not self._start():
+        self._armed_since = min(self._armed_since, tick.time)
+        if self._socket is None:
+            if tick.time - self._armed_since > SETTLED:
+                self._start()
             return
-        assert self._socket is not None
         columns = (tick.goal, tick.position, tick.velocity, tick.effort)
         try:
             self._socket.send(struct.pack("d", tick.time) + b"".join(columns), socket.MSG_NOSIGNAL)
@@ -63,33 +71,26 @@ class GapMonitor:
             self._socket = None
         if self._process is not None:
             self._process.kill()
-            self._process.wait()
+            threading.Thread(target=self._process.wait, name="gap", daemon=True).start()  # no zombie, no wait
             self._process = None
 
-    def _start(self) -> bool:
-        """Start the process; False: not wanted, or too soon."""
+    def _start(self) -> None:
+        """Start the process in a thread, unless it is not wanted, or too soon: a start takes milliseconds."""
         now = self._front.now()
         briefing = self._front.world.briefing
         if now < self._next or not briefing.parameters.get("gap", True) or not briefing.binding:
-            return False
+            return
         self._next = now + AGAIN
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        fd = seal("twind-gap", briefing.binding)
-        program = [sys.executable, "-P", "-m", "twind.gap.gap_worker"]
-        program += ["--binding", str(fd), "--period", repr(1.0 / briefing.rate_hz)]
-        try:
-            self._process = subprocess.Popen(program, stdin=theirs, pass_fds=(fd,))
-        except OSError:
-            ours.close()
-            return False
-        finally:
-            theirs.close()
-            os.close(fd)
-        ours.setblocking(False)
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        self._front.loop.add_reader(ours, self._readable)
-        self._socket = ours
-        return True
+        starting = self._front.loop.run_in_executor(None, _begin, briefing.binding, briefing.rate_hz)
+        starting.add_done_callback(self._attach)
+
+    def _attach(self, starting: asyncio.Future[tuple[subprocess.Popen[bytes], socket.socket]]) -> None:
+        """Take over a process that was started; after a failure it is tried again later."""
+        if starting.cancelled() or starting.exception() is not None:
+            return
+        self.close()
+        self._process, self._socket = starting.result()
+        self._front.loop.add_reader(self._socket, self._readable)
 
     def _readable(self) -> None:
         """Take a report."""
@@ -120,3 +121,22 @@ class GapMonitor:
         )
         self._front.telemetry.event(event)
         self._front.log.write("warning", EventCode.GAP_GROWN, event.time, message=message)
+
+
+def _begin(binding: bytes, rate_hz: float) -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """Start a process with this bound robot; return it and our end of its socket. Raises OSError."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    fd = seal("twind-gap", binding)
+    program = [sys.executable, "-P", "-m", "twind.gap.gap_worker"]
+    program += ["--binding", str(fd), "--period", repr(1.0 / rate_hz)]
+    try:
+        process = subprocess.Popen(program, stdin=theirs.fileno(), pass_fds=(fd,))
+    except OSError:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+        os.close(fd)
+    ours.setblocking(False)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+    return process, ours
