@@ -22,7 +22,9 @@ def tilt_of(quaternion: Floats) -> tuple[float, float]:
     forward = 2.0 * (w * y - x * z)  # x of the world's up, in the axes of the torso, reversed
     left = 2.0 * (w * x + y * z)
     up = 1.0 - 2.0 * (x * x + y * y)
-    return math.atan2(left, up), math.atan2(forward, math.hypot(left, up) if up >= 0.0 else -math.hypot(left, up))
+    return math.atan2(left, up), math.atan2(
+        forward, math.hypot(left, up) if up >= 0.0 else -math.hypot(left, up)
+    )
 
 
 def ankle_correction(gains: BalanceGains, quaternion: Floats, gyro: Floats) -> tuple[float, float]:

@@ -150,7 +150,11 @@ class GaitPattern:
         parallel = True
         if self._swing is not None:
             landed = self._to
-            parallel = np.allclose(self._landing(self._swing, self._feet[self._support], still=True).place, landed.place, atol=1e-3)
+            parallel = np.allclose(
+                self._landing(self._swing, self._feet[self._support], still=True).place,
+                landed.place,
+                atol=1e-3,
+            )
             self._feet[self._swing] = landed
             self._support = self._swing
             self.steps += 1
@@ -213,7 +217,9 @@ class GaitPattern:
             feet[self._swing], lift[self._swing] = self._swinging()
         weight = self._weight(feet, pressure, share)
         airborne = self._swing if share >= 1.0 else None
-        return GaitTarget((feet[0], feet[1]), (lift[0], lift[1]), self._mass.copy(), pressure, weight, airborne)
+        return GaitTarget(
+            (feet[0], feet[1]), (lift[0], lift[1]), self._mass.copy(), pressure, weight, airborne
+        )
 
     def _capture(self, pressure: Floats, share: float) -> Floats:
         """Return the capture point (2,) now, from the one at the end of the phase."""
