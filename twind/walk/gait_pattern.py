@@ -1,8 +1,8 @@
 """Pattern of a walk: feet, centre of mass and weight on each foot over time, for a commanded velocity. Pure.
 
-The centre of mass moves as a linear inverted pendulum of constant height. Its divergent component (capture point)
-is planned backwards over the next footsteps, so that the centre of pressure stays under the supporting foot
-(Englsberger et al., "Three-dimensional bipedal walking control using divergent component of motion", 2013).
+The centre of mass moves as a linear inverted pendulum of constant height. Its divergent component (capture
+point) is planned backwards over the next footsteps, so that the centre of pressure stays under the supporting
+foot (Englsberger et al., "Three-dimensional bipedal walking control using divergent component of motion", 2013).
 Places are in the world frame of the start: x forward, y left, m; headings in rad. Foot 0 is the left one.
 """
 
@@ -47,7 +47,7 @@ class FootPose:
 
 @dataclass(frozen=True, slots=True)
 class GaitTarget:
-    """Where feet and centre of mass shall be now."""
+    """Targets of feet and centre of mass at one time."""
 
     feet: tuple[FootPose, FootPose]
     lift: tuple[float, float]  # m above the floor
@@ -92,7 +92,10 @@ class GaitPattern:
         return self._velocity.copy()
 
     def advance(self, period: float, command: Floats) -> GaitTarget:
-        """Return the target after `period` s. `command` (3,): forward, left, m/s; turn, rad/s; zeros: stand."""
+        """Return the target after `period` s.
+
+        `command` (3,): forward, left, m/s; turn, rad/s; zeros: stop and stand.
+        """
         most = self._settings.acceleration * period * np.array([1.0, 1.0, 2.0])
         self._velocity += np.clip(command - self._velocity, -most, most)
         if self.phase is GaitPhase.STANDING and np.abs(command).max() > STANDING_STILL:

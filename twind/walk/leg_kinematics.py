@@ -1,8 +1,9 @@
-"""Joint angles that put feet, torso and centre of mass where a gait wants them, by `mink`; and its gravity torque."""
+"""Joint angles for the targets of a gait, by `mink`, and how far the servos give under the weight."""
 
 from dataclasses import dataclass
 from typing import Any
 
+import mink
 import mujoco
 import numpy as np
 
@@ -39,9 +40,6 @@ class LegKinematics:
 
     def __init__(self, binding: Binding, stance: Floats) -> None:
         """`stance` (n,): angles in which it stands. Raises InvalidInput: no two legs of six joints."""
-        import mink  # of the extra `walk`: no other verb needs it
-
-        self._mink = mink
         self._binding = binding
         self._model: Any = binding.model
         self._rows = servo_rows(binding.model, binding.actuators)
@@ -81,7 +79,6 @@ class LegKinematics:
 
     def solve(self, target: GaitTarget, height: float, period: float) -> Floats:
         """Return the angles (n,) for a target; `height`: of the centre of mass, m; `period`: s."""
-        mink = self._mink
         for task, sole, foot, lift in zip(self._feet, self.soles, target.feet, target.lift, strict=True):
             turn = mink.SO3.from_z_radians(foot.heading)
             place = np.array([*foot.place, lift]) - turn.as_matrix() @ sole.middle

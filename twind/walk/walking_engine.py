@@ -52,8 +52,8 @@ class WalkingEngine:
     ) -> Floats:
         """Return the goals (n,), rad, after `period` s.
 
-        `command` (3,): forward, left, m/s, and turn, rad/s; zeros: stop and stand. `quaternion` (4,) w x y z and
-        `gyro` (3,), rad/s: of the IMU, in the axes of the base; None: without balance.
+        `command` (3,): forward, left, m/s, and turn, rad/s; zeros: stop and stand. `quaternion` (4,) w x y z
+        and `gyro` (3,), rad/s: of the IMU, in the axes of the base; None: without balance.
         """
         target = self._pattern.advance(period, command)
         goals = self._legs.solve(target, self._height, period)
