@@ -349,7 +349,8 @@ class Robot:
 
         `command`: seconds since the start to a velocity, None to stop, instead of one velocity. For an armed
         robot of two six-joint legs on its own feet; needs the extra `walk`. Ctrl-C ends the goals: it
-        holds as it stands. Raises InvalidInput: too fast, another robot; MotionFailed: it fell; else as `move`.
+        holds as it stands. Raises InvalidInput: too fast, or such a robot it is not; MotionFailed: it fell;
+        else as `move`.
         """
         from twind.robot_client.walk_run import run_walk, velocity  # noqa: PLC0415 - mink is no other call's
         from twind.walk.walking_engine import WalkingEngine  # noqa: PLC0415
