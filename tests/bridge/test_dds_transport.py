@@ -19,7 +19,8 @@ from twind.bridge.ros.dds.dds_library import KNOWN
 from twind.bridge.ros.dds.dds_names import GRAPH, dds_name, user_data
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
-from twind.bridge.ros.ros_endpoints import SERVICES, RosTopic
+from twind.bridge.ros.ros_endpoints import DIAGNOSTICS, SERVICES, RosTopic
+from twind.bridge.ros.ros_names import ROOT_NODE, NodeName
 from twind.command_line.extras import how_to_add
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING
@@ -89,8 +90,12 @@ def test_all_participants_of_a_domain_have_ports_of_it(domain: int) -> None:
 
 
 def test_names_on_dds_are_those_of_ros() -> None:
-    assert dds_name(RosTopic("/hw/joint_states", JOINT_STATE, out=True)) == "rt/hw/joint_states"
-    assert dds_name(GRAPH) == "ros_discovery_info"
+    joints = RosTopic("/hw/joint_states", JOINT_STATE, out=True)
+    assert dds_name(joints, ROOT_NODE) == "rt/hw/joint_states"
+    left = NodeName(namespace="/left")
+    assert dds_name(joints, left) == "rt/left/hw/joint_states"
+    assert dds_name(DIAGNOSTICS, left) == "rt/diagnostics"
+    assert dds_name(GRAPH, left) == "ros_discovery_info"
     hashed = "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
     assert user_data(RosTopic("/x", JOINT_STATE, out=True)) == f"typehash=RIHS01_{hashed};".encode()
 

@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 
 from tests.support import interpreters
+from tests.support import rclpy_environment as ros_peer
 from twind.bridge.ros import rclpy_launcher
-from twind.bridge.ros.rclpy_launcher import command, distribution, graph
+from twind.bridge.ros.rclpy_launcher import PROFILES, command, distribution, graph, profile
 from twind.command_line.verb import UsageError
 
-OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
+OPTIONS = argparse.Namespace(
+    socket=None, rate=None, domain=None, commands=True, tf=True, distro=None, ros_args=[]
+)
 PATH = {"PATH": "/usr/bin:/bin"}
 
 
@@ -200,11 +203,51 @@ def test_humble_gets_only_the_localhost_variable_or_is_refused(
         assert graph(said, None)["ROS_LOCALHOST_ONLY"] == only
 
 
+def test_readers_of_fast_dds_request_a_lost_message_at_once_unless_the_user_has_a_profile() -> None:
+    for distro, tag in (("humble", "initialAcknackDelay"), ("jazzy", "initialAcknackDelay")):
+        (file,) = profile({"ROS_DISTRO": distro}).values()
+        assert f"<{tag}><sec>0</sec><nanosec>1000000<" in Path(file).read_text()
+    for name in PROFILES.values():
+        assert profile({name: "own.xml"}) == {}
+
+
+def test_the_real_fast_dds_accepts_its_profile_and_no_other(tmp_path: Path) -> None:
+    program = "import rclpy; rclpy.init(); rclpy.create_node('mine')"
+    for distro, accepted in (("kilted", True), ("jazzy", False)):
+        environment = ros_peer.environment(tmp_path, 0)
+        (file,) = profile({"ROS_DISTRO": distro}).values()
+        environment |= {PROFILES[3]: file, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+        words = [ros_peer.python(), "-c", program]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0 and ("XMLPARSER" not in done.stdout + done.stderr) == accepted, done
+
+
 def test_options_are_handed_on() -> None:
-    assert command("/python3.10", OPTIONS)[:2] == ["/python3.10", "-c"]
-    options = argparse.Namespace(socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None)
+    words = command("/python3.10", OPTIONS)
+    assert words[:2] == ["/python3.10", "-c"]
+    assert words[4:] == ["--describer", sys.executable]
+    options = argparse.Namespace(
+        socket="/run/twind",
+        rate=50.0,
+        domain=7,
+        commands=False,
+        tf=False,
+        distro=None,
+        ros_args=["-r", "a:=b"],
+    )
     words = command("/python3.10", options)[4:]
-    assert words == ["--socket", "/run/twind", "--rate", "50.0", "--domain", "7", "--no-commands"]
+    assert words == [
+        "--socket",
+        "/run/twind",
+        "--rate",
+        "50.0",
+        "--domain",
+        "7",
+        "--no-commands",
+        "--ros-args",
+        "-r",
+        "a:=b",
+    ]
 
 
 def test_an_interpreter_without_rclpy_is_reported_in_one_line(tmp_path: Path) -> None:

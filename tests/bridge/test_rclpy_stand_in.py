@@ -44,7 +44,7 @@ USED = """
     MultiThreadedExecutor.shutdown GuardCondition.trigger
     Node Node.create_publisher Node.create_subscription Node.create_service Node.create_guard_condition
     Node.declare_parameter Node.add_on_set_parameters_callback Node.set_parameters Node.get_clock
-    Node.destroy_node Parameter Publisher.publish
+    Node.destroy_node Node.get_fully_qualified_name Parameter Publisher.publish
     QoSProfile ReliabilityPolicy.RELIABLE DurabilityPolicy.VOLATILE DurabilityPolicy.TRANSIENT_LOCAL
     HistoryPolicy.KEEP_LAST
 """

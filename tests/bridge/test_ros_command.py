@@ -104,3 +104,10 @@ def test_a_reader_of_standard_error_that_is_gone_ends_nothing(monkeypatch: pytes
         with suppress(BrokenPipeError):
             gone.close()
     os.close(writing)
+
+
+@pytest.mark.parametrize("name", ros_command.BACK_ENDS)
+def test_the_node_has_the_namespace_of_the_arguments_of_ros(name: str) -> None:
+    pytest.importorskip({"dds": "cyclonedds"}.get(name, name))
+    words = ("--backend", name, "--ros-args", "-r", "__ns:=/left")
+    assert ros_command.made(options(*words), DiscoverySettings(), print).node == "/left/twind"

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from tests.support.picture_messages import HOPS, bus, hop, joints, loop, status
-from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, latencies
-from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, decode
+from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, command_latency, latencies
+from twind.ros import DIAGNOSTIC_ARRAY, FLOAT, FLOATS, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}
 BRIDGE = {
@@ -15,6 +15,7 @@ BRIDGE = {
     "error": None,
     "commands": True,
     "refuses": None,
+    "node": "/twind",
     "dropped": 0,
     "undelivered": 0,
     "driving": 0,
@@ -41,6 +42,15 @@ def test_every_latency_has_its_row_and_what_is_unknown_is_nan() -> None:
     table = [message["data"][place * 8 : place * 8 + 8] for place in range(10)]
     assert math.isnan(table[2][FIELDS.index("p99_ms")])
     assert table[4] == [hops[4][key] for key in FIELDS]
+
+
+def test_the_latency_is_that_of_the_last_command_in_seconds() -> None:
+    hops = [hop(name, place) for place, name in enumerate(HOPS)]
+    command = next(each for each in hops if each["hop"] == "command")
+    assert decode(FLOAT, command_latency(hops))["data"] == pytest.approx(command["now_ms"] / 1e3)
+    command["now_ms"] = None
+    assert math.isnan(decode(FLOAT, command_latency(hops))["data"])
+    assert math.isnan(decode(FLOAT, command_latency([]))["data"])
 
 
 def test_a_daemon_without_latencies_is_an_empty_table() -> None:

@@ -9,16 +9,20 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from tests.support.picture_messages import NAMES, joint, joints
+from twind.bridge.ros.robot_model_messages import SHAPES, RobotModelMessages
 from twind.bridge.ros.ros_endpoints import (
     ACCEPTED,
+    DYNAMIC_JOINTS,
     HW_JOINTS,
     INERTIAL,
     JOINTS,
     MIRRORED_JOINTS,
+    MOVING_FRAMES,
     SIM_JOINTS,
+    SIM_TIME,
     RosTopic,
 )
-from twind.bridge.ros.ros_state_messages import SHAPES, Message, RosStateMessages
+from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
 from twind.client.clock_pair import SECOND, ClockPair
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 from twind.ros.joint_state_message import LAST
@@ -98,6 +102,50 @@ def test_an_unknown_value_is_nan_and_a_column_without_values_is_empty() -> None:
     measured = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))[HW_JOINTS]
     assert measured["effort"] == []
     assert measured["velocity"][0] == 0.25 and math.isnan(measured["velocity"][1])
+
+
+def test_dynamic_joint_states_have_each_interface_with_a_value() -> None:
+    rows = joints(l_knee={"temperature": None, "voltage": None, "effort": None})
+    found = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))
+    dynamic = found[DYNAMIC_JOINTS]
+    assert dynamic["header"] == found[JOINTS]["header"]
+    assert dynamic["joint_names"] == list(NAMES)
+    by_name = dict(zip(NAMES, dynamic["interface_values"], strict=True))
+    assert by_name["head_yaw"] == {
+        "interface_names": ["position", "velocity", "effort", "temperature", "voltage"],
+        "values": [0.0, 0.25, -0.5, 41.0, 11.9],
+    }
+    assert [math.isnan(each) for each in by_name["l_knee"]["values"]] == [False, False, True, True, True]
+    simulated = decoded_messages(bridged(True, "sim").state(state(rows, mode="sim"), CLOCKS))[DYNAMIC_JOINTS]
+    assert simulated["interface_values"][0]["interface_names"] == ["position"]
+
+
+def test_the_clock_is_published_in_sim_alone_with_the_stamp_of_the_joints() -> None:
+    found = decoded_messages(bridged(True, "sim").state(state(joints(), mode="sim"), CLOCKS))
+    assert found[SIM_TIME]["clock"] == found[JOINTS]["header"]["stamp"]
+    for mode in ("mirror", "live"):
+        messages = bridged(True, mode).state(state(joints(), mode=mode), CLOCKS)
+        assert SIM_TIME not in decoded_messages(messages)
+
+
+def test_transforms_are_those_of_the_joints_that_answered() -> None:
+    speech = bridged(True, "live")
+    rows = joints(l_knee={"heard": False})
+    assert MOVING_FRAMES not in decoded_messages(speech.state(state(rows), CLOCKS))
+    table = [
+        {"parent": "base", "child": name, "position": [0.0, 0.0, 1.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
+        | {"kind": "revolute", "axis": [0.0, 0.0, 1.0], "leader": name, "multiplier": 1.0, "offset": 0.0}
+        for name in NAMES
+    ]
+    speech.description = RobotModelMessages("", table)
+    found = decoded_messages(speech.state(state(rows), CLOCKS))
+    transforms = found[MOVING_FRAMES]["transforms"]
+    assert [each["child_frame_id"] for each in transforms] == found[JOINTS]["name"]
+    assert {each["header"]["stamp"]["nanosec"] for each in transforms} == {
+        found[JOINTS]["header"]["stamp"]["nanosec"]
+    }
+    turns = [2.0 * math.atan2(*(each["transform"]["rotation"][key] for key in "zw")) for each in transforms]
+    assert turns == pytest.approx(found[JOINTS]["position"])
 
 
 def test_rosbags_reads_the_same() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from tests.support.control_message_types import add_control_types
 from tests.support.examples import examples
 from twind.exceptions import InvalidInput
 from twind.ros import (
@@ -22,9 +23,11 @@ from twind.ros import (
     PARTICIPANT_ENTITIES,
     SET_BOOL,
     STRING,
+    TRANSFORMS,
     TRIGGER,
     JointStateBuffer,
     JointStateLayout,
+    MessageBuffer,
     MessageDefinitions,
     decode,
     definition_text,
@@ -34,7 +37,7 @@ from twind.ros import (
 )
 from twind.ros.message_definitions import KNOWN
 
-STORE: Typestore = get_typestore(Stores.ROS2_JAZZY)
+STORE: Typestore = add_control_types(get_typestore(Stores.ROS2_JAZZY))
 # rosbags' own bytes of a small JointState, by hand annotated on the page of facts.
 GOLDEN = bytes.fromhex(
     "00010000 01000000 02000000 05000000 62617365 00000000 02000000 02000000 61000000 04000000 62636400"
@@ -132,6 +135,29 @@ def test_a_definition_means_to_rosbags_what_its_own_does(kind: str) -> None:
     parsed = get_types_from_msg(definition_text(kind), kind)
     for name, definition in parsed.items():
         assert definition == STORE.fielddefs[name]
+
+
+def test_a_buffer_fills_every_stamp_and_number_of_a_message() -> None:
+    def message(time: int, numbers: list[float]) -> dict[str, Any]:
+        moves = [dict(zip("xyz", numbers[at : at + 3], strict=True)) for at in (0, 7)]
+        turns = [dict(zip("xyzw", numbers[at : at + 4], strict=True)) for at in (3, 10)]
+        rows = zip(("torso", "l_hip"), ("head_é", "knee"), moves, turns, strict=True)
+        return {
+            "transforms": [
+                {
+                    "header": {"stamp": stamp(time), "frame_id": parent},
+                    "child_frame_id": child,
+                    "transform": {"translation": move, "rotation": turn},
+                }
+                for parent, child, move, turn in rows
+            ]
+        }
+
+    buffer = MessageBuffer(TRANSFORMS, message(0, [0.0] * 14))
+    numbers = [float(each) for each in range(1, 15)]
+    for time in (1, 1_795_000_000_123_456_789):
+        assert buffer.fill(time, numbers) == encode(TRANSFORMS, message(time, numbers))
+    assert buffer.size == 14
 
 
 @given(st.lists(st.lists(st.floats(width=64), min_size=3, max_size=3), min_size=3, max_size=3), st.data())

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tests.support.control_message_types import add_control_types
 from twind.bridge.ros.ros_endpoints import SERVICES, TOPICS
 from twind.exceptions import InvalidInput
 from twind.ros import PARTICIPANT_ENTITIES, MessageDefinitions, dds_type, participant_entities
 from twind.ros.message_definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
 from twind.ros.wire_type_names import type_hash
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE = add_control_types(get_typestore(Stores.ROS2_JAZZY))
 # Of bytes of the type `char`, which rosbags hashes as another one.
 OTHERWISE = {GID, NODE_ENTITIES, PARTICIPANT_ENTITIES, EVENT_INFO}
 ODD = """byte LEFT=1

@@ -13,12 +13,14 @@ import rclpy
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-KINDS = {each.__name__: each for each in (JointState, Float64MultiArray, String, JointTrajectory)}
+TYPES = (JointState, Float64, Float64MultiArray, String, JointTrajectory, Clock)
+KINDS = {each.__name__: each for each in TYPES}
 SERVICES = {"Trigger": Trigger, "SetBool": SetBool}
 PATIENCE = 20.0  # s
 TEXT = 4  # rcl_interfaces/msg/ParameterType PARAMETER_STRING
@@ -69,10 +71,18 @@ class Peer:
         return self.until(lambda: client.wait_for_service(timeout_sec=0.02), 1.0)
 
     def hear(self, topic, kind, latched=False):
+        """Subscribe; False: the package of the type is not installed."""
+        if kind == "TFMessage":
+            try:
+                from tf2_msgs.msg import TFMessage
+            except ImportError:
+                return False
+            KINDS[kind] = TFMessage
         self.heard[topic] = []
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=10, durability=durability)
         self.node.create_subscription(KINDS[kind], topic, self.heard[topic].append, qos)
+        return True
 
     def next(self, topic, seconds=PATIENCE):
         """The next message that comes, in plain; null: none within so many seconds."""
@@ -192,7 +202,24 @@ def plain(message):
         }
     if isinstance(message, JointTrajectory):
         return {"joints": list(message.joint_names), "frame": message.header.frame_id}
-    return message.data if isinstance(message, String) else list(message.data)
+    if isinstance(message, Clock):
+        return message.clock.sec + message.clock.nanosec / 1e9
+    if "TFMessage" in KINDS and isinstance(message, KINDS["TFMessage"]):
+        return [frame(each) for each in message.transforms]
+    return list(message.data) if isinstance(message, Float64MultiArray) else message.data
+
+
+def frame(each):
+    stamp = each.header.stamp
+    turn = each.transform.rotation
+    move = each.transform.translation
+    return {
+        "time": stamp.sec + stamp.nanosec / 1e9,
+        "parent": each.header.frame_id,
+        "child": each.child_frame_id,
+        "position": [move.x, move.y, move.z],
+        "rotation": [turn.w, turn.x, turn.y, turn.z],
+    }
 
 
 def main():

@@ -23,6 +23,12 @@ JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 VECTOR3 = "geometry_msgs/msg/Vector3"
 QUATERNION = "geometry_msgs/msg/Quaternion"
 IMU = "sensor_msgs/msg/Imu"
+CLOCK = "rosgraph_msgs/msg/Clock"
+TRANSFORM = "geometry_msgs/msg/Transform"
+TRANSFORM_STAMPED = "geometry_msgs/msg/TransformStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+INTERFACE_VALUE = "control_msgs/msg/InterfaceValue"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
@@ -30,6 +36,7 @@ GID = "rmw_dds_common/msg/Gid"
 NODE_ENTITIES = "rmw_dds_common/msg/NodeEntitiesInfo"
 PARTICIPANT_ENTITIES = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
+LOG = "rcl_interfaces/msg/Log"
 TRIGGER = "std_srvs/srv/Trigger"
 SET_BOOL = "std_srvs/srv/SetBool"
 
@@ -75,12 +82,25 @@ KNOWN: Mapping[str, str] = {
         "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
         "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
     ),
+    CLOCK: "builtin_interfaces/Time clock",
+    TRANSFORM: "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    TRANSFORM_STAMPED: "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform",
+    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms",
+    INTERFACE_VALUE: "string[] interface_names\nfloat64[] values",
+    DYNAMIC_JOINT_STATE: (
+        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values"
+    ),
     KEY_VALUE: "string key\nstring value",
     DIAGNOSTIC_STATUS: (
         "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\n"
         "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values"
     ),
     DIAGNOSTIC_ARRAY: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
+    LOG: (
+        "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\n"
+        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\n"
+        "string file\nstring function\nuint32 line"
+    ),
     GID: "char[16] data",
     NODE_ENTITIES: (
         "string<=256 node_namespace\nstring<=256 node_name\n"

@@ -20,6 +20,7 @@ from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.dds.dds_names import GRAPH, dds_name
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TOPICS
+from twind.bridge.ros.ros_names import ROOT_NODE
 from twind.ros import (
     JOINT_STATE,
     PARTICIPANT_ENTITIES,
@@ -169,7 +170,7 @@ def test_a_peer_finds_names_types_qualities_and_a_node_as_those_of_ros(
         node.close()
     sides = _sides(lines)
     assert {key: values[1:] for key, values in sides.items()} == {
-        (dds_name(topic), topic.out): (dds_type(topic.kind), topic.latched, type_hash(topic.kind))
+        (dds_name(topic, ROOT_NODE), topic.out): (dds_type(topic.kind), topic.latched, type_hash(topic.kind))
         for topic in (*OUT, GRAPH)
     }
     told: Any = get_typestore(store).deserialize_cdr(graph, PARTICIPANT_ENTITIES)

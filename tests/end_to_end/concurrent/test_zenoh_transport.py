@@ -21,7 +21,7 @@ from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
     HW_JOINTS,
-    LATENCY,
+    LATENCIES,
     RESULTS,
     SERVICES,
     STATUS,
@@ -105,7 +105,7 @@ def test_a_peer_finds_every_endpoint_with_its_name_type_and_quality(us: Us, peer
 
 
 def test_a_published_message_arrives_unchanged(us: Us, peer: Peer) -> None:
-    for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS):
+    for topic in (HW_JOINTS, LATENCIES, DIAGNOSTICS):
         peer.ask("hear", topic=topic.name, kind=topic.kind)
     columns = [[place + 0.5 for place in range(24)], [0.25] * 24, [-1.0] * 24]
     state = JointStateBuffer(JOINTS, velocity=True, effort=True, frame="base").fill(
@@ -117,17 +117,17 @@ def test_a_published_message_arrives_unchanged(us: Us, peer: Peer) -> None:
     status = encode(DIAGNOSTICS.kind, {"status": [level]})
 
     def came() -> bool:
-        for topic, data in ((HW_JOINTS, state), (LATENCY, numbers), (DIAGNOSTICS, status)):
+        for topic, data in ((HW_JOINTS, state), (LATENCIES, numbers), (DIAGNOSTICS, status)):
             us.node.publish(topic, data)
         time.sleep(0.05)
-        return all(peer.ask("received", topic=topic.name) for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS))
+        return all(peer.ask("received", topic=topic.name) for topic in (HW_JOINTS, LATENCIES, DIAGNOSTICS))
 
     until(came, PATIENCE, "all three come")
     joints = peer.ask("received", topic=HW_JOINTS.name)[0]
     assert joints["name"] == JOINTS and joints["header"]["frame_id"] == "base"
     assert [joints["header"]["stamp"][part] for part in ("sec", "nanosec")] == [1_500_000_000, 7]
     assert [joints[part] for part in ("position", "velocity", "effort")] == columns
-    told = peer.ask("received", topic=LATENCY.name)[0]
+    told = peer.ask("received", topic=LATENCIES.name)[0]
     assert told["data"] == [0.5, 1.5] and told["layout"]["dim"][0]["label"] == "hop"
     assert peer.ask("received", topic=DIAGNOSTICS.name)[0]["status"][0]["values"][0]["value"] == "3"
 

@@ -6,7 +6,9 @@ By the real rclpy where it is here (`make ros`), and by a stand-in under each Py
 import json
 import time
 from collections.abc import Iterator
+from math import atan2
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -106,6 +108,28 @@ def test_joint_states_carry_the_current_wall_clock_time(peer: Peer) -> None:
 def test_a_late_subscriber_receives_the_status(peer: Peer) -> None:
     peer.hear(topic="/bridge/status", kind="String", latched=True)
     assert json.loads(peer.next(topic="/bridge/status"))["mode"] == "sim"
+
+
+def test_the_graph_has_the_robot_its_frames_and_the_time_of_the_simulation(peer: Peer, graph: Graph) -> None:
+    peer.hear(topic="/robot_description", kind="String", latched=True)
+    urdf = ElementTree.fromstring(peer.next(topic="/robot_description"))
+    assert len(urdf.findall("joint[@type='revolute']")) == 24
+    peer.hear(topic="/bridge/latency", kind="Float64")
+    assert isinstance(peer.newest(topic="/bridge/latency"), float)
+    peer.hear(topic="/clock", kind="Clock")
+    first, second = (peer.next(topic="/clock") for _ in range(2))
+    assert first < second and abs(time.time() - second) < 30.0
+    if not peer.hear(topic="/tf", kind="TFMessage"):
+        pytest.skip("tf2_msgs is not among the wheels: /tf is met by the stand-in alone")
+    frames = peer.newest(topic="/tf")
+    state = peer.newest(topic="/joint_states")
+    children = {str(link.get("link")) for link in urdf.iterfind("joint/child")}
+    assert {each["child"] for each in frames} == children - {"torso"}
+    yaw = next(each for each in frames if each["child"] == "neck")
+    angle = 2.0 * atan2(yaw["rotation"][3], yaw["rotation"][0])
+    assert angle == pytest.approx(state["position"][state["name"].index("head_yaw")], abs=0.01)
+    peer.hear(topic="/tf_static", kind="TFMessage", latched=True)
+    assert [each["child"] for each in peer.next(topic="/tf_static")] == ["torso"]
 
 
 def test_a_trajectory_moves_the_robot_and_the_accepted_trajectory_is_published(peer: Peer) -> None:

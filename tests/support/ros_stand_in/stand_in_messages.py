@@ -7,7 +7,8 @@ from twind.ros.message_definitions import KNOWN, PRIMITIVES
 
 TEXTS = dict(KNOWN) | {
     "rcl_interfaces/msg/SetParametersResult": "bool successful\nstring reason",
-    "rcl_interfaces/msg/ParameterValue": "uint8 type\nstring string_value",
+    "rcl_interfaces/msg/ParameterDescriptor": "string description",
+    "rcl_interfaces/msg/ParameterValue": "uint8 type\nfloat64 double_value\nstring string_value",
     "rcl_interfaces/msg/Parameter": "string name\nrcl_interfaces/ParameterValue value",
     "rcl_interfaces/srv/SetParameters_Request": "rcl_interfaces/Parameter[] parameters",
     "rcl_interfaces/srv/SetParameters_Response": "rcl_interfaces/SetParametersResult[] results",

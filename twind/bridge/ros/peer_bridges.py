@@ -1,7 +1,7 @@
-"""Peer bridges that take commands in the same graph: one message would move two robots. Library, 3.10.
+"""Peer bridges that take commands under the same names: one message would move two robots. Library, 3.10.
 
-Each bridge reads the topic /bridge/status that all of them write. No query is sent and the graph is not
-inspected, so it is the same on every back end.
+Each bridge reads the topic /bridge/status of its namespace, which every bridge with the same names writes.
+No query is sent and the graph is not inspected, so it is the same on every back end.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ class PeerBridges:
         if not known:
             return ""
         return (
-            f"another bridge takes commands in this domain: {', '.join(sorted(known))}. One message would "
-            "move both, so only stops are done: give each robot a ROS_DOMAIN_ID, or all but one --no-commands"
+            f"another bridge takes commands under these names: {', '.join(sorted(known))}. One message would "
+            "move both, so only stops are done: give each robot a namespace (--ros-args -r __ns:=/NAME) or a "
+            "ROS_DOMAIN_ID, or all but one --no-commands"
         )

@@ -29,6 +29,7 @@ from twind.bridge.ros.action_goal_conversion import (
     tolerances,
     unserved,
 )
+from twind.bridge.ros.ros_names import relative
 from twind.client import ClientError
 from twind.client.clock_pair import SECOND, clocks
 from twind.command_line.verb import observer
@@ -70,7 +71,7 @@ class TrajectoryActionServer:
         self._server = ActionServer(
             node,
             kind,
-            ACTION,
+            relative(ACTION),
             self._execute,
             goal_callback=self._accept_goal,
             handle_accepted_callback=self._accepted,

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.bridge.ros.discovery import DiscoveryRange, discovery
+from twind.bridge.ros.ros_names import ROS_ARGS
 from twind.command_line.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
@@ -27,6 +28,8 @@ BUILT = "kilted"  # the distribution of the wheels that `make ros` installs, as 
 SOURCED = 20.0  # s that the set-up of a distribution may take
 LOADED = 60.0  # s that rclpy may take to load; about 1 s on an idle machine
 OLD = ("foxy", "galactic", "humble")  # support only ROS_LOCALHOST_ONLY, which later ones warn of
+FAST_DDS_2 = (*OLD, "iron", "jazzy")  # Fast DDS 2, whose profiles have other names of elements
+PROFILES = {2: "FASTRTPS_DEFAULT_PROFILES_FILE", 3: "FASTDDS_DEFAULT_PROFILES_FILE"}  # by version
 _PYTHON = re.compile(r"python3(?:\.\d+)?")
 
 # What runs under the distribution's interpreter. It ends by `os._exit`: a usual end waits for callbacks that
@@ -62,10 +65,11 @@ class RosDistribution:
 def launch(options: argparse.Namespace, tell: Callable[[str], None]) -> int:
     """Run `twindctl ros --backend rclpy`; does not return. Raises UsageError without rclpy, with the remedy.
 
-    Of `options`: socket, rate, commands, domain, distro. The new process handles signals from then on.
+    Of `options`: socket, rate, commands, tf, domain, distro, ros_args. The new process then handles
+    signals.
     """
     found = distribution(os.environ, getattr(options, "distro", None))
-    environment = graph(found.environment, options.domain)
+    environment = graph(found.environment, options.domain) | profile(found.environment)
     words = command(found.python, options)
     tell(f"rclpy runs under {found.python}")
     sys.stdout.flush()
@@ -79,7 +83,9 @@ def command(python: str, options: argparse.Namespace) -> list[str]:
     for name in ("socket", "rate", "domain"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
-    return words if options.commands else [*words, "--no-commands"]
+    words += ["--describer", sys.executable] if options.tf else []
+    words += [] if options.commands else ["--no-commands"]
+    return [*words, ROS_ARGS, *options.ros_args] if options.ros_args else words
 
 
 def begin(python: str) -> list[str]:
@@ -159,6 +165,19 @@ def graph(environment: Mapping[str, str], domain: int | None) -> dict[str, str]:
         name = "ROS_STATIC_PEERS" if found.peers else "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF"
         raise UsageError(f"rclpy: {name}: {found.distro} has none; unset it, or take --backend dds")
     return following | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
+
+
+def profile(environment: Mapping[str, str]) -> dict[str, str]:
+    """The variable by which readers of Fast DDS recover a first message; {}: the user has a profile.
+
+    A one-shot publisher ends 0.1 s after its message. If the message arrives before its publisher is
+    discovered, the reader requests it again, by default after 70 ms: on a busy machine too late.
+    """
+    if any(environment.get(name) for name in PROFILES.values()):
+        return {}
+    version = 2 if environment.get("ROS_DISTRO") in FAST_DDS_2 else 3
+    file = Path(__file__).resolve().with_name(f"fast_dds_{version}.xml")
+    return {PROFILES[version]: str(file)}
 
 
 def _setup(distro: str | None, known: Sequence[str], root: Path) -> Path:

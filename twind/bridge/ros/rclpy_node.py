@@ -8,30 +8,28 @@ from __future__ import annotations
 
 import functools
 import importlib
-import json
 import os
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
-from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
+from twind.bridge.ros.rclpy_parameters import DaemonParameters, Settings
+from twind.bridge.ros.rclpy_typed_messages import TypedMessages
+from twind.bridge.ros.ros_endpoints import SERVICES, STATUS, TOPICS, RosService, RosTopic
+from twind.bridge.ros.ros_names import NODE, ROS_ARGS, NodeName, relative
 from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler, answer_to
 from twind.exceptions import OperationFailed
-from twind.ros import STRING, decode
 
 WAKE = 0.25  # s between two checks of the node's thread whether it is to end
 MOST_REPORTS = 20  # errors reported in one life of the node
-UNKNOWN = "unknown"  # value of the parameter while no daemon reports its mode
 SPARE = 8  # threads beside one for each service and each topic that is read: parameters, goals
 
 
@@ -50,13 +48,37 @@ def _kinds(topics: Sequence[RosTopic], services: Sequence[RosService]) -> set[st
     return {topic.kind for topic in topics} | {service.kind for service in services}
 
 
-def check() -> None:
-    """Load every message type. Raises OperationFailed: one is missing.
+def _missing(topic: RosTopic) -> str:
+    """Return why the type of an optional topic is missing; "": it is there. Raises OperationFailed."""
+    try:
+        message_type(topic.kind)
+    except OperationFailed as error:
+        if not topic.optional:
+            raise
+        return str(error)
+    return ""
+
+
+def check(arguments: Sequence[str] = ()) -> None:
+    """Load every message type that is required, and parse ROS's own arguments.
+
+    Raises OperationFailed: one is missing or wrong.
 
     The middleware needs no check: where RMW_IMPLEMENTATION is not installed, `import rclpy` ends the process.
     """
-    for kind in _kinds(TOPICS, SERVICES):
+    for kind in _kinds([topic for topic in TOPICS if not topic.optional], SERVICES):
         message_type(kind)
+    context = Context()
+    try:
+        context.init(args=_ros_arguments(arguments))
+    except RuntimeError as error:
+        raise OperationFailed(f"rclpy: {ROS_ARGS} {' '.join(arguments)}: {error}") from None
+    finally:
+        context.try_shutdown()
+
+
+def _ros_arguments(arguments: Sequence[str]) -> list[str]:
+    return [ROS_ARGS, *arguments] if arguments else []
 
 
 def quality(topic: RosTopic) -> Any:
@@ -72,18 +94,30 @@ def quality(topic: RosTopic) -> Any:
 class RclpyTransport:
     """`RosTransport` over rclpy.
 
-    `goals`: receiver of an action's goals, set before `open`; None: no action.
+    `goals`: receiver of an action's goals; None: no action. `settings`: of the daemon, for the parameters.
+    Both are set before `open`.
     """
 
     refuses = ""
 
     def __init__(
-        self, found: DiscoverySettings, tell: Callable[[str], None], *, sockets: str | None = None
+        self,
+        found: DiscoverySettings,
+        tell: Callable[[str], None],
+        *,
+        sockets: str | None = None,
+        arguments: Sequence[str] = (),
     ) -> None:
-        """Make the transport; `sockets`: of the daemon, for the reports to a goal's client."""
+        """Make the transport; `sockets`: of the daemon, for the reports to a goal's client.
+
+        `arguments`: ROS's own.
+        """
         self._discovery = found
         self._tell = tell
         self._sockets = sockets
+        self._arguments = arguments
+        self.node = str(NodeName())
+        self.settings: Settings = lambda _: {}
         self.goals: GoalConsumer | None = None
         self._graph: _Graph | None = None
 
@@ -95,19 +129,25 @@ class RclpyTransport:
         asked: RequestHandler,
     ) -> None:
         """Join the graph with these endpoints. Raises OperationFailed."""
+        missing = {topic.name: reason for topic in topics if (reason := _missing(topic))}
+        topics = [topic for topic in topics if topic.name not in missing]
+        for name, reason in missing.items():
+            self._tell(f"{name} is not published: {reason}")
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
         read = sum(not topic.out for topic in topics)
-        graph = _Graph(self._discovery.domain, len(services) + read + SPARE, self._tell)
+        threads = len(services) + read + SPARE
+        graph = _Graph(self._discovery.domain, threads, self._tell, self._arguments)
         try:
             for topic in topics:
                 graph.add(topic, kinds[topic.kind], on_message)
             for service in services:
                 graph.serve(service, kinds[service.kind], asked)
-            offered = frozenset(services)
-            graph.begin(ModeParameter(graph.node, asked, offered), self.goals, self._sockets)
+            graph.parameters = DaemonParameters(graph.node, asked, frozenset(services), self.settings)
+            graph.begin(self.goals, self._sockets)
         except RuntimeError as error:
             graph.close()
             raise OperationFailed(f"rclpy: {error}") from None
+        self.node = graph.node.get_fully_qualified_name()
         self._graph = graph
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
@@ -115,12 +155,25 @@ class RclpyTransport:
         graph = self._graph
         if graph is None or not graph.alive:
             raise OperationFailed("rclpy: the node has left the graph; it is made anew")
+        publisher = graph.publishers.get(topic.name)
+        if publisher is None:
+            return  # the package of its type is not installed
         try:
-            graph.publishers[topic.name].publish(data)
+            publisher.publish(data)
         except RuntimeError as error:
             raise OperationFailed(f"rclpy: {topic.name}: {error}") from None
-        if topic is STATUS and graph.mode is not None:
-            graph.mode.on_status(data)
+
+    def show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        """Take the content of a topic of JSON: for the parameters, and as a typed message."""
+        graph = self._graph
+        if graph is None or not graph.alive:
+            return
+        if topic is STATUS and graph.parameters is not None:
+            graph.parameters.show(content)
+        try:
+            graph.typed.show(topic, content)
+        except RuntimeError as error:
+            raise OperationFailed(f"rclpy: {topic.name}: {error}") from None
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""
@@ -133,13 +186,15 @@ class RclpyTransport:
 class _Graph:
     """One life of the node: its context, its executor in a thread of its own, its publishers."""
 
-    def __init__(self, domain: int, threads: int, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, domain: int, threads: int, tell: Callable[[str], None], arguments: Sequence[str]
+    ) -> None:
         self._context = Context()
         self._tell = tell
         self._reported: set[str] = set()
         try:
             # Not by rclpy.init, which would replace the caller's signal handlers.
-            self._context.init(args=[], domain_id=domain)
+            self._context.init(args=_ros_arguments(arguments), domain_id=domain)
             self.node = Node(NODE, context=self._context)
         except RuntimeError as error:
             self._context.try_shutdown()
@@ -148,7 +203,8 @@ class _Graph:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
         self.publishers: dict[str, Any] = {}
-        self.mode: ModeParameter | None = None
+        self.typed = TypedMessages(self.node)
+        self.parameters: DaemonParameters | None = None
         self._follow: TrajectoryActionServer | None = None
 
     @property
@@ -162,12 +218,13 @@ class _Graph:
         What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
         at nor for the parameters, where a change of mode waits for the daemon.
         """
+        name = relative(topic.name)
         if topic.out:
-            self.publishers[topic.name] = self.node.create_publisher(kind, topic.name, quality(topic))
+            self.publishers[topic.name] = self.node.create_publisher(kind, name, quality(topic))
             return
         call = functools.partial(on_message, topic)
         group = MutuallyExclusiveCallbackGroup()
-        self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
+        self.node.create_subscription(kind, name, call, quality(topic), callback_group=group, raw=True)
 
     def serve(self, service: RosService, kind: Any, asked: RequestHandler) -> None:
         """Answer a service. Each has a group: none waits for another, none takes more than one thread."""
@@ -182,11 +239,10 @@ class _Graph:
             return response
 
         group = MutuallyExclusiveCallbackGroup()
-        self.node.create_service(kind, service.name, answer, callback_group=group)
+        self.node.create_service(kind, relative(service.name), answer, callback_group=group)
 
-    def begin(self, mode: ModeParameter, goals: GoalConsumer | None, sockets: str | None) -> None:
-        """Parameter and action, and callbacks from now on."""
-        self.mode = mode
+    def begin(self, goals: GoalConsumer | None, sockets: str | None) -> None:
+        """Create the action, and serve callbacks from now on."""
         if goals is not None:
             self._follow = TrajectoryActionServer.offered(self.node, goals, sockets, self._tell)
         self._executor.add_node(self.node)
@@ -221,53 +277,3 @@ class _Graph:
             self._executor.shutdown(timeout_sec=0.0)
         self.node.destroy_node()
         self._context.try_shutdown()
-
-
-class ModeParameter:
-    """Parameter `mode` with the daemon's mode; setting it requests another one from the daemon."""
-
-    def __init__(self, node: Any, asked: RequestHandler, offered: Collection[RosService]) -> None:
-        """Make the parameter; `offered`: services that are served; a mode without one cannot be requested
-        here.
-        """
-        self._node = node
-        self._call_service = asked
-        self._offered = offered
-        self._mode = UNKNOWN
-        self._following = False
-        node.declare_parameter("mode", UNKNOWN)
-        node.add_on_set_parameters_callback(self._on_set)
-        # As the parameter services, in the default group: never beside them, so `_following` needs no lock.
-        self._news = node.create_guard_condition(self._follow)
-
-    def on_status(self, status: bytes) -> None:
-        """A message of the topic `/bridge/status`; from any thread."""
-        mode = str(json.loads(decode(STRING, status)["data"]).get("mode") or UNKNOWN)
-        if mode != self._mode:
-            self._mode = mode
-            self._news.trigger()
-
-    def _follow(self) -> None:
-        self._following = True
-        try:
-            self._node.set_parameters([Parameter("mode", value=self._mode)])
-        finally:
-            self._following = False
-
-    def _on_set(self, parameters: Sequence[Any]) -> Any:
-        refusals = [self._refusal(each.value) for each in parameters if each.name == "mode"]
-        reason = "".join(refusals)
-        return SetParametersResult(successful=not reason, reason=reason)
-
-    def _refusal(self, mode: Any) -> str:
-        """Return why the daemon does not take the mode; "": it does."""
-        if self._following:
-            return ""
-        if mode not in TO_MODE:
-            return f"mode {mode!r}: must be one of {', '.join(TO_MODE)}"
-        if TO_MODE[mode] not in self._offered:
-            return "no commands are taken from ROS here"
-        done, words = answer_to(self._call_service, TO_MODE[mode], None)
-        if done:
-            self._mode = mode  # another client may have set another mode since
-        return "" if done else words

@@ -18,14 +18,26 @@ from twind.bridge.commands.permission import denied
 from twind.bridge.commands.stop_queues import Outcome
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.peer_bridges import PeerBridges
+from twind.bridge.ros.robot_model_messages import describe
 from twind.bridge.ros.ros_commands import RosCommands, error_text, result_line
-from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
+from twind.bridge.ros.ros_diagnostics import (
+    Diagnostics,
+    command_latency,
+    encode_string,
+    latencies,
+    log_message,
+)
 from twind.bridge.ros.ros_endpoints import (
+    DESCRIBED,
+    DESCRIPTION,
     DIAGNOSTICS,
+    FIXED_FRAMES,
     GET_STATUS,
+    LATENCIES,
     LATENCY,
     NEIGHBOURS,
     RESULTS,
+    ROSOUT,
     SERVICES,
     STATUS,
     TOPICS,
@@ -62,12 +74,14 @@ class RosBridge:
         *,
         rate: float | None = None,
         commands: bool = True,
+        describer: str | None = None,
         tell: Callable[[str], None],
         stop: threading.Event,
     ) -> None:
         """Make the bridge; `sockets`: folder of the daemon's.
 
-        `rate`: readings a second; None: the loop's rate.
+        `rate`: readings a second; None: the loop's rate. `describer`: Python that describes the robot; None:
+        no description and no transforms.
         """
         self._transport = transport
         self._tell = tell
@@ -75,6 +89,7 @@ class RosBridge:
         self._sockets = sockets
         self._reads_only = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
         self._messages = RosStateMessages()
+        self._describer = describer
         self._diagnostics = Diagnostics()
         self._graph = RepeatedFaultFilter()
         self._deaf = RepeatedFaultFilter()
@@ -131,6 +146,8 @@ class RosBridge:
         if self._news.lives != self.asked_of:
             self.asked_of = self._news.lives
             self._ask_rights()
+            if self._describer and self._news.there:
+                threading.Thread(target=self._describe, name="describe", daemon=True).start()
         if not self._joined:
             self._join()
         if self._readings.error_text:
@@ -151,13 +168,15 @@ class RosBridge:
     def _join(self) -> None:
         self._transport.close()
         try:
-            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._on_request)
+            topics = [each for each in TOPICS if self._describer or each not in DESCRIBED]
+            self._transport.open((*topics, NEIGHBOURS), SERVICES, self._on_message, self._on_request)
         except OperationFailed as error:
             self._wrong = str(error)
         else:
             self._joined = True
             self._wrong = ""
             self._publish_status()
+            self._publish_description()
         if self._graph.is_transition(self._wrong, time.monotonic()):
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
@@ -195,7 +214,11 @@ class RosBridge:
     def _result(self, result: Mapping[str, Any]) -> None:
         self._tell(result_line(result))
         robot = (self._status or {}).get("robot")
-        self._publish(RESULTS, encode_string({**result, "robot": robot, "bridge": self._neighbours.id}))
+        content = {**result, "robot": robot, "bridge": self._neighbours.id}
+        self._publish(RESULTS, encode_string(content))
+        self._show(RESULTS, content)
+        if result["phase"] == "refused":
+            self._report("warning", result_line(result))
 
     def _closed(self, stop: bool = False) -> str:
         """Return why no command is taken, or, with `stop`, no stop; "": they are. An e-stop always is."""
@@ -231,10 +254,17 @@ class RosBridge:
             self._messages.status(answer["status"])
             self._keep(answer["status"], answer["time"])
         elif topic == "latency":
-            self._publish(LATENCY, latencies(answer["latency"]))
+            self._publish(LATENCY, command_latency(answer["latency"]))
+            self._publish(LATENCIES, latencies(answer["latency"]))
         elif topic == "trajectories":
             self._send(self._messages.accepted(answer, clocks()))
+        elif topic == "events":
+            self._report(answer["event"]["level"], f"{answer['event']['code']}: {answer['event']['message']}")
         self.commands.motions.on_monitor_reply(answer)
+
+    def _report(self, level: str, text: str) -> None:
+        """Publish a line on /rosout."""
+        self._publish(ROSOUT, log_message(clocks().wall_ns, self._transport.node, level, text))
 
     def _send(self, messages: Sequence[Message]) -> None:
         for topic, data in messages:
@@ -248,6 +278,22 @@ class RosBridge:
         if news or time - self._published_at >= STATUS_PERIOD:
             self._published_at = time
             self._publish_status()
+
+    def _describe(self) -> None:
+        """Request the robot of a new daemon, and publish its URDF and frames; in a thread of its own."""
+        try:
+            with self._observer() as client:
+                answer = client.call("GetRobot")
+            self._messages.description = describe(self._describer or "", answer)
+        except (ClientError, OperationFailed) as error:
+            self._tell(f"no /robot_description and no /tf: {error}")
+        self._publish_description()
+
+    def _publish_description(self) -> None:
+        description = self._messages.description
+        if description is not None:
+            self._publish(DESCRIPTION, description.urdf)
+            self._publish(FIXED_FRAMES, description.fixed(clocks().wall_ns))
 
     def _ask_rights(self) -> None:
         """Request the rights once for each daemon: without them no commands are offered."""
@@ -264,6 +310,7 @@ class RosBridge:
         daemon = self._over or self._news.error_text
         return {
             "id": self._neighbours.id,
+            "node": self._transport.node,
             "daemon": self._news.there and not daemon,
             "error": daemon or self._readings.error_text or self._wrong or None,
             "commands": not (self._reads_only or self._denied or self._over),
@@ -278,7 +325,13 @@ class RosBridge:
         return {**(status or {}), "bridge": self._bridge()}
 
     def _publish_status(self) -> None:
-        self._publish(STATUS, encode_string(self._make_status()))
+        status = self._make_status()
+        self._publish(STATUS, encode_string(status))
+        self._show(STATUS, {**status, "joints": self._joints})
+
+    def _show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        if self._joined:
+            self._transport.show(topic, content)
 
     def _status_text(self, now: Outcome) -> str:
         """Return the status text from the daemon's present status, or the reason why there is none."""

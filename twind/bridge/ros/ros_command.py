@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from twind.bridge.bridge_log import BridgeLog, print_line
 from twind.bridge.ros.backend_choice import DDS, RCLPY, ZENOH, usual
+from twind.bridge.ros.ros_names import ROS_ARGS, node_name
 from twind.command_line.extras import how_to_add
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import Rejected, UsageError
@@ -62,9 +64,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="only publish; of the commands from ROS only the e-stop is accepted, with dds none",
     )
     parser.add_argument(
+        "--no-tf",
+        dest="tf",
+        action="store_false",
+        help="leave /robot_description, /tf and /tf_static to robot_state_publisher",
+    )
+    parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
     )
     parser.add_argument("--zenoh-config", type=Path, metavar="FILE", help="configuration of the session")
+    parser.add_argument(
+        ROS_ARGS,
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="ARGUMENT",
+        help="ROS's own arguments, after all others: -r __ns:=/left names a second robot in the domain",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -109,13 +124,19 @@ def _bridge(
     transport = made(options, graph, log)
     print_line(_headline(options, graph, transport.refuses))
     bridge = RosBridge(
-        transport, options.socket, rate=options.rate, commands=options.commands, tell=log, stop=stop
+        transport,
+        options.socket,
+        rate=options.rate,
+        commands=options.commands,
+        describer=sys.executable if options.tf else None,
+        tell=log,
+        stop=stop,
     )
     return bridge.run()
 
 
 def made(options: argparse.Namespace, graph: DiscoverySettings, tell: Tell) -> RosTransport:
-    """The back end. Raises UsageError: a package that it needs is missing."""
+    """The back end. Raises UsageError: a package is missing, or an argument of ROS is not supported."""
     where, needs = BACK_ENDS[options.backend]
     missing = [each for each in needs if find_spec(each) is None]
     if missing:
@@ -123,8 +144,9 @@ def made(options: argparse.Namespace, graph: DiscoverySettings, tell: Tell) -> R
         raise UsageError(f"{words}; where ROS is installed: --backend rclpy")
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
+    node = node_name(options.ros_args)
     session = {"connect": options.zenoh_connect, "config": options.zenoh_config}
-    transport: RosTransport = kind(graph, tell, **(session if options.backend == ZENOH else {}))
+    transport: RosTransport = kind(graph, tell, node, **(session if options.backend == ZENOH else {}))
     return transport
 
 

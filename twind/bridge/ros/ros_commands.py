@@ -41,6 +41,7 @@ STOPPING = "stopping: the robot decelerates and holds"
 ROOM = 8  # trajectories that wait
 PACE = 1.0 / 15.0  # s between two of them: the daemon refuses more than 20 a second
 MODE_PACE = 1.0  # s from one mode to the next
+MODE_PATIENCE = 35.0  # s for the answer to a mode or a setting
 STOP_PACE = 0.1  # s from one hold to the next; an e-stop has none
 PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
 STEP = 0.1  # s between two looks at the motions
@@ -203,6 +204,15 @@ class RosCommands:
         if not room:
             reply(False, f"{service.name}: too many requests wait; send it again")
 
+    def settings(self, changes: Mapping[str, Any]) -> Outcome:
+        """Return the daemon's settings, after these changes. Waits for the daemon; from any thread."""
+        if not changes:
+            return call((self._observer,), "GetParameters", SOON, {})
+        why = self._closed(False)
+        if why:
+            return ClientError(why)
+        return call((self._operator,), "SetParameters", MODE_PATIENCE, {"parameters": changes})
+
     def _answer_status(self, replies: Sequence[Reply]) -> None:
         text = self._status(call((self._observer,), "GetStatus", SOON, {}))
         for reply in replies:
@@ -212,7 +222,7 @@ class RosCommands:
         (request,) = requests
         why = self._closed(False) if request.parameters["mode"] else "malformed: name a mode in a String"
         asked = request.parameters
-        request.reply(ClientError(why) if why else call((self._operator,), "SetMode", 35.0, asked))
+        request.reply(ClientError(why) if why else call((self._operator,), "SetMode", MODE_PATIENCE, asked))
 
     def _report_stop(self, kind: str, outcome: Outcome) -> None:
         if kind == HOLD:

@@ -8,7 +8,7 @@ from math import nan
 from typing import Any
 
 from twind.client.errors import finding_text
-from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, encode, stamp
+from twind.ros import DIAGNOSTIC_ARRAY, FLOAT, FLOATS, LOG, STRING, encode, stamp
 
 FIELDS = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 # levels of a DiagnosticStatus
@@ -16,6 +16,7 @@ OK = 0
 WARN = 1
 ERROR = 2
 BAD_STATES = ("fault", "estop")
+LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}  # of rcl_interfaces/msg/Log
 
 Fields = Mapping[str, Any]
 
@@ -26,7 +27,7 @@ def encode_string(content: Any) -> bytes:
 
 
 def latencies(hops: Sequence[Fields]) -> bytes:
-    """Topic `latency`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
+    """Topic `latencies`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
 
     The labels of the two dimensions name rows and columns.
     """
@@ -39,6 +40,18 @@ def latencies(hops: Sequence[Fields]) -> bytes:
     ]
     data = [value for row in rows for value in row]
     return encode(FLOATS, {"layout": {"dim": dimensions, "data_offset": 0}, "data": data})
+
+
+def command_latency(hops: Sequence[Fields]) -> bytes:
+    """Topic `latency`: s from the call of the last command to its first goal; NaN: unknown."""
+    values = [hop["now_ms"] for hop in hops if hop["hop"] == "command" and hop["now_ms"] is not None]
+    return encode(FLOAT, {"data": values[0] / 1e3 if values else nan})
+
+
+def log_message(time_ns: int, node: str, level: str, text: str) -> bytes:
+    """Message of /rosout. `node`: full name; `level`: of an event of the daemon."""
+    name = node.strip("/").replace("/", ".")
+    return encode(LOG, {"stamp": stamp(time_ns), "level": LEVELS[level], "name": name, "msg": text})
 
 
 class Diagnostics:
@@ -54,10 +67,12 @@ class Diagnostics:
             rows += [_robot(status), self._loop(status)]
             rows += [self._bus(bus, status["mode"]) for bus in status["buses"]]
             rows += [_joint(joint, status) for joint in joints]
+        for row in rows:
+            row["name"] = f"{bridge['node'].lstrip('/')}: {row['name']}"
         header = {"stamp": stamp(time_ns), "frame_id": ""}
         return encode(DIAGNOSTIC_ARRAY, {"header": header, "status": rows})
 
-    def _bridge(self, bridge: Fields) -> Fields:
+    def _bridge(self, bridge: Fields) -> dict[str, Any]:
         grew = self._grew("dropped", bridge["dropped"])
         undelivered = self._grew("undelivered", bridge["undelivered"])
         level, message = _first(
@@ -69,7 +84,7 @@ class Diagnostics:
         )
         return _row("bridge", "", level, message, bridge)
 
-    def _loop(self, status: Fields) -> Fields:
+    def _loop(self, status: Fields) -> dict[str, Any]:
         loop = status["loop"]
         grew = self._grew("missed", loop["missed"])
         message = f"{grew} ticks missed in the last second" if grew else f"{loop['rate_hz']:g} Hz"
@@ -77,7 +92,7 @@ class Diagnostics:
         values = {key: loop[key] for key in keys} | dict(loop["realtime"])
         return _row("loop", status["robot"], WARN if grew else OK, message, values)
 
-    def _bus(self, bus: Fields, mode: str) -> Fields:
+    def _bus(self, bus: Fields, mode: str) -> dict[str, Any]:
         grew = self._grew(f"bus {bus['name']}", bus["errors"])
         level, message = _first(
             (mode == "sim", OK, "not opened in sim"),
@@ -96,7 +111,7 @@ class Diagnostics:
         return max(0, count - before)
 
 
-def _robot(status: Fields) -> Fields:
+def _robot(status: Fields) -> dict[str, Any]:
     message = f"{status['mode']}, {status['state']}, {status['motion']}"
     faults = [finding_text(each) for each in status["faults"]]
     level = ERROR if status["state"] in BAD_STATES else WARN if faults else OK
@@ -107,7 +122,7 @@ def _robot(status: Fields) -> Fields:
     return _row("robot", status["robot"], level, "; ".join([message, *faults]), values)
 
 
-def _joint(joint: Fields, status: Fields) -> Fields:
+def _joint(joint: Fields, status: Fields) -> dict[str, Any]:
     level, message = _first(
         (status["mode"] == "sim", OK, "simulated"),
         (joint["faults"], ERROR, ", ".join(joint["faults"])),
@@ -126,7 +141,6 @@ def _first(*cases: tuple[Any, int, Any]) -> tuple[int, str]:
 
 def _row(name: str, hardware: str, level: int, message: str, values: Fields) -> dict[str, Any]:
     rows = [{"key": str(key), "value": text} for key, text in _texts(values)]
-    name = f"twind: {name}"
     return {"level": level, "name": name, "message": message, "hardware_id": hardware, "values": rows}
 
 

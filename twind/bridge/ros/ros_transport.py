@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from typing import Protocol
+from typing import Any, Protocol
 
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
 
@@ -27,6 +27,7 @@ class RosTransport(Protocol):
     """One way into the ROS 2 graph. `publish` may be called by several threads."""
 
     refuses: str  # why no command arrives here, for the user; "": topics are read and services are served
+    node: str  # full name of the node in the graph, `/twind`
 
     def open(
         self,
@@ -42,6 +43,9 @@ class RosTransport(Protocol):
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
         """Send CDR bytes with their header. Returns within milliseconds. Raises OperationFailed."""
+
+    def show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        """Take the content of a topic of JSON, for what only this back end makes of it."""
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""

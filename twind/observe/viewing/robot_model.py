@@ -85,7 +85,9 @@ class RobotModel:
         self.support = str(robot["support"])
         self.base = str(robot["base"])
         self.joints = tuple(str(joint["name"]) for joint in robot["joints"])
-        self.model, self.meshes_missing = _compiled(description["mjcf"], os.path.dirname(robot["mjcf_path"]))
+        self.model, self.meshes_missing = compile_model(
+            description["mjcf"], os.path.dirname(robot["mjcf_path"])
+        )
         try:
             numbers = [self.model.joint(joint["model_joint"]).id for joint in robot["joints"]]
             gate = msgspec.convert(robot["gate"], GateSettings)
@@ -146,8 +148,11 @@ class RobotModel:
         ), touching
 
 
-def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
-    """The model, and whether meshes had to be left out: their files are the daemon's, and may not be ours."""
+def compile_model(mjcf: str, folder: str) -> tuple[Any, bool]:
+    """Return the model, and whether meshes had to be left out: this user may not read their files.
+
+    Raises InvalidInput.
+    """
     import mujoco
 
     try:

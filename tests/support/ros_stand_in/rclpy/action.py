@@ -77,7 +77,7 @@ class ActionServer:
     ):
         self._node = node
         self._kind = action_type
-        self._name = action_name
+        self._name = action_name = node.resolve(action_name)
         self._execute = execute_callback
         self._goal = goal_callback
         self._accepted = handle_accepted_callback

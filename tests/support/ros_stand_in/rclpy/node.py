@@ -12,7 +12,8 @@ from rclpy.qos import DurabilityPolicy, matches, profile
 from rclpy.task import Future
 from rclpy.wire import Wire
 
-TEXT = 4  # ParameterType.PARAMETER_STRING
+TYPES = {float: 3, str: 4}  # ParameterType
+FIELDS = {float: "double_value", str: "string_value"}
 
 
 class Publisher:
@@ -80,6 +81,7 @@ class Node:
         self.executor = None
         self._name = node_name
         self.wire = Wire(context.domain, node_name)
+        self._namespace = context.namespace
         self.default_callback_group = MutuallyExclusiveCallbackGroup()
         self._parameters = {}
         self._on_set = []
@@ -92,13 +94,22 @@ class Node:
 
     # ---------------------------------------------------------------------------------------- topics
 
+    def get_fully_qualified_name(self):
+        return f"{self._namespace}/{self._name}"
+
+    def resolve(self, name):
+        """The full name."""
+        return name if name.startswith("/") else f"{self._namespace}/{name}"
+
     def create_publisher(self, msg_type, topic, qos_profile, *, callback_group=None):
+        topic = self.resolve(topic)
         qos = _quality(qos_profile)
         self._writers[topic] = Publisher(self.wire, msg_type, topic, qos)
         self.wire.add(what="writer", name=topic, kind=msg_type.kind, **qos)
         return self._writers[topic]
 
     def create_subscription(self, msg_type, topic, callback, qos_profile, *, callback_group=None, raw=False):
+        topic = self.resolve(topic)
         group = callback_group or self.default_callback_group
 
         def take(head, data):
@@ -135,7 +146,7 @@ class Node:
             request = srv_type.Request.of(data)
             self.soon(group, lambda: self.answer(head, callback(request, srv_type.Response()).bytes()))
 
-        self.listen(srv_name, take, srv_type.kind)
+        self.listen(self.resolve(srv_name), take, srv_type.kind)
 
     def create_client(self, srv_type, srv_name):
         return Client(self, srv_type, srv_name)
@@ -158,11 +169,11 @@ class Node:
         self.wire.send(head["from"], {"to": "reply", "number": head["number"]}, data)
 
     def _serve(self, name, kind, callback):
-        self.create_service(kind, f"/{self._name}{name}", callback)
+        self.create_service(kind, f"{self.get_fully_qualified_name()}{name}", callback)
 
     # ---------------------------------------------------------------------------------------- parameters
 
-    def declare_parameter(self, name, value=None):
+    def declare_parameter(self, name, value=None, descriptor=None, ignore_override=False):
         self._parameters[name] = Parameter(name, value=value)
         return self._parameters[name]
 
@@ -181,13 +192,18 @@ class Node:
         return SetParametersResult(successful=True)
 
     def _set(self, request, response):
-        given = [Parameter(each.name, value=each.value.string_value) for each in request.parameters]
+        given = [
+            Parameter(each.name, value=each.value.string_value or each.value.double_value)
+            for each in request.parameters
+        ]
         response.results = self.set_parameters(given)
         return response
 
     def _get(self, request, response):
         known = [self._parameters[name].value for name in request.names]
-        response.values = [ParameterValue(type=TEXT, string_value=value) for value in known]
+        response.values = [
+            ParameterValue(type=TYPES[type(value)], **{FIELDS[type(value)]: value}) for value in known
+        ]
         return response
 
     # ---------------------------------------------------------------------------------------- the rest

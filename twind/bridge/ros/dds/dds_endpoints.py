@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from twind.bridge.ros.dds.dds_library import TIMEOUT, IoVector, TopicDescriptor, checked
 from twind.bridge.ros.dds.dds_names import dds_name, user_data
 from twind.bridge.ros.ros_endpoints import RosTopic
+from twind.bridge.ros.ros_names import NodeName
 from twind.exceptions import OperationFailed
 from twind.ros import dds_type
 
@@ -30,11 +31,11 @@ _UNLIMITED = -1
 class DdsWriter:
     """The writer of one topic. Any thread may write."""
 
-    def __init__(self, library: ct.CDLL, participant: int, topic: RosTopic) -> None:
+    def __init__(self, library: ct.CDLL, participant: int, topic: RosTopic, node: NodeName) -> None:
         """Raises OperationFailed."""
         self._library = library
         self.topic = topic
-        name = dds_name(topic)
+        name = dds_name(topic, node)
         with quality(library, topic) as wanted:
             place = library.dds_create_topic(participant, _descriptor(topic), name.encode(), None, None)
             checked(library, place, f"topic {name}")

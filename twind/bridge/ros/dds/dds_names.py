@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twind.bridge.ros.ros_endpoints import NODE, RosTopic
+from twind.bridge.ros.ros_endpoints import RosTopic
+from twind.bridge.ros.ros_names import NodeName
 from twind.ros import PARTICIPANT_ENTITIES, encode, participant_entities, type_hash
 
 ENCLAVE = b"enclave=/;"  # USER_DATA of a participant: without it no node of it is listed
@@ -17,9 +18,9 @@ GID = 16
 GID_HUMBLE = 24
 
 
-def dds_name(topic: RosTopic) -> str:
+def dds_name(topic: RosTopic, node: NodeName) -> str:
     """Return the DDS name: `/joint_states` is `rt/joint_states`; the graph's own topic has no prefix."""
-    return topic.name if topic is GRAPH else f"rt{topic.name}"
+    return topic.name if topic is GRAPH else f"rt{node.full(topic.name)}"
 
 
 def user_data(topic: RosTopic) -> bytes:
@@ -27,7 +28,7 @@ def user_data(topic: RosTopic) -> bytes:
     return f"typehash={type_hash(topic.kind)};".encode()
 
 
-def graph_message(participant: bytes, writers: Sequence[bytes], gid: int) -> bytes:
+def graph_message(node: NodeName, participant: bytes, writers: Sequence[bytes], gid: int) -> bytes:
     """CDR: one participant with one node that has these writers and no reader.
 
     `participant`, `writers`: GUIDs of 16 bytes. `gid`: bytes of a gid in this graph.
@@ -36,11 +37,11 @@ def graph_message(participant: bytes, writers: Sequence[bytes], gid: int) -> byt
     def wide(guid: bytes) -> dict[str, list[int]]:
         return {"data": list(guid.ljust(gid, b"\0"))}
 
-    node = {
-        "node_namespace": "/",
-        "node_name": NODE,
+    entities = {
+        "node_namespace": node.namespace or "/",
+        "node_name": node.node,
         "reader_gid_seq": [],
         "writer_gid_seq": [wide(each) for each in writers],
     }
-    message = {"gid": wide(participant), "node_entities_info_seq": [node]}
+    message = {"gid": wide(participant), "node_entities_info_seq": [entities]}
     return encode(participant_entities(gid), message)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import ctypes as ct
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from twind.bridge.ros.dds.dds_config import configuration, participants
 from twind.bridge.ros.dds.dds_endpoints import DdsWriter, guid
@@ -19,6 +20,7 @@ from twind.bridge.ros.dds.dds_names import ENCLAVE, GID, GID_HUMBLE, GRAPH, grap
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
+from twind.bridge.ros.ros_names import NodeName
 from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.exceptions import OperationFailed
 
@@ -31,8 +33,12 @@ class DdsTransport:
         "--backend rclpy and --backend zenoh take them"
     )
 
-    def __init__(self, discovery: DiscoverySettings, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, discovery: DiscoverySettings, tell: Callable[[str], None], name: NodeName | None = None
+    ) -> None:
         """Make the transport; `tell` receives a line for standard error, from any thread."""
+        self._name = name or NodeName()
+        self.node = str(self._name)
         self._discovery = discovery
         self._tell = tell
         self._library: ct.CDLL | None = None
@@ -68,6 +74,9 @@ class DdsTransport:
             if str(dropped).strip("0") == "1":  # at 1, 10, 100 …: a slow reader stays slow
                 self._tell(f"dds: {topic.name}: a reader does not keep up; {dropped} messages dropped")
 
+    def show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        """Nothing: JSON is all that it sends."""
+
     def close(self) -> None:
         """Leave the graph. May be called twice."""
         for writer in self._writers.values():
@@ -80,13 +89,13 @@ class DdsTransport:
 
     def _join(self, library: ct.CDLL, topics: Sequence[RosTopic]) -> None:
         participant = self._participant(library)
-        writers = [DdsWriter(library, participant, topic) for topic in topics]
-        graph = DdsWriter(library, participant, GRAPH)
+        writers = [DdsWriter(library, participant, topic, self._name) for topic in topics]
+        graph = DdsWriter(library, participant, GRAPH, self._name)
         self._writers = {writer.topic.name: writer for writer in (*writers, graph)}
         # Gids of all endpoints but the graph's own, as in rmw_dds_common: that one belongs to no node.
         gids = [each.guid() for each in writers]
         width = GID_HUMBLE if self._discovery.humble else GID
-        self.publish(GRAPH, graph_message(guid(library, participant), gids, width))
+        self.publish(GRAPH, graph_message(self._name, guid(library, participant), gids, width))
 
     def _participant(self, library: ct.CDLL) -> int:
         number = self._discovery.domain

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
+from twind.bridge.ros.ros_names import NodeName
 from twind.bridge.ros.ros_transport import MessageHandler, RequestHandler
 from twind.bridge.ros.zenoh.zenoh_config import session_config
 from twind.bridge.ros.zenoh.zenoh_names import ZenohNames
@@ -36,10 +38,13 @@ class ZenohTransport:
         self,
         discovery: DiscoverySettings,
         tell: Callable[[str], None],
+        name: NodeName | None = None,
         connect: str | None = None,
         config: Path | str | None = None,
     ) -> None:
         self._discovery = discovery
+        self._name = name or NodeName()
+        self.node = str(self._name)
         self._tell = tell
         self._connect = connect
         self._config = config
@@ -63,7 +68,8 @@ class ZenohTransport:
             raise OperationFailed(f"zenoh: {error}; --zenoh-connect or --zenoh-config say where to") from None
         try:
             self._watch(session)
-            names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
+            hashed = not self._discovery.humble
+            names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=hashed, node=self._name)
             self._node = ZenohNode(session, names, self._tell)
             self._node.offer(topics, on_message)
             self._node.serve(services, asked)
@@ -81,6 +87,9 @@ class ZenohTransport:
             node.put(topic, data)
         except zenoh.ZError as error:
             raise OperationFailed(f"zenoh: {topic.name}: {error}") from None
+
+    def show(self, topic: RosTopic, content: Mapping[str, Any]) -> None:
+        """Nothing: JSON is all that it sends."""
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""

@@ -1,0 +1,5 @@
+"""Types of the stand-in."""
+
+from stand_in_messages import message
+
+TFMessage = message("tf2_msgs/msg/TFMessage")

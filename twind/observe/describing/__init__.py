@@ -1,0 +1,1 @@
+"""The robot as other software wants it: its frames, and a URDF."""
