@@ -17,10 +17,10 @@ group = "drive"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments: velocity and time."""
-    parser.add_argument("--forward", type=float, default=0.0, metavar="M_S", help="m/s, -0.2 to 0.2")
-    parser.add_argument("--left", type=float, default=0.0, metavar="M_S", help="m/s, -0.05 to 0.05")
+    parser.add_argument("--forward", type=float, default=0.0, metavar="M_S", help="m/s, -0.12 to 0.12")
+    parser.add_argument("--left", type=float, default=0.0, metavar="M_S", help="m/s, -0.03 to 0.03")
     parser.add_argument(
-        "--turn", type=float, default=0.0, metavar="RAD_S", help="rad/s to the left, -0.5 to 0.5"
+        "--turn", type=float, default=0.0, metavar="RAD_S", help="rad/s to the left, -0.25 to 0.25"
     )
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (default: at Ctrl-C)")
     parser.add_argument("--take", action="store_true", help="take the lease from its present holder")

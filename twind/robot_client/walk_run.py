@@ -22,8 +22,8 @@ FALLEN = 0.6  # rad of tilt from which no step helps
 NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
 RECENT = 0.05  # s: an older reading of the IMU does not balance
-# Velocities that were tried on h24-standing: forward, left, m/s; turn, rad/s.
-FASTEST = np.array([0.2, 0.05, 0.5])
+# Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
+FASTEST = np.array([0.12, 0.03, 0.25])
 
 # seconds since the start -> forward, left, turn; None: stop, stand, end
 Command = Callable[[float], Floats | None]
