@@ -16,10 +16,11 @@ from tests.support.policy_files import TWO, written
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.learn.live.daemon_robot import plant_from_answer, require_armed, require_mode, require_same
+from twind.learn.live.daemon_robot import plant_from_answer, require_armed, require_mode
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_run_command import _command, _figures
 from twind.learn.task.learning_tasks import task_of
+from twind.robot_client.daemon_robot_file import require_same
 
 CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
 ROBOT = load_robot("h24-standing")

@@ -19,6 +19,7 @@ BUILT_IN = {
     "teach": "twind.ctl.teach_command",
     "follow": "twind.ctl.follow_command",
     "teleop": "twind.ctl.teleop_command",
+    "walk": "twind.ctl.walk_command",
     "stop": "twind.ctl.single_call_commands:STOP",
     "estop": "twind.ctl.estop:ESTOP",
     "reset": "twind.ctl.single_call_commands:RESET",

@@ -3,12 +3,12 @@
 import os
 import threading
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from math import inf, radians
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,12 +18,17 @@ from twind.client.move_duration import goals_of, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
+from twind.robot.arrays import Floats
 from twind.robot.modes import RobotState
+from twind.robot_client.daemon_robot_file import robot_file_of
 from twind.robot_client.goal_stream import GoalStream
 from twind.robot_client.leased_connection import LeasedConnection
 from twind.robot_client.motion_outcome import MotionOutcome
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_subscriber import StateSubscriber
+
+if TYPE_CHECKING:
+    from twind.robot_client.walk_run import WalkOutcome
 
 FIRST = 2.0  # s for the first state
 STOP = 2.0  # s for the answer to a stop
@@ -330,6 +335,38 @@ class Robot:
         scale = radians(1.0) if degrees else 1.0
         send = partial(self._connection.setpoint, self._connection.stops)
         return GoalStream(send, named, limits, rate, scale=scale, clamp=clamp, strict=strict)
+
+    def walk(
+        self,
+        forward: float = 0.0,
+        left: float = 0.0,
+        turn: float = 0.0,
+        *,
+        seconds: float | None = None,
+        command: "Callable[[float], tuple[float, float, float] | None] | None" = None,
+    ) -> "WalkOutcome":
+        """Walk at a velocity (m/s, m/s, rad/s) for `seconds`, stop, and return when the robot stands.
+
+        `command`: seconds since the start to a velocity, None to stop, instead of one velocity. For an armed
+        robot of two six-joint legs on its own feet; needs the extra `walk`. Ctrl-C ends the goals: it
+        holds as it stands. Raises InvalidInput: too fast, or such a robot it is not; MotionFailed: it fell;
+        else as `move`.
+        """
+        from twind.robot_client.walk_run import run_walk, velocity  # noqa: PLC0415 - mink is no other call's
+        from twind.walk.walking_engine import WalkingEngine  # noqa: PLC0415
+
+        steady = velocity(forward, left, turn)
+        if command is None and seconds is None:
+            raise InvalidInput("walk: give `seconds` or `command`")
+
+        def wanted(now: float) -> Floats | None:
+            if seconds is not None and now >= seconds:
+                return None
+            found = None if command is None else command(now)
+            return steady if command is None else None if found is None else velocity(*found)
+
+        engine = WalkingEngine(robot_file_of(self._connection.call("GetRobot")))
+        return run_walk(self, engine, wanted)
 
     def _repr_html_(self) -> str:
         """Return the table of the newest state that a notebook shows."""

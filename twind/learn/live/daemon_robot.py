@@ -1,14 +1,12 @@
 """The robot of a running daemon, as a learner simulates it: the same robot file, or none."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from twind.config.robot_file import RobotFile, load_robot
-from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
 from twind.learn.task.plant_model import Plant, plant_of
 from twind.robot.modes import RobotState
+from twind.robot_client.daemon_robot_file import robot_file_of
 
 MODES = ("sim", "live")
 ANEW = "twindctl disarm, twindctl reset, twindctl arm"  # a reset wants torque to be off
@@ -25,25 +23,7 @@ ELSE = "twindctl status says what it waits for; then twindctl arm"
 
 def plant_from_answer(answer: Mapping[str, Any], period: float) -> Plant:
     """Build the plant of the robot in an answer of `GetRobot`. Raises InvalidInput."""
-    path = Path(answer["robot"]["path"])
-    try:
-        robot = load_robot(str(path))
-    except (ConfigError, OSError) as error:
-        raise InvalidInput(f"the daemon's robot file cannot be read here: {error}") from None
-    require_same(answer, robot)
-    return plant_of(robot, period=period)
-
-
-def require_same(answer: Mapping[str, Any], robot: RobotFile) -> None:
-    """Raises InvalidInput unless the daemon runs this very robot file and model."""
-    theirs = answer["robot"]
-    if theirs["text_sha256"] != robot.text_sha256:
-        raise InvalidInput(
-            f"the daemon runs {theirs['name']} from {theirs['path']}, not as {robot.path} says now: "
-            "name that robot, or restart or reload the daemon"
-        )
-    if theirs["mjcf"] != robot.mjcf:
-        raise InvalidInput(f"the model {robot.mjcf_path} has changed since the daemon read it: restart it")
+    return plant_of(robot_file_of(answer), period=period)
 
 
 def require_armed(status: Mapping[str, Any]) -> None:
