@@ -2,8 +2,8 @@
 
 The centre of mass moves as a linear inverted pendulum of constant height. Its divergent component (capture
 point) is planned backwards over the next footsteps, so that the centre of pressure stays under the supporting
-foot (Englsberger, Ott, Albu-Schaeffer, "Three-Dimensional Bipedal Walking Control Based on Divergent Component
-of Motion", IEEE T-RO 31, 2015).
+foot (Englsberger, Ott, Albu-Schaeffer, "Three-Dimensional Bipedal Walking Control Based on Divergent
+Component of Motion", IEEE T-RO 31, 2015).
 Places are in the world frame of the start: x forward, y left, m; headings in rad. Foot 0 is the left one.
 """
 
