@@ -45,6 +45,7 @@ def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0) -> Join
     covariance = _covariance(jacobian, errors(priors.decode(best[None]))[0], noise)
     spread = np.sqrt(np.diag(covariance))
     determined = spread < DETERMINED
+    best = _polish(errors, priors, np.where(determined, best, 0.0)[None], noise, determined)
     values = priors.decode(np.where(determined, best, 0.0))
     positive = priors.logarithmic > 0.0
     sd = np.where(positive, spread * priors.sd / priors.mean * values, spread * priors.sd)
@@ -60,14 +61,17 @@ def _best_start(errors: ErrorFunction, priors: ServoPriors, seed: int) -> Floats
     return drawn[np.argsort(cost)[:POLISHED]]
 
 
-def _polish(errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats) -> Floats:
-    """Return the best minimum (p,) that is reached from `starts` (k, p)."""
+def _polish(
+    errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools | None = None
+) -> Floats:
+    """Return the best minimum (p,) that is reached from `starts` (k, p); only those `free` (p,) change."""
+    moving = np.ones(len(priors.mean)) if free is None else free.astype(np.float64)
 
     def residuals(numbers: Floats) -> Floats:
         return np.append(_finite(errors(priors.decode(numbers[None]))[0]) / noise, numbers)
 
     def slopes(numbers: Floats) -> Floats:
-        table = _jacobian(errors, priors, numbers)
+        table = _jacobian(errors, priors, numbers) * moving[:, None, None]
         return np.concatenate([_rows(table) / noise, np.eye(len(numbers))])
 
     found = [

@@ -60,8 +60,8 @@ def respond(windows: ResponseWindows, values: Floats, saturation_rad: float) -> 
         bias = windows.bias[at] + windows.slope[at] * (angle - windows.measured[at])
         bias = load * (bias + windows.swing * np.sin(angle))
         inertia = load * windows.inertia[at] + columns["armature_kg_m2"]
-        torque = drive
         braking = np.where(windows.torque_on[at] > 0.0, damping, np.minimum(damping, windows.passive))
+        torque = drive - np.maximum(braking - windows.passive, 0.0) * speed
         friction = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
         friction += load_friction * (drive - braking * speed + bias) ** 2
         heavy = inertia + step * braking

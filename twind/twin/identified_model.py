@@ -71,6 +71,7 @@ def _set_delay(servo: Any, found: IdentifiedJoint, timestep: float) -> None:
     delay = found.value("delay_s") or 0.0
     if delay > 0.0:
         servo.delay = delay
+        servo.interp = 1  # linear: held samples round a delay up to whole steps
         servo.nsample = math.ceil(delay / (SHORTEST_STEP * timestep)) + 1
 
 
