@@ -68,7 +68,7 @@ def _identify(windows: JointWindows, priors: ServoPriors) -> IdentifiedServo:
         return _errors(windows, priors, values)[:, :, ~windows.held_out]
 
     fit = fit_joint(errors, priors)
-    estimates = _estimates(fit, priors)
+    estimates = estimates_of(fit, priors)
     load = estimates.pop(LOAD)
     before = _gap(windows, priors, priors.mean)
     after = _gap(windows, priors, fit.values)
@@ -95,7 +95,8 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _estimates(fit: JointFit, priors: ServoPriors) -> dict[str, ParameterEstimate]:
+def estimates_of(fit: JointFit, priors: ServoPriors) -> dict[str, ParameterEstimate]:
+    """Return the estimates of `FITTED` by name."""
     names = (*PARAMETERS, LOAD)
     columns = (fit.values, fit.sd, priors.mean, priors.sd)
     rows = zip(*(column.tolist() for column in columns), fit.determined.tolist(), strict=True)
