@@ -5,11 +5,11 @@ The effects: a cable that pulls each joint like a spring, and gears whose fricti
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.robot_file import RobotFile
+from twind.gap.motion_samples import MotionSamples
 from twind.identification.excitation import RATE, JointBounds, excite
 from twind.identification.robot_fit import model_priors
 from twind.identification.servo_parameters import FITTED
@@ -101,8 +101,8 @@ def goals_of(binding: Binding, rest: Floats, spread: float = 1.0) -> Floats:
     return np.stack([np.interp(time, sent, points[:, at]) for at in range(len(rest))], axis=-1)
 
 
-def record(robot: HiddenRobot, goals: Floats, unmodelled: bool = True) -> Floats:
-    """Return the readings (t, n) of the hidden robot that gets `goals` (t, n), from the first on."""
+def record(robot: HiddenRobot, goals: Floats, unmodelled: bool = True) -> MotionSamples:
+    """Return the motion of the hidden robot that gets `goals` (t, n), from the first on."""
     simulation = Simulation(robot.hidden, PERIOD / 4.0)
     model, data, dof = simulation.model, simulation.data, robot.hidden.dof
     simulation.place(goals[0])
@@ -116,7 +116,9 @@ def record(robot: HiddenRobot, goals: Floats, unmodelled: bool = True) -> Floats
                 data.qfrc_applied[dof] = -robot.cable * angle
                 simulation._effects._dry = first * (1.0 + robot.ripple * np.sin(WAVE * angle))
             simulation.step(goal)
-    return np.round(shown / ENCODER) * ENCODER
+    shown = np.round(shown / ENCODER) * ENCODER
+    time = np.arange(len(goals)) * PERIOD
+    unknown = np.full_like(shown, np.nan)
+    return MotionSamples(robot.binding.robot.names, time, goals, shown, np.gradient(shown, PERIOD, axis=0), unknown)
 
 
-__all__ = ["HiddenRobot", "goals_of", "hide", "mujoco", "record"]

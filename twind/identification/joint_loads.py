@@ -40,8 +40,8 @@ def smooth_motion(time: Floats, position: Floats) -> tuple[Floats, Floats, Float
 
 
 def joint_loads(binding: Binding, time: Floats, position: Floats) -> JointLoads:
-    """Return the loads along readings `position` (t, n), rad, at even `time` (t,), s."""
-    smooth, speed, acceleration = smooth_motion(time, position)
+    """Return the loads along readings `position` (t, n), rad, at even `time` (t,), s; NaN: no reading."""
+    smooth, speed, acceleration = smooth_motion(time, _without_holes(position))
     model = bare_model(binding)
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
@@ -62,6 +62,15 @@ def joint_loads(binding: Binding, time: Floats, position: Floats) -> JointLoads:
     for joint in range(len(dof)):
         slope[:, joint] = np.interp(np.arange(len(time)), rows, coarse[:, joint])
     return JointLoads(smooth, speed, acceleration, inertia, bias, slope)
+
+
+def _without_holes(position: Floats) -> Floats:
+    """Return readings (t, n), interpolated where they are NaN; a joint that never answered is at zero."""
+    filled = position.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known]) if known.any() else 0.0
+    return filled
 
 
 def bare_model(binding: Binding) -> mujoco.MjModel:

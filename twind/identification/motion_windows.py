@@ -1,12 +1,13 @@
 """Windows of a recorded motion in which one joint is simulated from its measured state on."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from twind.identification.joint_loads import JointLoads
 from twind.identification.servo_response import ResponseWindows
-from twind.robot.arrays import Bools, Floats
+from twind.robot.arrays import Bools, Floats, Ints
 
 STEP = 0.0025  # s, of the simulation of a joint
 LENGTH = 1.0  # s, of a window
@@ -14,7 +15,9 @@ LONGEST_DELAY = 0.08  # s, of a goal
 SETTLED = 0.05  # s at the begin that are not judged: the measured speed is uncertain
 MOVED = 0.01  # rad that a joint or its goal moves in a window that counts
 MOST = 72  # windows of one joint
-HELD_OUT = 4  # each of so many windows judges the fit and takes no part in it
+BLOCK = 4  # windows in a row that take part in the fit, or judge it
+HELD_OUT = 4  # each of so many blocks judges the fit and takes no part in it
+_TABLES = tuple(each.name for each in fields(ResponseWindows) if each.name not in ("step", "lead", "passive"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +25,8 @@ class JointWindows:
     """Windows of one joint: what is simulated, the readings, and which windows judge the fit."""
 
     windows: ResponseWindows
-    rows: Floats  # (s,) int: steps at which a reading stands
+    rows: Ints  # (s,) steps at which a reading stands
     measured: Floats  # (s, w) rad
-    goal: Floats  # (s, w) rad, at the readings
     held_out: Bools  # (w,)
 
 
@@ -59,7 +61,7 @@ def windows_of(
         goal=np.repeat(goals, fine, axis=0),
         lead=lead * fine,
         gain=np.ones(len(begins)),
-        torque_on=np.ones((length * fine, 1)),
+        torque_on=np.ones((length * fine, len(begins))),
         inertia=spread(loads.inertia),
         bias=spread(loads.bias),
         slope=spread(loads.slope),
@@ -75,17 +77,37 @@ def windows_of(
         windows=windows,
         rows=np.arange(first, length) * fine,
         measured=shown[rows[first:], joint],
-        goal=goal[rows[first:], joint],
-        held_out=np.arange(len(begins)) % HELD_OUT == HELD_OUT - 1,
+        held_out=is_held_out(begins, length),
     )
 
 
-def _moving(goal: Floats, shown: Floats, lead: int, length: int) -> Floats:
+def is_held_out(rows: Ints, length: int) -> Bools:
+    """Return which rows of a motion judge the fit, for windows of `length` rows; alike for all joints."""
+    return np.asarray(rows // length // BLOCK % HELD_OUT == HELD_OUT - 1)
+
+
+def join_windows(parts: Sequence[JointWindows]) -> JointWindows:
+    """Return the windows of several motions of one joint, which have one control period."""
+    windows = [each.windows for each in parts]
+
+    def joined(name: str) -> Floats:
+        return np.concatenate([getattr(each, name) for each in windows], axis=-1)
+
+    return JointWindows(
+        windows=replace(windows[0], **{name: joined(name) for name in _TABLES}),
+        rows=parts[0].rows,
+        measured=np.concatenate([each.measured for each in parts], axis=-1),
+        held_out=np.concatenate([each.held_out for each in parts]),
+    )
+
+
+def _moving(goal: Floats, shown: Floats, lead: int, length: int) -> Ints:
     """Return the first rows of at most `MOST` windows in which the joint moves, spread over the motion."""
-    begins = np.arange(lead, len(shown) - length, length)
+    begins = np.arange(length, len(shown) - length, length)
     spans = [max(np.ptp(goal[at : at + length]), np.ptp(shown[at : at + length])) for at in begins]
-    known = [bool(np.isfinite(goal[at - lead : at + length]).all()) for at in begins]
-    begins = begins[(np.array(spans) > MOVED) & np.array(known)]
+    both = np.isfinite(goal) & np.isfinite(shown)
+    known = [bool(both[at - lead : at + length].all()) for at in begins]
+    begins = begins[(np.array(spans, np.float64) > MOVED) & np.array(known, np.bool_)]
     if len(begins) > MOST:
         begins = begins[np.linspace(0, len(begins) - 1, MOST).round().astype(np.int64)]
     return begins

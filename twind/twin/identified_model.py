@@ -58,6 +58,7 @@ def _set_servo(servo: Any, hinge: Any, found: IdentifiedJoint) -> None:
     stiffness = found.value("stiffness_nm_per_rad")
     damping = found.value("damping_nm_s_per_rad")
     if stiffness is not None:
+        servo.forcerange *= stiffness / servo.gainprm[0]  # a servo saturates at the same error
         servo.gainprm[0] = stiffness
         servo.biasprm[1] = -stiffness
     if damping is not None:
