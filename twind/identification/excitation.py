@@ -15,8 +15,8 @@ RAMP = 0.08  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
-class JointBounds:
-    """What one joint may do: range, speed and acceleration, all at most."""
+class ExcitationBounds:
+    """Range, speed and acceleration of one joint, all at most."""
 
     lower: float  # rad
     upper: float  # rad
@@ -24,7 +24,7 @@ class JointBounds:
     acceleration: float  # rad/s²
 
 
-def excite(start: float, bounds: JointBounds, amplitude: float, shift: float = 0.0) -> Floats:
+def excite(start: float, bounds: ExcitationBounds, amplitude: float, shift: float = 0.0) -> Floats:
     """Return goals (k,), rad, at `RATE`, from `start` around the place nearest to it with room, and back.
 
     `amplitude`: rad, either way; `shift`: 0..1, phase of the chirp, so that joints move differently.
@@ -51,7 +51,7 @@ def _hold(place: float) -> Floats:
     return np.full(round(REST * RATE), place)
 
 
-def _move(start: float, end: float, bounds: JointBounds) -> Floats:
+def _move(start: float, end: float, bounds: ExcitationBounds) -> Floats:
     """Return the fastest smooth step (fifth degree) that the bounds allow."""
     way = abs(end - start)
     fast = 1.875 * way / (SHARE * bounds.velocity)
@@ -61,7 +61,7 @@ def _move(start: float, end: float, bounds: JointBounds) -> Floats:
     return start + (end - start) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
-def _chirp(reach: float, bounds: JointBounds, shift: float) -> Floats:
+def _chirp(reach: float, bounds: ExcitationBounds, shift: float) -> Floats:
     """Return oscillations of rising frequency; their amplitude falls where the bounds demand it."""
     low, high, length = CHIRP
     time = np.arange(1, round(length * RATE) + 1) / RATE

@@ -8,12 +8,13 @@ import numpy as np
 
 from twind.config.identified_spec import GapReference, IdentifiedJoint, IdentifiedModel
 from twind.exceptions import InvalidInput
-from twind.gap.gap_figures import JointGap
+from twind.gap.gap_figures import JointGap, joint_gaps
 from twind.gap.gap_replay import GapReplay
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.link_masses import link_masses
 from twind.identification.motion_windows import LENGTH, is_held_out
 from twind.identification.robot_fit import identify_joints
+from twind.robot.arrays import Floats
 from twind.twin.binding import Binding
 
 SHARE = 0.25  # of the motion that judges the fit
@@ -35,7 +36,7 @@ class RobotIdentification:
 
 @dataclass(frozen=True, slots=True)
 class DataOrigin:
-    """What an identified model says of its data."""
+    """Date, program and source that an identified model records."""
 
     created: str
     tool: str
@@ -67,25 +68,31 @@ def identify_robot(
         joints={name: each.joint for name, each in found.items()},
         bodies=link_masses(plain, motions, {name: each.load for name, each in found.items()}),
     )
-    judged = [_held_out(each) for each in motions]
-    before = _gaps(plain, judged)
-    after = _gaps(rebind(model), judged)
+    before = _gaps(plain, motions)
+    after = _gaps(rebind(model), motions)
     judged_joints = {each.joint: each for each in after}
     joints_with_gap = {name: _with_gap(each, judged_joints[name]) for name, each in model.joints.items()}
     return RobotIdentification(replace(model, joints=joints_with_gap), before, after)
 
 
-def _held_out(motion: MotionSamples) -> MotionSamples:
-    """Return the motion with goals in the held-out part only: elsewhere no figure is made."""
-    length = round(LENGTH / motion.period)
-    judged = is_held_out(np.arange(len(motion.time)), length)
-    return replace(motion, goal=np.where(judged[:, None], motion.goal, np.nan))
-
-
 def _gaps(binding: Binding, motions: Sequence[MotionSamples]) -> list[JointGap]:
-    """Return the gap of each joint, of the longest motion."""
-    longest = max(motions, key=lambda each: len(each.time))
-    return GapReplay(binding, longest.period).gaps(longest)
+    """Return the gap of each joint over the held-out parts of all motions together."""
+    replay = GapReplay(binding, motions[0].period)
+    return joint_gaps(
+        _held_out(motions, motions), _held_out(motions, [replay.simulate(each) for each in motions])
+    )
+
+
+def _held_out(motions: Sequence[MotionSamples], samples: Sequence[MotionSamples]) -> MotionSamples:
+    """Return the held-out rows of `samples`, one after the other; they have the rows of `motions`."""
+    masks = [is_held_out(np.arange(len(each.time)), round(LENGTH / each.period)) for each in motions]
+
+    def rows(name: str) -> Floats:
+        return np.concatenate([getattr(each, name)[mask] for each, mask in zip(samples, masks, strict=True)])
+
+    goal, position, velocity, effort = map(rows, ("goal", "position", "velocity", "effort"))
+    time = motions[0].period * np.arange(len(goal))
+    return MotionSamples(motions[0].names, time, goal, position, velocity, effort)
 
 
 def _with_gap(joint: IdentifiedJoint, gap: JointGap) -> IdentifiedJoint:

@@ -18,6 +18,7 @@ STARTS = 256  # candidates drawn from the prior, of which the best begin a fit
 POLISHED = 3
 ROUNDS = 2  # of the noise from the residuals
 DIFFERENCE = 1e-3  # of a number of the fit, for the Jacobian
+MODEL_ERROR = 1.6  # factor on the noise: effects that the model lacks repeat in all windows
 FLOOR = 3e-4  # rad, of the noise: rounding of encoders
 DETERMINED = 0.75  # share of the prior's deviation that an estimate keeps at most
 
@@ -110,7 +111,7 @@ def _noise(error: Floats) -> Floats:
     shared = np.fft.irfft(np.abs(power) ** 2, axis=0).sum(axis=1)[: len(known)]
     positive = np.argmax(shared <= 0.05 * shared[0]) or len(known)
     length = 1.0 + 2.0 * shared[1:positive].sum() / max(shared[0], 1e-30)
-    return np.sqrt(length * (np.nanmean(error**2) + FLOOR**2))[None]
+    return MODEL_ERROR * np.sqrt(length * (np.nanmean(error**2) + FLOOR**2))[None]
 
 
 def _covariance(jacobian: Floats, error: Floats, noise: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""What the rest of the robot does to each joint along a measured motion: inertia, weight, coupling.
+"""Inertia, weight and coupling that act on each joint along a measured motion.
 
 MuJoCo's inverse dynamics on the bound model, without servos, friction and contacts.
 """
@@ -69,7 +69,9 @@ def _without_holes(position: Floats) -> Floats:
     filled = position.copy()
     for column in filled.T:
         known = np.isfinite(column)
-        column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known]) if known.any() else 0.0
+        column[~known] = (
+            np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known]) if known.any() else 0.0
+        )
     return filled
 
 

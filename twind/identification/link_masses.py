@@ -36,13 +36,13 @@ def link_masses(
     precision = np.array([1.0 / each.sd**2 - 1.0 / each.prior_sd**2 for each in estimates])
     value = np.array([each.value for each in estimates])
     # The joint's own prior is taken out again, so that it does not count twice.
-    told = (value / np.array([each.sd**2 for each in estimates])) - np.array(
+    information = (value / np.array([each.sd**2 for each in estimates])) - np.array(
         [each.prior / each.prior_sd**2 for each in estimates]
     )
     table = shares[rows]
     curvature = table.T @ (precision[:, None] * table) + np.eye(len(bodies)) / SPREAD**2
     covariance = np.linalg.inv(curvature)
-    scale = covariance @ (table.T @ told + np.ones(len(bodies)) / SPREAD**2)
+    scale = covariance @ (table.T @ information + np.ones(len(bodies)) / SPREAD**2)
     sd = np.sqrt(np.diag(covariance))
     found = {}
     for at, factor, deviation in zip(bodies, scale.tolist(), sd.tolist(), strict=True):

@@ -75,9 +75,7 @@ def replay_error(
     return np.asarray(np.nanmean(np.abs(shown - measured), axis=0))
 
 
-def _windows(
-    recordings: Sequence[PendulumRecording], servo: PendulumServo
-) -> tuple[ResponseWindows, Floats]:
+def _windows(recordings: Sequence[PendulumRecording], servo: PendulumServo) -> tuple[ResponseWindows, Floats]:
     """Return one window for each recording, and the readings (t, w) at its steps; NaN after its end."""
     count = max(int(each.time[-1] / STEP) for each in recordings)
     time = (np.arange(LEAD + count) - LEAD) * STEP

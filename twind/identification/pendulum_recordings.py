@@ -75,7 +75,9 @@ def _columns(path: Path, lines: list[str]) -> dict[str, Floats]:
     try:
         table = np.array([line.split(",") for line in lines[1:] if line], np.float64)
     except ValueError as error:
-        raise InvalidInput(f"{path}: a row is not all numbers, or not as long as the others: {error}") from None
+        raise InvalidInput(
+            f"{path}: a row is not all numbers, or not as long as the others: {error}"
+        ) from None
     if len(table) < 100 or not np.isfinite(table).all():
         raise InvalidInput(f"{path}: {len(table)} rows; at least 100, all finite, are needed")
     return {name: table[:, place] for place, name in enumerate(names)}

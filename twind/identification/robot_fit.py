@@ -35,7 +35,7 @@ def identify_joints(
 ) -> dict[str, IdentifiedServo]:
     """Return the identified joints by name; those that move too little are left out.
 
-    `motions`: even samples of one period, as `twind.gap.gap_replay.resample` makes them. `joints`: only these.
+    `motions`: even samples of one period, as `resample` makes them. `joints`: only these.
     """
     loads = [joint_loads(binding, each.time, each.position) for each in motions]
     found = {}
