@@ -20,6 +20,7 @@ ROUNDS = 2  # of the noise from the residuals
 DIFFERENCE = 1e-3  # of a number of the fit, for the Jacobian
 MODEL_ERROR = 1.6  # factor on the noise: effects that the model lacks repeat in all windows
 FLOOR = 3e-4  # rad, of the noise: rounding of encoders
+MOVED = 1.0  # deviations of the prior: data that move an estimate so far say something of it
 DETERMINED = 0.75  # share of the prior's deviation that an estimate keeps at most
 
 
@@ -45,7 +46,7 @@ def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0) -> Join
     jacobian = _jacobian(errors, priors, best)
     covariance = _covariance(jacobian, errors(priors.decode(best[None]))[0], noise)
     spread = np.sqrt(np.diag(covariance))
-    determined = spread < DETERMINED
+    determined = (spread < DETERMINED) | (np.abs(best) > MOVED)
     best = _polish(errors, priors, np.where(determined, best, 0.0)[None], noise, determined)
     values = priors.decode(np.where(determined, best, 0.0))
     positive = priors.logarithmic > 0.0

@@ -30,7 +30,7 @@ ZERO_BASED = {
     "dead_band_rad": (0.002, 0.004),
     "backlash_rad": (0.005, 0.006),
 }
-LOAD_FRICTION = (0.02, 0.06)  # of the stall torque, in friction at a gear loaded with it
+LOAD_FRICTION = (0.05, 0.1)  # of the stall torque, in friction at a gear loaded with it
 SAG = (0.1, 0.1)  # of the supply at stall torque
 
 
