@@ -112,7 +112,7 @@ def _noise(error: Floats) -> Floats:
     shared = np.fft.irfft(np.abs(power) ** 2, axis=0).sum(axis=1)[: len(known)]
     positive = np.argmax(shared <= 0.05 * shared[0]) or len(known)
     length = 1.0 + 2.0 * shared[1:positive].sum() / max(shared[0], 1e-30)
-    return MODEL_ERROR * np.sqrt(length * (np.nanmean(error**2) + FLOOR**2))[None]
+    return np.array([MODEL_ERROR * np.sqrt(length * (np.nanmean(error**2) + FLOOR**2))])
 
 
 def _covariance(jacobian: Floats, error: Floats, noise: Floats) -> Floats:
@@ -130,7 +130,7 @@ def _covariance(jacobian: Floats, error: Floats, noise: Floats) -> Floats:
     clustered = plain @ spread @ plain
     widened = np.maximum(np.diag(clustered) / np.diag(plain), 1.0)
     scale = np.sqrt(widened)
-    return plain * scale[:, None] * scale
+    return np.asarray(plain * scale[:, None] * scale, np.float64)
 
 
 def _finite(errors: Floats) -> Floats:

@@ -13,7 +13,6 @@ import numpy as np
 from twind.client import Refused
 from twind.identification.excitation import RATE, ExcitationBounds, excite
 from twind.robot.arrays import Floats
-from twind.robot_client.motion_outcome import MotionOutcome
 from twind.robot_client.robot import Robot
 
 SMALLER = (1.0, 0.6, 0.35, 0.2)  # shares of the amplitude that are tried in turn
@@ -86,17 +85,17 @@ def motion_of(
 def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> float:
     """Move joints as far as the gate lets them; return the seconds, 0: refused, or too warm."""
     readings = robot.joints
-    cool = {name: each for name, each in bounds.items() if not _is_warm(readings[name])}
+    start = {name: readings[name].goal for name in bounds if not _is_warm(readings[name])}
+    held = {name: goal for name, goal in start.items() if goal is not None}
+    cool = {name: bounds[name] for name in held}
     if not cool:
         return 0.0
-    start = {name: float(readings[name].goal) for name in cool}
     for share in SMALLER:
-        points, times = motion_of(cool, start, share * amplitude)
+        points, times = motion_of(cool, held, share * amplitude)
         try:
-            outcome: MotionOutcome = robot.follow(list(cool), points, times, retime=True)
+            robot.follow(list(cool), points, times, retime=True)
         except Refused:
             continue
-        del outcome
         return float(times[-1])
     return 0.0
 

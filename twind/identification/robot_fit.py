@@ -25,7 +25,7 @@ class IdentifiedServo:
     """Result for one joint: the estimates, and the gap on held-out windows with the prior and with them."""
 
     joint: IdentifiedJoint
-    load: ParameterEstimate  # weight and inertia behind the joint, as a share of the model's
+    load: ParameterEstimate  # weight behind the joint, as a share of the model's
     before: GapReference
     after: GapReference
 

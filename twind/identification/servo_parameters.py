@@ -13,7 +13,7 @@ import numpy as np
 from twind.config.identified_spec import PARAMETERS
 from twind.robot.arrays import Floats
 
-LOAD = "load_scale"  # weight and inertia behind the joint, as a share of the model's; becomes link masses
+LOAD = "load_scale"  # weight behind the joint, as a share of the model's; becomes link masses
 FITTED = (*PARAMETERS, LOAD)
 # Standard deviation of the logarithm: makers' figures of torque, speed and gears differ by so much.
 SPREAD = {
@@ -21,7 +21,6 @@ SPREAD = {
     "damping_nm_s_per_rad": 0.5,
     "friction_nm": 0.6,
     "armature_kg_m2": 0.4,
-    LOAD: 0.1,
 }
 # Prior and standard deviation of parameters that may be zero; the first as a share of the stall torque.
 STRIBECK = (0.01, 0.015)
@@ -29,6 +28,7 @@ ZERO_BASED = {
     "delay_s": (0.010, 0.010),
     "dead_band_rad": (0.002, 0.004),
     "backlash_rad": (0.005, 0.006),
+    LOAD: (1.0, 0.4),  # wide: cables and springs act like weight
 }
 LOAD_FRICTION = (0.05, 0.1)  # of the stall torque, in friction at a gear loaded with it
 SAG = (0.1, 0.1)  # of the supply at stall torque

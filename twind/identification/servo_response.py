@@ -59,7 +59,7 @@ def respond(windows: ResponseWindows, values: Floats, saturation_rad: float) -> 
         drive = np.clip(stiffness * error, -most, most) * supply * windows.torque_on[at]
         bias = windows.bias[at] + windows.slope[at] * (angle - windows.measured[at])
         bias = load * (bias + windows.swing * np.sin(angle))
-        inertia = load * windows.inertia[at] + columns["armature_kg_m2"]
+        inertia = windows.inertia[at] + columns["armature_kg_m2"]
         braking = np.where(windows.torque_on[at] > 0.0, damping, np.minimum(damping, windows.passive))
         torque = drive - np.maximum(braking - windows.passive, 0.0) * speed
         friction = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
