@@ -91,7 +91,7 @@ def _held_out(motions: Sequence[MotionSamples], samples: Sequence[MotionSamples]
         return np.concatenate([getattr(each, name)[mask] for each, mask in zip(samples, masks, strict=True)])
 
     goal, position, velocity, effort = map(rows, ("goal", "position", "velocity", "effort"))
-    time = motions[0].period * np.arange(len(goal))
+    time: Floats = motions[0].time[0] + motions[0].period * np.arange(len(goal), dtype=np.float64)
     return MotionSamples(motions[0].names, time, goal, position, velocity, effort)
 
 

@@ -43,7 +43,7 @@ def compare_models(options: argparse.Namespace, paths: Sequence[Path]) -> None:
 
 def model_lines(model: IdentifiedModel) -> list[str]:
     """Return the lines of a table of all estimates; those at their prior are marked."""
-    rows = [HEADINGS]
+    rows: list[tuple[str, ...]] = [HEADINGS]
     for name, joint in model.joints.items():
         rows += _rows(name, joint.estimates().items())
     for name, body in model.bodies.items():

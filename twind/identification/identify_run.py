@@ -72,11 +72,11 @@ def identify_pendulum(options: argparse.Namespace, paths: Sequence[Path]) -> Non
     lines = model_lines(model)
     errors = {}
     for title, recordings in (("fit", train), ("held out", judge)):
-        for each, error in zip(
+        for each, miss in zip(
             recordings, replay_error(recordings, fit.values) if recordings else [], strict=True
         ):
-            errors[each.name] = float(error)
-            lines.append(f"{title}: {each.name}: mean position error {math.degrees(error):.2f}°")
+            errors[each.name] = float(miss)
+            lines.append(f"{title}: {each.name}: mean position error {math.degrees(miss):.2f}°")
     show(options, {"model": msgspec.to_builtins(model), "errors_rad": errors}, "\n".join(lines))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -93,8 +94,9 @@ def join_windows(parts: Sequence[JointWindows]) -> JointWindows:
     def joined(name: str) -> Floats:
         return np.concatenate([getattr(each, name) for each in windows], axis=-1)
 
+    tables: dict[str, Any] = {name: joined(name) for name in _TABLES}
     return JointWindows(
-        windows=replace(windows[0], **{name: joined(name) for name in _TABLES}),
+        windows=replace(windows[0], **tables),
         rows=parts[0].rows,
         measured=np.concatenate([each.measured for each in parts], axis=-1),
         held_out=np.concatenate([each.held_out for each in parts]),

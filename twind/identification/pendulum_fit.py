@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def fit_pendulum(recordings: Sequence[PendulumRecording], servo: PendulumServo =
 
 def identified_pendulum(fit: JointFit, servo: PendulumServo = XL330) -> IdentifiedJoint:
     """Return the estimates of a fit, without its load, which is known."""
-    estimates = estimates_of(fit, priors_of_pendulum(servo))
+    estimates: dict[str, Any] = dict(estimates_of(fit, priors_of_pendulum(servo)))
     estimates.pop("load_scale")
     return IdentifiedJoint(**estimates)
 

@@ -78,4 +78,4 @@ def _delayed(windows: ResponseWindows, delay: Floats) -> Floats:
     whole = steps.astype(np.int64)
     share = (steps - whole)[:, None]
     rows = windows.lead + np.arange(len(windows.bias))[:, None] - whole
-    return (1.0 - share) * windows.goal[rows] + share * windows.goal[rows - 1]
+    return np.asarray((1.0 - share) * windows.goal[rows] + share * windows.goal[rows - 1])
