@@ -58,6 +58,7 @@ def _set_servo(servo: Any, hinge: Any, found: IdentifiedJoint) -> None:
     stiffness = found.value("stiffness_nm_per_rad")
     damping = found.value("damping_nm_s_per_rad")
     if stiffness is not None:
+        servo.forcerange *= stiffness / servo.gainprm[0]  # a servo saturates at the same error
         servo.gainprm[0] = stiffness
         servo.biasprm[1] = -stiffness
     if damping is not None:
@@ -71,6 +72,7 @@ def _set_delay(servo: Any, found: IdentifiedJoint, timestep: float) -> None:
     delay = found.value("delay_s") or 0.0
     if delay > 0.0:
         servo.delay = delay
+        servo.interp = 1  # linear: held samples round a delay up to whole steps
         servo.nsample = math.ceil(delay / (SHORTEST_STEP * timestep)) + 1
 
 

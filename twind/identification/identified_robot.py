@@ -1,0 +1,102 @@
+"""The identified model of a robot from its motion: joints, links, and the judgement of the whole body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twind.config.identified_spec import GapReference, IdentifiedJoint, IdentifiedModel
+from twind.exceptions import InvalidInput
+from twind.gap.gap_figures import JointGap, joint_gaps
+from twind.gap.gap_replay import GapReplay
+from twind.gap.motion_samples import MotionSamples
+from twind.identification.link_masses import link_masses
+from twind.identification.motion_windows import LENGTH, is_held_out
+from twind.identification.robot_fit import identify_joints
+from twind.robot.arrays import Floats
+from twind.twin.binding import Binding
+
+SHARE = 0.25  # of the motion that judges the fit
+
+
+@dataclass(frozen=True, slots=True)
+class RobotIdentification:
+    """Result of an identification. Gaps are of the whole robot's simulation on held-out motion, by joint."""
+
+    model: IdentifiedModel
+    before: Sequence[JointGap]
+    after: Sequence[JointGap]
+
+    @property
+    def still(self) -> list[str]:
+        """Joints that are not in the model, as they moved too little."""
+        return [each.joint for each in self.before if each.joint not in self.model.joints]
+
+
+@dataclass(frozen=True, slots=True)
+class DataOrigin:
+    """Date, program and source that an identified model records."""
+
+    created: str
+    tool: str
+    source: str
+
+
+def identify_robot(
+    plain: Binding,
+    motions: Sequence[MotionSamples],
+    origin: DataOrigin,
+    rebind: Any,
+    joints: Sequence[str] | None = None,
+) -> RobotIdentification:
+    """Return the identified model of a robot, judged on the held-out part of its motions.
+
+    `plain`: the robot without an overlay; `motions`: even samples of one period; `rebind`: function that
+    returns the robot's binding with an IdentifiedModel. Raises InvalidInput: no joint moved enough.
+    """
+    found = identify_joints(plain, motions, joints)
+    if not found:
+        raise InvalidInput("no joint moved enough to identify it: each needs some 0.1 rad, several times")
+    model = IdentifiedModel(
+        robot=plain.robot.name,
+        created=origin.created,
+        tool=origin.tool,
+        source=origin.source,
+        seconds=float(sum(each.time[-1] - each.time[0] for each in motions)),
+        held_out=SHARE,
+        joints={name: each.joint for name, each in found.items()},
+        bodies=link_masses(plain, motions, {name: each.load for name, each in found.items()}),
+    )
+    before = _gaps(plain, motions)
+    after = _gaps(rebind(model), motions)
+    judged_joints = {each.joint: each for each in after}
+    joints_with_gap = {name: _with_gap(each, judged_joints[name]) for name, each in model.joints.items()}
+    return RobotIdentification(replace(model, joints=joints_with_gap), before, after)
+
+
+def _gaps(binding: Binding, motions: Sequence[MotionSamples]) -> list[JointGap]:
+    """Return the gap of each joint over the held-out parts of all motions together."""
+    replay = GapReplay(binding, motions[0].period)
+    return joint_gaps(
+        _held_out(motions, motions), _held_out(motions, [replay.simulate(each) for each in motions])
+    )
+
+
+def _held_out(motions: Sequence[MotionSamples], samples: Sequence[MotionSamples]) -> MotionSamples:
+    """Return the held-out rows of `samples`, one after the other; they have the rows of `motions`."""
+    masks = [is_held_out(np.arange(len(each.time)), round(LENGTH / each.period)) for each in motions]
+
+    def rows(name: str) -> Floats:
+        return np.concatenate([getattr(each, name)[mask] for each, mask in zip(samples, masks, strict=True)])
+
+    goal, position, velocity, effort = map(rows, ("goal", "position", "velocity", "effort"))
+    time: Floats = motions[0].time[0] + motions[0].period * np.arange(len(goal), dtype=np.float64)
+    return MotionSamples(motions[0].names, time, goal, position, velocity, effort)
+
+
+def _with_gap(joint: IdentifiedJoint, gap: JointGap) -> IdentifiedJoint:
+    figure = gap.position
+    if figure is None or figure.nrmse_spread is None or figure.unexplained is None:
+        return joint
+    return replace(joint, gap=GapReference(figure.nrmse_spread, figure.unexplained))

@@ -1,0 +1,142 @@
+"""Fit of one joint's parameters to windows of its motion, with uncertainties that the residuals bear out.
+
+Least squares with Gaussian priors: what the data do not determine stays at its prior and says so.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from twind.identification.servo_parameters import ServoPriors
+from twind.robot.arrays import Bools, Floats
+
+# Maps candidates (c, p), in units of the parameters, to errors (c, samples, windows), rad; NaN: no sample.
+ErrorFunction = Callable[[Floats], Floats]
+STARTS = 256  # candidates drawn from the prior, of which the best begin a fit
+POLISHED = 3
+ROUNDS = 2  # of the noise from the residuals
+DIFFERENCE = 1e-3  # of a number of the fit, for the Jacobian
+MODEL_ERROR = 1.6  # factor on the noise: effects that the model lacks repeat in all windows
+FLOOR = 3e-4  # rad, of the noise: rounding of encoders
+MOVED = 1.0  # deviations of the prior: data that move an estimate so far say something of it
+DETERMINED = 0.75  # share of the prior's deviation that an estimate keeps at most
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit:
+    """Result of a fit; arrays (p,) in the order of `FITTED`."""
+
+    values: Floats
+    sd: Floats
+    determined: Bools
+    covariance: Floats  # (p, p) of the numbers of the fit
+    noise: Floats  # rad, of one independent sample
+
+
+def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0) -> JointFit:
+    """Return the parameters that explain the motion best."""
+    found = _best_start(errors, priors, seed)
+    noise = np.full(1, np.sqrt(np.mean(_finite(errors(priors.decode(found[:1]))) ** 2)))
+    best = _polish(errors, priors, found, noise)
+    for _ in range(ROUNDS):
+        noise = _noise(errors(priors.decode(best[None]))[0])
+        best = _polish(errors, priors, best[None], noise)
+    jacobian = _jacobian(errors, priors, best)
+    covariance = _covariance(jacobian, errors(priors.decode(best[None]))[0], noise)
+    spread = np.sqrt(np.diag(covariance))
+    determined = (spread < DETERMINED) | (np.abs(best) > MOVED)
+    best = _polish(errors, priors, np.where(determined, best, 0.0)[None], noise, determined)
+    values = priors.decode(np.where(determined, best, 0.0))
+    positive = priors.logarithmic > 0.0
+    sd = np.where(positive, spread * priors.sd / priors.mean * values, spread * priors.sd)
+    return JointFit(values, np.where(determined, sd, priors.sd), determined, covariance, noise)
+
+
+def _best_start(errors: ErrorFunction, priors: ServoPriors, seed: int) -> Floats:
+    """Return the prior's mean and the best of many candidates drawn from it, as numbers of the fit (k, p)."""
+    drawn = np.random.default_rng(seed).normal(0.0, 1.0, (STARTS, len(priors.mean)))
+    drawn[0] = 0.0
+    drawn = np.maximum(drawn, priors.lowest)
+    cost = np.nanmean(errors(priors.decode(drawn)) ** 2, axis=(1, 2))
+    return drawn[np.argsort(cost)[:POLISHED]]
+
+
+def _polish(
+    errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools | None = None
+) -> Floats:
+    """Return the best minimum (p,) that is reached from `starts` (k, p); only those `free` (p,) change."""
+    moving = np.ones(len(priors.mean)) if free is None else free.astype(np.float64)
+
+    def residuals(numbers: Floats) -> Floats:
+        return np.append(_finite(errors(priors.decode(numbers[None]))[0]) / noise, numbers)
+
+    def slopes(numbers: Floats) -> Floats:
+        table = _jacobian(errors, priors, numbers) * moving[:, None, None]
+        return np.concatenate([_rows(table) / noise, np.eye(len(numbers))])
+
+    found = [
+        least_squares(
+            residuals,
+            start,
+            jac=slopes,
+            bounds=(priors.lowest - 1e-9, np.inf),
+            loss="linear",
+            max_nfev=25,
+            xtol=1e-4,
+            ftol=1e-4,
+        )
+        for start in starts
+    ]
+    return np.asarray(min(found, key=lambda each: float(each.cost)).x)
+
+
+def _jacobian(errors: ErrorFunction, priors: ServoPriors, numbers: Floats) -> Floats:
+    """Return the slopes (p, samples, windows) of the errors by the numbers of the fit."""
+    count = len(numbers)
+    steps = DIFFERENCE * np.concatenate([np.eye(count), -np.eye(count)])
+    around = np.maximum(numbers + steps, priors.lowest)
+    table = errors(priors.decode(around))
+    width = np.diag(around[:count] - around[count:])
+    return (table[:count] - table[count:]) / width[:, None, None]
+
+
+def _noise(error: Floats) -> Floats:
+    """Return the deviation (1,) of one independent sample, from errors (samples, windows).
+
+    Residuals follow one another: so many samples tell as much as one, and the noise grows by its root.
+    """
+    known = np.nan_to_num(error)
+    power = np.fft.rfft(known, 2 * len(known), axis=0)
+    shared = np.fft.irfft(np.abs(power) ** 2, axis=0).sum(axis=1)[: len(known)]
+    positive = np.argmax(shared <= 0.05 * shared[0]) or len(known)
+    length = 1.0 + 2.0 * shared[1:positive].sum() / max(shared[0], 1e-30)
+    return np.array([MODEL_ERROR * np.sqrt(length * (np.nanmean(error**2) + FLOOR**2))])
+
+
+def _covariance(jacobian: Floats, error: Floats, noise: Floats) -> Floats:
+    """Return the covariance (p, p) of the numbers of the fit: the larger of two estimates by parameter.
+
+    The first takes residuals as noise of their own length; the second takes windows as independent and lets
+    their gradients speak, which errors of the model in some of the motions widen.
+    """
+    rows = _rows(jacobian) / noise
+    count = rows.shape[1]
+    curvature = rows.T @ rows + np.eye(count)
+    plain = np.linalg.inv(curvature)
+    gradients = np.einsum("psw,sw->wp", np.nan_to_num(jacobian), np.nan_to_num(error)) / noise**2
+    spread = gradients.T @ gradients + np.eye(count)
+    clustered = plain @ spread @ plain
+    widened = np.maximum(np.diag(clustered) / np.diag(plain), 1.0)
+    scale = np.sqrt(widened)
+    return np.asarray(plain * scale[:, None] * scale, np.float64)
+
+
+def _finite(errors: Floats) -> Floats:
+    return errors[np.isfinite(errors)]
+
+
+def _rows(jacobian: Floats) -> Floats:
+    flat = jacobian.reshape(len(jacobian), -1)
+    return flat[:, np.isfinite(flat).all(axis=0)].T

@@ -1,0 +1,111 @@
+"""Excitation of a robot through its daemon: each joint alone, then all together, every motion past the gate.
+
+An ordinary client with the lease. What the gate refuses is tried again smaller; joints that warm up are
+given a rest or left out.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from twind.client import Refused
+from twind.identification.excitation import RATE, ExcitationBounds, excite
+from twind.robot.arrays import Floats
+from twind.robot_client.robot import Robot
+
+SMALLER = (1.0, 0.6, 0.35, 0.2)  # shares of the amplitude that are tried in turn
+TOGETHER = 0.6  # share of the amplitude when all joints move
+LONGEST = 900.0  # s of robot in all
+WARM = 55.0  # °C above which a joint is not excited
+
+
+class MessageRecorder:
+    """Keeps the states that the daemon sends, in a thread, while motions run. A context."""
+
+    def __init__(self, socket: Any) -> None:
+        """`socket`: a connected client whose stream of states is read."""
+        self._client = socket
+        self.messages: list[Mapping[str, Any]] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+
+    def __enter__(self) -> "MessageRecorder":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join(timeout=2.0)
+        self._client.close()
+
+    def _read(self) -> None:
+        for message in self._client.stream("Monitor", topics=["state"], rate=1000.0):
+            self.messages.append(message)
+            if self._ended.is_set():
+                return
+
+
+def excite_robot(
+    robot: Robot, client: Any, described: Mapping[str, Any], joints: Sequence[str], amplitude: float
+) -> list[Mapping[str, Any]]:
+    """Move the joints and return the states of all of it; empty: the gate refused every motion.
+
+    `client`: an observer; `described`: the robot as GetRobot answers. Raises ClientError.
+    """
+    bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
+    moved = 0
+    used = 0.0
+    with MessageRecorder(client) as recorder:
+        for name in joints:
+            if used < LONGEST:
+                seconds = _try(robot, {name: bounds[name]}, amplitude)
+                used += seconds
+                moved += seconds > 0.0
+        if len(joints) > 1 and used < LONGEST:
+            _try(robot, bounds, TOGETHER * amplitude)
+    return recorder.messages if moved else []
+
+
+def motion_of(
+    bounds: Mapping[str, ExcitationBounds], start: Mapping[str, float], amplitude: float
+) -> tuple[Floats, Floats]:
+    """Return points (k, n) and times (k,), s, of joints that move differently at the same time."""
+    count = len(bounds)
+    columns = [
+        excite(start[name], each, amplitude, place / count)
+        for place, (name, each) in enumerate(bounds.items())
+    ]
+    length = max(map(len, columns))
+    points = np.stack([np.pad(column, (0, length - len(column)), mode="edge") for column in columns], axis=-1)
+    return points, np.arange(1, length + 1) / RATE
+
+
+def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> float:
+    """Move joints as far as the gate lets them; return the seconds, 0: refused, or too warm."""
+    readings = robot.joints
+    start = {name: readings[name].goal for name in bounds if not _is_warm(readings[name])}
+    held = {name: goal for name, goal in start.items() if goal is not None}
+    cool = {name: bounds[name] for name in held}
+    if not cool:
+        return 0.0
+    for share in SMALLER:
+        points, times = motion_of(cool, held, share * amplitude)
+        try:
+            robot.follow(list(cool), points, times, retime=True)
+        except Refused:
+            continue
+        return float(times[-1])
+    return 0.0
+
+
+def _is_warm(reading: Any) -> bool:
+    temperature = getattr(reading, "temperature", None)
+    return temperature is not None and temperature > WARM
+
+
+def _bounds(joint: Mapping[str, Any]) -> ExcitationBounds:
+    return ExcitationBounds(
+        joint["lower"], joint["upper"], joint["velocity_limit"], joint["acceleration_limit"]
+    )

@@ -1,0 +1,116 @@
+"""Fit of all joints of a robot to its recorded motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.config.identified_spec import PARAMETERS, GapReference, IdentifiedJoint, ParameterEstimate
+from twind.gap.motion_samples import MotionSamples
+from twind.identification.joint_fit import JointFit, fit_joint
+from twind.identification.joint_loads import joint_loads
+from twind.identification.motion_windows import JointWindows, join_windows, windows_of
+from twind.identification.servo_parameters import LOAD, ServoPriors, priors_of
+from twind.identification.servo_response import respond
+from twind.robot.arrays import Floats
+from twind.twin.binding import Binding
+from twind.twin.servo_effects import servo_rows
+
+DELAYS = np.arange(0.0, 0.081, 0.005)  # s, at which the goal is tried as the simplest model
+UNLIMITED = 0.25  # rad: error of full torque that is assumed of a servo whose model has no torque limit
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedServo:
+    """Result for one joint: the estimates, and the gap on held-out windows with the prior and with them."""
+
+    joint: IdentifiedJoint
+    load: ParameterEstimate  # weight behind the joint, as a share of the model's
+    before: GapReference
+    after: GapReference
+
+
+def identify_joints(
+    binding: Binding, motions: Sequence[MotionSamples], joints: Sequence[str] | None = None
+) -> dict[str, IdentifiedServo]:
+    """Return the identified joints by name; those that move too little are left out.
+
+    `motions`: even samples of one period, as `resample` makes them. `joints`: only these.
+    """
+    loads = [joint_loads(binding, each.time, each.position) for each in motions]
+    found = {}
+    for place, name in enumerate(binding.robot.names):
+        if joints is not None and name not in joints:
+            continue
+        passive = float(binding.model.dof_damping[binding.dof[place]])
+        parts = [
+            windows_of(each.time, each.goal, each.position, load, place, passive)
+            for each, load in zip(motions, loads, strict=True)
+        ]
+        moved = [part for part in parts if part is not None]
+        if moved:
+            found[name] = _identify(join_windows(moved), model_priors(binding, place))
+    return found
+
+
+def model_priors(binding: Binding, place: int) -> ServoPriors:
+    """Return the priors of a joint from the model's servo and hinge, as they are without an overlay."""
+    model = binding.model
+    dof = binding.dof[place]
+    row = int(servo_rows(model, binding.actuators[place : place + 1])[0])
+    known = {
+        "stiffness_nm_per_rad": float(model.actuator_gainprm[row, 0]),
+        "damping_nm_s_per_rad": float(model.dof_damping[dof] - model.actuator_biasprm[row, 2]),
+        "friction_nm": float(model.dof_frictionloss[dof]),
+        "armature_kg_m2": float(model.dof_armature[dof]),
+    }
+    identified = binding.robot.identified
+    before = None if identified is None else identified.joints.get(binding.robot.names[place])
+    given = {} if before is None else before.estimates()
+    known |= {name: given[name].prior for name in known if name in given}
+    limited = bool(model.actuator_forcelimited[row])
+    reach = float(model.actuator_forcerange[row, 1] / model.actuator_gainprm[row, 0])
+    stall = known["stiffness_nm_per_rad"] * (reach if limited else UNLIMITED)
+    least = {"damping_nm_s_per_rad": 0.01 * stall, "friction_nm": 0.01 * stall, "armature_kg_m2": 1e-4}
+    known |= {key: max(known[key], value) for key, value in least.items()}
+    return priors_of(known, stall)
+
+
+def _identify(windows: JointWindows, priors: ServoPriors) -> IdentifiedServo:
+    def errors(values: Floats) -> Floats:
+        return _errors(windows, priors, values)[:, :, ~windows.held_out]
+
+    fit = fit_joint(errors, priors)
+    estimates = estimates_of(fit, priors)
+    load = estimates.pop(LOAD)
+    before = _gap(windows, priors, priors.mean)
+    after = _gap(windows, priors, fit.values)
+    return IdentifiedServo(IdentifiedJoint(**estimates, gap=after), load, before, after)
+
+
+def _errors(windows: JointWindows, priors: ServoPriors, values: Floats) -> Floats:
+    return respond(windows.windows, values, priors.saturation_rad)[:, windows.rows] - windows.measured
+
+
+def _gap(windows: JointWindows, priors: ServoPriors, values: Floats) -> GapReference:
+    """Return the gap on the windows that took no part in the fit."""
+    judged = windows.held_out
+    error = _rms(_errors(windows, priors, values[None])[0][:, judged])
+    measured = windows.measured[:, judged]
+    spacing = windows.windows.step
+    shifts = [round(delay / spacing) for delay in DELAYS]
+    rows = windows.windows.lead + windows.rows
+    alone = min(_rms(windows.windows.goal[rows - shift][:, judged] - measured) for shift in shifts)
+    return GapReference(error / max(float(np.std(measured)), 1e-9), error / max(alone, 1e-9))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def estimates_of(fit: JointFit, priors: ServoPriors) -> dict[str, ParameterEstimate]:
+    """Return the estimates of `FITTED` by name."""
+    names = (*PARAMETERS, LOAD)
+    columns = (fit.values, fit.sd, priors.mean, priors.sd)
+    rows = zip(*(column.tolist() for column in columns), fit.determined.tolist(), strict=True)
+    return {name: ParameterEstimate(*row) for name, row in zip(names, rows, strict=True)}
