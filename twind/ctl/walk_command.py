@@ -1,4 +1,4 @@
-"""Walk a robot of two six-joint legs at a velocity, then stop and stand.
+"""Walk a robot of two six-joint legs at a velocity, then stand.
 
 The robot stands on its own feet and is armed. An engine plans feet and centre of mass and balances by the
 IMU; its goals pass the gate as those of any client. Ctrl-C: it walks on to a stance. `twindctl stop` ends the
