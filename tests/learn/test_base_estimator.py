@@ -49,7 +49,7 @@ def swaying(seconds: float, size: float) -> list[tuple[BodyReading, BodyReading]
 
 @pytest.fixture(scope="module")
 def swayed() -> list[tuple[BodyReading, BodyReading]]:
-    return swaying(4.0, 0.3)
+    return swaying(4.0, 0.4)
 
 
 def test_feet_and_gravity_and_height_are_exact(swayed: list[tuple[BodyReading, BodyReading]]) -> None:

@@ -1,8 +1,8 @@
 """One walk of a robot: goals of the walking engine as a stream through the gate, until it stands again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,11 +11,10 @@ from twind.exceptions import InvalidInput
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
+from twind.robot_client.goal_stream import GoalStream
+from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.walk.balance import tilt_of
 from twind.walk.walking_engine import WalkingEngine
-
-if TYPE_CHECKING:
-    from twind.robot_client.robot import Robot
 
 RATE = 100.0  # Hz
 FALLEN = 0.6  # rad of tilt from which no step helps
@@ -39,6 +38,22 @@ class WalkOutcome:
     late: int  # periods that this program missed
 
 
+class WalkingRobot(Protocol):
+    """Members of `twind.Robot` that a walk uses."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def names(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def joints(self) -> Mapping[str, JointReading]: ...  # noqa: D102
+    @property
+    def state(self) -> RobotSnapshot: ...  # noqa: D102
+    def move(self, goals: Mapping[str, float], *, retime: bool = False) -> Any: ...  # noqa: D102
+    def stream(self, *, rate: float, strict: bool) -> GoalStream: ...  # noqa: D102
+    def estop(self, *, reason: str) -> None: ...  # noqa: D102
+
+
 def velocity(forward: float, left: float, turn: float) -> Floats:
     """Return a command (3,). Raises InvalidInput: faster than what was tried."""
     wanted = np.array([forward, left, turn])
@@ -48,7 +63,7 @@ def velocity(forward: float, left: float, turn: float) -> Floats:
     return wanted
 
 
-def run_walk(robot: "Robot", engine: WalkingEngine, command: Command) -> WalkOutcome:
+def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> WalkOutcome:
     """Walk until `command` returns None and the robot stands.
 
     Raises MotionFailed: it fell, and was stopped by an e-stop; else as `GoalStream.send`.
