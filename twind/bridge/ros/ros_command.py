@@ -146,7 +146,7 @@ def made(options: argparse.Namespace, graph: DiscoverySettings, tell: Tell) -> R
     kind: Callable[..., Any] = getattr(import_module(module), name)
     node = node_name(options.ros_args)
     session = {"connect": options.zenoh_connect, "config": options.zenoh_config}
-    transport: RosTransport = kind(graph, tell, node, **(session if options.backend == ZENOH else {}))
+    transport: RosTransport = kind(graph, tell, name=node, **(session if options.backend == ZENOH else {}))
     return transport
 
 

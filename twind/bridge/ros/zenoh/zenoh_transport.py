@@ -38,9 +38,9 @@ class ZenohTransport:
         self,
         discovery: DiscoverySettings,
         tell: Callable[[str], None],
-        name: NodeName | None = None,
         connect: str | None = None,
         config: Path | str | None = None,
+        name: NodeName | None = None,
     ) -> None:
         self._discovery = discovery
         self._name = name or NodeName()
