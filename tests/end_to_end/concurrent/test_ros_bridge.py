@@ -58,6 +58,7 @@ class Paper:
     """A graph that writes down what is published. `broken`: why it cannot be joined, or was lost."""
 
     refuses = ""
+    node = "/twind"
 
     def __init__(self) -> None:
         self.said: dict[str, list[bytes]] = {}
@@ -89,6 +90,8 @@ class Paper:
         if self.broken:
             raise OperationFailed(self.broken)
         self.said.setdefault(topic.name, []).append(data)
+
+    def show(self, topic: RosTopic, content: object) -> None: ...
 
     def close(self) -> None:
         self.hang.wait(20.0)
