@@ -66,8 +66,8 @@ def test_an_identified_model_reads_back_as_written(model: IdentifiedModel) -> No
     [
         ('robot: "h24"', 'robot: "other"', "robot"),
         ("l_knee", "no_knee", "joints.no_knee"),
-        ("value: 0.2", "value: -0.2", "joints.l_knee.friction_nm.value"),
-        ("value: 0.2", "value: much", "joints.l_knee.friction_nm.value"),
+        ('value": 0.2', 'value": -0.2', "joints.l_knee.friction_nm.value"),
+        ('value": 0.200000000', 'value": "much"', "joints.l_knee.friction_nm.value"),
         ("friction_nm", "frictoin_nm", "joints.l_knee.frictoin_nm"),
         ("friction_nm", "stiffness_nm_per_deg", "joints.l_knee.stiffness_nm_per_deg"),
         ("held_out: 0.25", "held_out: 1.0", "held_out"),

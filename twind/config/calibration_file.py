@@ -245,16 +245,20 @@ def dump_calibration(calibration: Calibration) -> str:
         "tool": calibration.tool,
         "method_default": calibration.method_default,
     }
-    text = render(head, {joint.name: _entries(joint) for joint in calibration.joints})
+    text = render(head, {"joints": {joint.name: _entries(joint) for joint in calibration.joints}})
     return f'{text}sha256: "{text_hash(text)}"\n'
 
 
-def render(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]) -> str:
-    """The text of a file of joints in one fixed form: every entry of a joint on a line of its own."""
-    lines = [f"{key}: {_flow(value)}" for key, value in head.items()]
-    lines.append("joints:" if joints else "joints: {}")
-    for name, entries in joints.items():
-        lines += [f"  {_flow(name)}:", *(f"    {key}: {_flow(value)}" for key, value in entries.items())]
+def render(
+    head: Mapping[str, Plain], sections: Mapping[str, Mapping[str, Mapping[str, Plain]]], decimals: int = 6
+) -> str:
+    """The text of a file in one fixed form: a line for each entry of what a section names, as joints."""
+    lines = [f"{key}: {_flow(value, decimals)}" for key, value in head.items()]
+    for section, named in sections.items():
+        lines.append(f"{section}:" if named else f"{section}: {{}}")
+        for name, entries in named.items():
+            lines.append(f"  {_flow(name, decimals)}:" if entries else f"  {_flow(name, decimals)}: {{}}")
+            lines += [f"    {key}: {_flow(value, decimals)}" for key, value in entries.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -283,14 +287,18 @@ def _entries(joint: JointCalibration) -> dict[str, Plain]:
     return entries if joint.proof is None else entries | {"proof": joint.proof}
 
 
-def _flow(value: Plain) -> str:
-    """A value on one line that reads back as itself."""
+def _flow(value: Plain, decimals: int) -> str:
+    """A value on one line that reads back as itself, to so many decimals. Raises ValueError: not finite."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
+        items = (f"{_flow(key, decimals)}: {_flow(item, decimals)}" for key, item in value.items())
+        return "{" + ", ".join(items) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
+        return "[" + ", ".join(_flow(item, decimals) for item in value) + "]"
     if isinstance(value, float):
         if not math.isfinite(value):
             raise ValueError(f"{value} cannot stand in a file")
-        return f"{value:.6f}"  # never 1e-05, which YAML reads as text
-    return json.dumps(value)
+        return f"{value:.{decimals}f}"  # never 1e-05, which YAML reads as text
+    astral = isinstance(value, str) and any(character > "\uffff" for character in value)
+    return json.dumps(
+        value, ensure_ascii=not astral
+    )  # two escaped surrogates are one character in JSON alone

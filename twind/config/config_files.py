@@ -60,9 +60,7 @@ class LoadedConfig:
     ports: Mapping[str, str | None]  # by bus
     calibration: Calibration | None
     rate_hz: float
-    files: Mapping[
-        str, str
-    ]  # absolute path -> sha256 of robot file, model, tables, calibration, identified model
+    files: Mapping[str, str]  # absolute path -> sha256, of every file of the robot as it was read
     live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
 
 
@@ -121,10 +119,9 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
 
 def overlay_path(settings: DaemonSettings, robot_name: str, named: str | None = None) -> Path:
     """Return the path of the identified model, there or not: as `named`, else beside the calibration."""
-    usual = settings.usual_calibration(robot_name)
-    return (
-        Path(named) if named is not None else identified_path(settings.calibration_path(robot_name) or usual)
-    )
+    if named is not None:
+        return Path(named)
+    return identified_path(settings.calibration or settings.usual_calibration(robot_name))
 
 
 def bus_ports(

@@ -4,23 +4,24 @@
 in the model.
 """
 
-import math
-from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
 from twind.config.atomic_save import save_text
-from twind.config.calibration_file import HISTORY, Stamp
-from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.calibration_file import HISTORY, Stamp, render
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
 from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, IdentifiedModel
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import parse, read_text
 
 FORMAT = "twind-identified/1"
 SUFFIX = ".identified"  # NAME.identified.yaml beside NAME.yaml
+DECIMALS = 9
+HEAD = ("robot", "created", "tool", "source", "seconds", "held_out")
+SECTIONS = ("joints", "bodies")
 
 
 class IdentifiedKeys(ConfigStruct):
@@ -79,17 +80,9 @@ def _joint(section: ConfigReader) -> IdentifiedJoint:
 
 def dump_identified(model: IdentifiedModel) -> str:
     """The file's text in one fixed form. Raises ValueError for a number that is not finite."""
-    lines = [f"format: {FORMAT}"]
-    for key in ("robot", "created", "tool", "source", "seconds", "held_out"):
-        lines.append(f"{key}: {_flow(getattr(model, key))}")
-    for section in ("joints", "bodies"):
-        entries: Mapping[str, object] = getattr(model, section)
-        lines.append(f"{section}:" if entries else f"{section}: {{}}")
-        for name, entry in entries.items():
-            given = _given(entry)
-            lines.append(f"  {_flow(name)}:" if given else f"  {_flow(name)}: {{}}")
-            lines += [f"    {key}: {_flow(value)}" for key, value in given]
-    return "\n".join(lines) + "\n"
+    head = {key: _plain(getattr(model, key)) for key in HEAD}
+    sections = {key: {name: _entries(each) for name, each in getattr(model, key).items()} for key in SECTIONS}
+    return render({"format": FORMAT, **head}, sections, DECIMALS)
 
 
 def save_identified(model: IdentifiedModel, calibration: Path) -> Path:
@@ -101,22 +94,13 @@ def save_identified(model: IdentifiedModel, calibration: Path) -> Path:
     return save_text(path.parent, path.stem, dump_identified(model), HISTORY)
 
 
-def _given(entry: object) -> list[tuple[str, object]]:
-    """Return the fields of a dataclass that are not None, in their order."""
-    values = [(each.name, getattr(entry, each.name)) for each in fields(entry)]  # type: ignore[arg-type]
-    return [(name, value) for name, value in values if value is not None]
+def _entries(value: object) -> dict[str, Plain]:
+    """Return the fields of a dataclass that are not None."""
+    values = ((each.name, getattr(value, each.name)) for each in fields(value))  # type: ignore[arg-type]
+    return {name: _plain(each) for name, each in values if each is not None}
 
 
-def _flow(value: object) -> str:
-    """Return a value on one line that reads back as itself, numbers to nine decimals."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float | int):
-        if not math.isfinite(value):
-            raise ValueError(f"{value} cannot stand in a file")
-        return f"{value:.9f}".rstrip("0") + ("0" if f"{value:.9f}".rstrip("0").endswith(".") else "")
+def _plain(value: Any) -> Plain:
     if isinstance(value, tuple):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in _given(value)) + "}"
+        return [_plain(each) for each in value]
+    return _entries(value) if is_dataclass(value) else value

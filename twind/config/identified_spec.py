@@ -91,3 +91,8 @@ class IdentifiedModel:
     held_out: float  # share of the data that judged the fit
     joints: Mapping[str, IdentifiedJoint] = field(default_factory=dict)
     bodies: Mapping[str, IdentifiedBody] = field(default_factory=dict)
+
+    def estimates(self, parameter: str) -> dict[str, ParameterEstimate]:
+        """Return the estimates of one parameter, by joint; joints without it are left out."""
+        found = {name: getattr(joint, parameter) for name, joint in self.joints.items()}
+        return {name: each for name, each in found.items() if each is not None}

@@ -8,7 +8,7 @@ from pathlib import Path
 from twind.config.actuator_types import TypeSpec
 from twind.config.collision_config import Clearance
 from twind.config.homing_config import HomingSettings, JointEndstops
-from twind.config.identified_spec import IdentifiedModel
+from twind.config.identified_spec import IdentifiedModel, ParameterEstimate
 from twind.config.power_config import ButtonSpec, RelaySpec
 from twind.robot.transmission import Transmission
 
@@ -212,6 +212,10 @@ class RobotFile:
     def names(self) -> tuple[str, ...]:
         """Joint names in order."""
         return tuple(joint.name for joint in self.joints)
+
+    def estimates(self, parameter: str) -> Mapping[str, ParameterEstimate]:
+        """Identified estimates of one parameter, by joint; none without an identified model."""
+        return {} if self.identified is None else self.identified.estimates(parameter)
 
     @property
     def description_sha256(self) -> str:

@@ -1,7 +1,7 @@
 """Excitation of a robot through its daemon: each joint alone, then all together, every motion past the gate.
 
-An ordinary client with the lease. What the gate refuses is tried again smaller; joints that warm up are
-given a rest or left out.
+An ordinary client with the lease. What the gate refuses is tried again smaller; a joint that is warm is left
+out.
 """
 
 import threading
@@ -40,6 +40,11 @@ class MessageRecorder:
         self._thread.join(timeout=2.0)
         self._client.close()
 
+    @property
+    def seconds(self) -> float:
+        """Time of the daemon from the first state to the newest, s."""
+        return self.messages[-1]["time"] - self.messages[0]["time"] if self.messages else 0.0
+
     def _read(self) -> None:
         for message in self._client.stream("Monitor", topics=["state"], rate=1000.0):
             self.messages.append(message)
@@ -55,15 +60,12 @@ def excite_robot(
     `client`: an observer; `described`: the robot as GetRobot answers. Raises ClientError.
     """
     bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
-    moved = 0
-    used = 0.0
+    moved = False
     with MessageRecorder(client) as recorder:
         for name in joints:
-            if used < LONGEST:
-                seconds = _try(robot, {name: bounds[name]}, amplitude)
-                used += seconds
-                moved += seconds > 0.0
-        if len(joints) > 1 and used < LONGEST:
+            if recorder.seconds < LONGEST:
+                moved |= _try(robot, {name: bounds[name]}, amplitude)
+        if len(joints) > 1 and recorder.seconds < LONGEST:
             _try(robot, bounds, TOGETHER * amplitude)
     return recorder.messages if moved else []
 
@@ -82,22 +84,22 @@ def motion_of(
     return points, np.arange(1, length + 1) / RATE
 
 
-def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> float:
-    """Move joints as far as the gate lets them; return the seconds, 0: refused, or too warm."""
+def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> bool:
+    """Move joints as far as the gate lets them; False: refused, or too warm."""
     readings = robot.joints
     start = {name: readings[name].goal for name in bounds if not _is_warm(readings[name])}
     held = {name: goal for name, goal in start.items() if goal is not None}
     cool = {name: bounds[name] for name in held}
     if not cool:
-        return 0.0
+        return False
     for share in SMALLER:
         points, times = motion_of(cool, held, share * amplitude)
         try:
             robot.follow(list(cool), points, times, retime=True)
         except Refused:
             continue
-        return float(times[-1])
-    return 0.0
+        return True
+    return False
 
 
 def _is_warm(reading: Any) -> bool:

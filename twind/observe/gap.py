@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=30.0,
         metavar="S",
-        help="of --live, or from the start of the file's end",
+        help="of --live (default 30)",
     )
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot to simulate (default: the recorded one)")
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="its calibration")

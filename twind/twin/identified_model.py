@@ -34,7 +34,8 @@ def apply_identified(spec: Any, robot: RobotFile, *, delays: bool = True) -> Non
         for servo in spec.actuators:
             if servo.trntype == mujoco.mjtTrn.mjTRN_JOINT and servo.target == joint.model_joint:
                 _set_servo(servo, hinge, found)
-                _set_delay(servo, found if delays else IdentifiedJoint(), spec.option.timestep)
+                if delays:
+                    _set_delay(servo, found, spec.option.timestep)
     if identified.bodies:
         compiled = spec.copy().compile()
         for name, body in identified.bodies.items():

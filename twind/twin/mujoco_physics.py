@@ -12,7 +12,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from twind.config.identified_spec import ParameterEstimate
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.robot.arrays import Bools, Floats
@@ -246,8 +245,9 @@ def body_of(
     (`base_pose.BASES`); a lying one has a bench under it and does not move. `hold`: of `base_support.HOLDS`,
     for an upright robot with support free. Raises InvalidInput, OperationFailed.
     """
-    rub = {name: each.value for name, each in _estimates(robot, "friction_nm").items()} | dict(friction or {})
-    strength = _strengths(robot)
+    rub = {name: each.value for name, each in robot.estimates("friction_nm").items()} | dict(friction or {})
+    stiff = robot.estimates("stiffness_nm_per_rad").items()
+    strength = {name: each.value / each.prior for name, each in stiff if each.prior > 0.0}  # of the figures
     ends = stops or {}
     motors = [
         ServoMotor.from_joint(
@@ -261,7 +261,7 @@ def body_of(
     ]
     start = {joint.model_joint: robot.poses["rest"][joint.name] for joint in robot.joints}
     spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
-    apply_identified(spec, robot, delays=False)
+    apply_identified(spec, robot)
     lay_down(spec, base, start)
     pinned = robot.support != "free" or base != UPRIGHT
     rows = [row for row, name in enumerate(robot.names) if name in robot.legs or not robot.legs]
@@ -273,19 +273,6 @@ def body_of(
     return MujocoPhysics(
         spec, motors, pinned=pinned, stands=stands, site=site, groups=_groups(robot), start=start, now=now
     )
-
-
-def _estimates(robot: RobotFile, name: str) -> dict[str, ParameterEstimate]:
-    """Return the estimates of one parameter of the identified model, by joint."""
-    joints = {} if robot.identified is None else robot.identified.joints
-    found = {joint: each.estimates().get(name) for joint, each in joints.items()}
-    return {joint: each for joint, each in found.items() if each is not None}
-
-
-def _strengths(robot: RobotFile) -> dict[str, float]:
-    """Return the strength of each identified motor, as a share of its figures."""
-    found = _estimates(robot, "stiffness_nm_per_rad").items()
-    return {joint: each.value / each.prior for joint, each in found if each.prior > 0.0}
 
 
 def _groups(robot: RobotFile) -> list[MotorGroup]:

@@ -11,9 +11,7 @@ from twind.robot.arrays import Floats, Ints
 from twind.twin.binding import Binding
 from twind.twin.gear_friction import outside_torque
 
-STRIBECK_SPEED = (
-    0.1  # rad/s at which the friction near rest has fallen to 1/e: between published fits of servos
-)
+STRIBECK_SPEED = 0.1  # rad/s: the friction near rest has fallen to 1/e; between published fits of servos
 LEAST_SUPPLY = 0.2  # share of the supply that a sag leaves at least
 _DYNAMIC = ("stribeck_nm", "load_friction_per_nm", "dead_band_rad", "sag_per_nm")
 
@@ -34,11 +32,8 @@ def backlash_of(binding: Binding) -> Floats | None:
 
 
 def _column(binding: Binding, name: str) -> Floats:
-    identified = binding.robot.identified
-    if identified is None:
-        return np.zeros(len(binding.robot.names))
-    found = [identified.joints.get(joint) for joint in binding.robot.names]
-    return np.array([(joint.value(name) or 0.0) if joint else 0.0 for joint in found])
+    found = {} if binding.robot.identified is None else binding.robot.identified.estimates(name)
+    return np.array([found[joint].value if joint in found else 0.0 for joint in binding.robot.names])
 
 
 def servo_rows(model: mujoco.MjModel, addresses: Ints) -> Ints:

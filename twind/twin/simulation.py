@@ -54,7 +54,6 @@ class Simulation:
         self._place = index(binding.qpos)
         self._speed = index(binding.dof)
         self._goal = index(binding.actuators)
-        self._servos = servo_rows(self.model, binding.actuators)
         self._qpos = self.data.qpos
         self._qvel = self.data.qvel
         self._ctrl = self.data.ctrl
@@ -68,7 +67,12 @@ class Simulation:
         self._effects = servo_effects(binding, self.model)
         self._backlash = backlash_of(binding)
         self._play: EncoderPlay | None = None
-        self._delayed = np.flatnonzero(self.model.actuator_delay > 0.0)
+        servos = servo_rows(self.model, binding.actuators)
+        self._delayed = [
+            (joint, int(servo))
+            for joint, servo in enumerate(servos)
+            if self.model.actuator_delay[servo] > 0.0
+        ]
         self.place(binding.rest)
         self._rest = np.array(self._qpos), np.array(self._ctrl)
 
@@ -149,13 +153,12 @@ class Simulation:
     def _fill_history(self, goals: Floats) -> None:
         """Let delayed servos know the goals of the past; after a reset MuJoCo's history is all zeros."""
         step = self.model.opt.timestep
-        columns = {int(actuator): column for column, actuator in enumerate(self._servos)}
-        for actuator in self._delayed.tolist():
-            samples = int(self.model.actuator_history[actuator, 0])
+        for joint, servo in self._delayed:
+            samples = int(self.model.actuator_history[servo, 0])
             ages = step * np.arange(samples, 0, -1)  # s, of the samples, oldest first
             back = np.ceil(ages / self._period - 1e-9).astype(np.int64)
-            values = goals[np.maximum(len(goals) - 1 - back, 0), columns[actuator]]
-            mujoco.mj_initCtrlHistory(self.model, self.data, actuator, None, np.ascontiguousarray(values))
+            values = goals[np.maximum(len(goals) - 1 - back, 0), joint]
+            mujoco.mj_initCtrlHistory(self.model, self.data, servo, None, np.ascontiguousarray(values))
 
     def _warning(self) -> None:
         """Count warnings.

@@ -92,6 +92,13 @@ def parser() -> argparse.ArgumentParser:
         default=BY_TORQUE,
         help="support of a free base: until the legs have torque, until a command releases it, or never",
     )
+    _add_robot_files(parser)
+    parser.add_argument("--faults", type=Path, metavar="SOCKET", help="accept fault commands on this socket")
+    return parser
+
+
+def _add_robot_files(parser: argparse.ArgumentParser) -> None:
+    """Add files of one robot: what is true of it, and what is written for it."""
     parser.add_argument("--truth", type=Path, metavar="FILE", help="true values of this robot: YAML or JSON")
     parser.add_argument(
         "--truth-seed", type=int, metavar="N", help="draw the true values of this robot at random"
@@ -103,8 +110,6 @@ def parser() -> argparse.ArgumentParser:
         help="strength, friction and masses of this identified model",
     )
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the matching calibration")
-    parser.add_argument("--faults", type=Path, metavar="SOCKET", help="accept fault commands on this socket")
-    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

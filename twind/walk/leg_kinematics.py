@@ -27,7 +27,7 @@ POSTURE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Sole:
-    """One foot: its body, the middle of its sole in the body's frame (3,), m, and the six joints above it."""
+    """One foot: its body, the middle of its sole in the body's frame (3,), m, and its two ankle joints."""
 
     body: str
     middle: Floats

@@ -72,7 +72,7 @@ def dump(draft: CalibrationDraft, robot: RobotFile) -> str:
         }
         for name, one in draft.swept.items()
     }
-    return render(head, joints)
+    return render(head, {"joints": joints})
 
 
 class DraftKeys(ConfigStruct):

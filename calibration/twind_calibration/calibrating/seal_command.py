@@ -101,7 +101,7 @@ def sealed_calibration(text: str, file: str, robot: RobotFile, devices: Devices,
         "tool": TOOL,
         "method_default": top.plain("method_default") or "import",
     }
-    body = render(head, joints)
+    body = render(head, {"joints": joints})
     read_back = read_calibration(f'{body}sha256: "{text_hash(body)}"\n', file, robot)
     return replace(read_back, sha256=text_hash(dump_calibration(read_back)))
 

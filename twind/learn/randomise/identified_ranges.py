@@ -68,11 +68,9 @@ def with_measured(
 def _spreads(robot: RobotFile, model: IdentifiedModel) -> Iterator[tuple[str, Entry, MeasuredSpread]]:
     """Yield quantity, entry (joint or axis by number, body by name) and spread."""
     for quantity, parameter in JOINT_PARAMETERS.items():
-        for number, name in enumerate(robot.names):
-            found = model.joints.get(name)
-            estimate = None if found is None else found.estimates().get(parameter)
-            if estimate is not None and estimate.determined:
-                yield from _entry(quantity, number, estimate)
+        for name, estimate in model.estimates(parameter).items():
+            if estimate.determined:
+                yield from _entry(quantity, robot.names.index(name), estimate)
     for name, body in model.bodies.items():
         if body.mass_kg is not None and body.mass_kg.determined:
             yield from _entry("mass", name, body.mass_kg)

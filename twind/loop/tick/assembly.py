@@ -187,14 +187,12 @@ def gravity_compensation(robot: RobotFile, binding: Binding) -> GravityCompensat
     if not robot.compensate_gravity:
         return None
     rated = binding.ratings
-    found = {} if robot.identified is None else robot.identified.joints
-    measured = [found[name].value("stiffness_nm_per_rad") if name in found else None for name in robot.names]
-    stiffness = [
-        own if value is None else value for own, value in zip(rated.stiffness, measured, strict=True)
-    ]
+    stiffness = rated.stiffness.copy()
+    for name, estimate in robot.estimates("stiffness_nm_per_rad").items():
+        stiffness[robot.names.index(name)] = estimate.value
     following = follow_bounds(rated, binding.limits, worst_load(binding), Bounds())
     most = np.minimum(FOLLOW_SHARE * following.rad, rated.lead)
-    return GravityCompensation(Dynamics(binding).at_rest, np.array(stiffness), most)
+    return GravityCompensation(Dynamics(binding).at_rest, stiffness, most)
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:
