@@ -18,7 +18,6 @@ from twind.client.move_duration import goals_of, slow_duration
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
-from twind.robot.arrays import Floats
 from twind.robot.modes import RobotState
 from twind.robot_client.daemon_robot_file import robot_file_of
 from twind.robot_client.goal_stream import GoalStream
@@ -352,21 +351,13 @@ class Robot:
         holds as it stands. Raises InvalidInput: too fast, or such a robot it is not; MotionFailed: it fell;
         else as `move`.
         """
-        from twind.robot_client.walk_run import run_walk, velocity  # noqa: PLC0415 - mink is no other call's
+        from twind.robot_client.walk_run import run_walk  # noqa: PLC0415 - mink is no other call's
         from twind.walk.walking_engine import WalkingEngine  # noqa: PLC0415
 
-        steady = velocity(forward, left, turn)
         if command is None and seconds is None:
             raise InvalidInput("walk: give `seconds` or `command`")
-
-        def wanted(now: float) -> Floats | None:
-            if seconds is not None and now >= seconds:
-                return None
-            found = None if command is None else command(now)
-            return steady if command is None else None if found is None else velocity(*found)
-
         engine = WalkingEngine(robot_file_of(self._connection.call("GetRobot")))
-        return run_walk(self, engine, wanted)
+        return run_walk(self, engine, command or (lambda _: (forward, left, turn)), seconds)
 
     def _repr_html_(self) -> str:
         """Return the table of the newest state that a notebook shows."""

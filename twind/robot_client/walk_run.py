@@ -1,5 +1,6 @@
 """One walk of a robot: goals of the walking engine as a stream through the gate, until it stands again."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -23,9 +24,10 @@ MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
 RECENT = 0.05  # s: an older reading of the IMU does not balance
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
 FASTEST = np.array([0.12, 0.03, 0.25])
+STILL = (0.0, 0.0, 0.0)
 
-# seconds since the start -> forward, left, turn; None: stop, stand, end
-Command = Callable[[float], Floats | None]
+# seconds since the start -> forward, left, m/s; turn, rad/s; None: stop, stand, end
+Command = Callable[[float], tuple[float, float, float] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +56,24 @@ class WalkingRobot(Protocol):
     def estop(self, *, reason: str) -> None: ...  # noqa: D102
 
 
-def velocity(forward: float, left: float, turn: float) -> Floats:
+def velocity(wanted: tuple[float, float, float]) -> Floats:
     """Return a command (3,). Raises InvalidInput: faster than what was tried."""
-    wanted = np.array([forward, left, turn])
-    for name, value, most in zip(("forward", "left", "turn"), wanted.tolist(), FASTEST.tolist(), strict=True):
+    for name, value, most in zip(("forward", "left", "turn"), wanted, FASTEST.tolist(), strict=True):
         if not abs(value) <= most:
             raise InvalidInput(f"walk: {name} {value:g} is outside -{most:g} to {most:g}")
-    return wanted
+    return np.array(wanted)
 
 
-def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> WalkOutcome:
-    """Walk until `command` returns None and the robot stands.
+def run_walk(
+    robot: WalkingRobot, engine: WalkingEngine, command: Command, seconds: float | None = None
+) -> WalkOutcome:
+    """Walk for `seconds` or until `command` returns None; return when the robot stands.
 
-    Raises MotionFailed: it fell, and was stopped by an e-stop; else as `GoalStream.send`.
+    Raises InvalidInput: too fast, nothing moves; MotionFailed: it fell, and was stopped by an e-stop; else as
+    `GoalStream.send`.
     """
+    longest = math.inf if seconds is None else seconds
+    velocity(command(0.0) or STILL)  # refused before the motion to the stance
     goals = np.array([joint.goal for joint in robot.joints.values()])
     if not (np.abs(goals - engine.stance) <= NEAR).all():
         robot.move(dict(zip(robot.names, engine.stance.tolist(), strict=True)), retime=True)
@@ -75,7 +81,7 @@ def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> Wa
     now = before = 0.0
     with robot.stream(rate=RATE, strict=False) as stream:
         for now in stream:
-            wanted = None if ending else command(now)
+            wanted = None if ending or now >= longest else command(now)
             ending = wanted is None
             if ending and engine.standing:
                 break
@@ -88,7 +94,7 @@ def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> Wa
             stream.send(
                 engine.advance(
                     min(max(now - before, stream.period), MOST_ELAPSED),
-                    np.zeros(3) if wanted is None else wanted,
+                    velocity(wanted or STILL),
                     inertial.quaternion if inertial is not None and fresh else None,
                     inertial.gyro if inertial is not None and fresh else None,
                 )
