@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,3 +77,21 @@ def test_a_robot_of_unknown_friction_and_play_walks_three_metres_turns_and_stand
 def test_a_robot_that_is_held_cannot_walk(robot: str, reason: str) -> None:
     with pytest.raises(InvalidInput, match=reason):
         WalkingEngine(load_robot(robot))
+
+
+def test_ankles_push_against_a_tilt_whatever_the_sign_of_their_axes(tmp_path: Path) -> None:
+    robot = load_robot(ROBOT)
+    ankle = 'name="l_ankle_pitch" axis="0 1 0"'
+    assert ankle in robot.mjcf
+    model = tmp_path / "turned.xml"
+    model.write_text(robot.mjcf.replace(ankle, ankle.replace("1", "-1")))
+    poses = {name: {**pose, "l_ankle_pitch": -pose["l_ankle_pitch"]} for name, pose in robot.poses.items()}
+    turned = replace(robot, mjcf_path=model, poses=poses)
+    tilted = np.array([math.cos(0.05), 0.0, math.sin(0.05), 0.0])
+    row = robot.names.index("l_ankle_pitch")
+    pushes = []
+    for each in (robot, turned):
+        engine = WalkingEngine(each)
+        still = engine.advance(0.01, np.zeros(3))[row]
+        pushes.append(engine.advance(0.01, np.zeros(3), tilted, np.zeros(3))[row] - still)
+    assert pushes[0] == pytest.approx(-pushes[1], abs=1e-4) and pushes[0] > 0.01

@@ -14,6 +14,7 @@ from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot_client.goal_stream import GoalStream
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
+from twind.robot_client.state_message import ImuReading
 from twind.walk.balance import tilt_of
 from twind.walk.walking_engine import WalkingEngine
 
@@ -22,6 +23,7 @@ FALLEN = 0.6  # rad of tilt from which no step helps
 NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
 RECENT = 0.05  # s: an older reading of the IMU does not balance
+MOST_REFUSED = 3  # goals of a walk; a stopped robot refuses each
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
 FASTEST = np.array([0.12, 0.03, 0.25])
 STILL = (0.0, 0.0, 0.0)
@@ -69,48 +71,87 @@ def run_walk(
 ) -> WalkOutcome:
     """Walk for `seconds` or until `command` returns None; return when the robot stands.
 
-    Raises InvalidInput: too fast, nothing moves; MotionFailed: it fell, and was stopped by an e-stop; else as
+    A command too fast, or an IMU that falls silent, ends the walk: it stands first. More than `MOST_REFUSED`
+    refusals, as after a stop or an e-stop, end the goals at once. Raises InvalidInput: too fast, no goals or
+    no IMU; MotionFailed: it fell, and was stopped by an e-stop, or the IMU fell silent; else as
     `GoalStream.send`.
     """
     longest = math.inf if seconds is None else seconds
-    velocity(command(0.0) or STILL)  # refused before the motion to the stance
-    goals = np.array([joint.goal for joint in robot.joints.values()])
-    if not (np.abs(goals - engine.stance) <= NEAR).all():
+    velocity(command(0.0) or STILL)
+    if _inertial(robot) is None:
+        raise InvalidInput(
+            f"walk: {robot.name} has no reading of an IMU newer than {RECENT:g} s to balance by"
+        )
+    goals = [joint.goal for joint in robot.joints.values()]
+    if None in goals:
+        raise InvalidInput(f"walk: {robot.name} follows no goals: arm it first")
+    if not (np.abs(np.array(goals) - engine.stance) <= NEAR).all():
         robot.move(dict(zip(robot.names, engine.stance.tolist(), strict=True)), retime=True)
-    ending = False
+    failure: Exception | None = None
+    wanted: Floats | None = np.zeros(3)
     now = before = 0.0
     with robot.stream(rate=RATE, strict=False) as stream:
         for now in stream:
-            wanted = None if ending or now >= longest else command(now)
-            ending = wanted is None
-            if ending and engine.standing:
-                break
-            inertial = robot.state.message.inertial
-            tilt = 0.0 if inertial is None else max(map(abs, tilt_of(inertial.quaternion)))
-            if tilt > FALLEN:
+            inertial = _inertial(robot)
+            if inertial is not None and not max(map(abs, tilt_of(inertial.quaternion))) <= FALLEN:
                 robot.estop(reason="fell while walking")
-                raise MotionFailed("aborted", [_fall(tilt, now, engine.steps)])
-            fresh = inertial is not None and inertial.age <= RECENT
+                raise MotionFailed("aborted", [_fall(inertial, now, engine.steps)])
+            try:
+                wanted = None if wanted is None else _wanted(command, now, longest)
+            except InvalidInput as error:
+                failure = error
+                wanted = None
+            if inertial is None and failure is None:
+                failure = MotionFailed("aborted", [_silence(now)])
+                wanted = None
+            if wanted is None and engine.standing:
+                break
+            if stream.report.refused > MOST_REFUSED and stream.report.refusal is not None:
+                raise stream.report.refusal
             stream.send(
                 engine.advance(
                     min(max(now - before, stream.period), MOST_ELAPSED),
-                    velocity(wanted or STILL),
-                    inertial.quaternion if inertial is not None and fresh else None,
-                    inertial.gyro if inertial is not None and fresh else None,
+                    np.zeros(3) if wanted is None else wanted,
+                    None if inertial is None else inertial.quaternion,
+                    None if inertial is None else inertial.gyro,
                 )
             )
             before = now
+    if failure is not None:
+        raise failure
     return WalkOutcome(engine.steps, now, stream.report.refused, stream.report.late)
 
 
-def _fall(tilt: float, time: float, steps: int) -> FindingMessage:
+def _wanted(command: Command, now: float, longest: float) -> Floats | None:
+    """Return the velocity (3,) now; None: stop. Raises InvalidInput: too fast."""
+    found = command(now) if now < longest else None
+    return None if found is None else velocity(found)
+
+
+def _inertial(robot: WalkingRobot) -> ImuReading | None:
+    """Return the reading of the IMU; None: there is none, or an old one."""
+    found = robot.state.message.inertial
+    return found if found is not None and found.age <= RECENT else None
+
+
+def _fall(inertial: ImuReading, time: float, steps: int) -> FindingMessage:
     message = f"fell after {steps} steps: tilt of the base (rad); it was stopped by an e-stop"
+    tilt = max(map(abs, tilt_of(inertial.quaternion)))
+    return _finding(ReasonCode.UNSTABLE_POSE, time, message, tilt, FALLEN)
+
+
+def _silence(time: float) -> FindingMessage:
+    message = "the IMU fell silent: it stands; no reading for so long (s)"
+    return _finding(ReasonCode.STATE_STALE, time, message, RECENT, RECENT)
+
+
+def _finding(code: ReasonCode, time: float, message: str, value: float, bound: float) -> FindingMessage:
     return {
-        "code": ReasonCode.UNSTABLE_POSE,
+        "code": code,
         "joint": None,
         "point": None,
         "time": time,
-        "value": tilt,
-        "bound": FALLEN,
+        "value": value,
+        "bound": bound,
         "message": message,
     }

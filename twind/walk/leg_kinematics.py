@@ -1,5 +1,6 @@
 """Joint angles for the targets of a gait, by `mink`, and how far the servos give under the weight."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ FOOT = 10.0
 MASS = 10.0
 TORSO = 3.0
 POSTURE = 0.1
+ALONG = 0.8  # least share of an ankle's axis along the left or the front
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,8 @@ class Sole:
     middle: Floats
     ankle_pitch: int  # joint order
     ankle_roll: int
+    pitch_sign: float  # of its axis along the left, 1 or -1
+    roll_sign: float  # of its axis along the front
 
 
 class LegKinematics:
@@ -139,7 +143,21 @@ def _sole(binding: Binding, data: mujoco.MjData, body: int, middle: Floats) -> S
         raise InvalidInput(f"{binding.robot.path}: the leg above {name} has {len(joints)} joints, needs six")
     axes = [data.xaxis[model.dof_jntid[binding.dof[joint]]] for joint in joints[:2]]
     pitch = int(np.argmax([abs(float(axis[1])) for axis in axes]))  # the two next to the sole
-    return Sole(name, middle, joints[pitch], joints[1 - pitch])
+    along = float(axes[pitch][1]), float(axes[1 - pitch][0])
+    for joint, share in zip((joints[pitch], joints[1 - pitch]), along, strict=True):
+        if abs(share) < ALONG:
+            raise InvalidInput(
+                f"{binding.robot.path}: {binding.robot.names[joint]} turns {name} neither in pitch nor in "
+                "roll; the two joints next to a sole must"
+            )
+    return Sole(
+        name,
+        middle,
+        joints[pitch],
+        joints[1 - pitch],
+        math.copysign(1.0, along[0]),
+        math.copysign(1.0, along[1]),
+    )
 
 
 def _joints_above(binding: Binding, body: int) -> list[int]:

@@ -62,6 +62,6 @@ class WalkingEngine:
             pitch, roll = ankle_correction(self._settings.balance, quaternion, gyro)
             for foot, sole in enumerate(self._legs.soles):
                 if target.swing != foot:
-                    goals[sole.ankle_pitch] += pitch
-                    goals[sole.ankle_roll] += roll
+                    goals[sole.ankle_pitch] += sole.pitch_sign * pitch
+                    goals[sole.ankle_roll] += sole.roll_sign * roll
         return goals
