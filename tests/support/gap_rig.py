@@ -1,7 +1,7 @@
 """A virtual robot in MuJoCo under a fake clock, its motions as samples, also with heavier links."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,16 +9,22 @@ import numpy as np
 from tests.support.body_rig import BodyRig
 from twind import link
 from twind.config.identified_spec import IdentifiedBody, IdentifiedModel, ParameterEstimate
+from twind.config.robot_file import load_robot
+from twind.gap.gap_replay import resample
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.excitation import RATE, ExcitationBounds, excite
+from twind.identification.identified_robot import DataOrigin, identify_robot
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Trajectory
-from twind.twin.binding import Binding
+from twind.twin.binding import Binding, bind
 from twind.virtual.virtual_robot_spec import body_for, buses
 
 PART = 25.0  # s of one trajectory, at most, as written
 ROOM = 0.02  # rad to the limits: a spline passes its points a little
 LONGEST = 120.0  # s of it, slowed down
+PERIOD = 0.01  # s
+FORWARD = {"shoulder_lift": -0.5, "elbow_flex": 0.5}
+LIFTING = ("shoulder_lift", "elbow_flex", "wrist_flex")
 UNKNOWN = "2026-11-29T04:00:00Z"
 
 
@@ -44,8 +50,6 @@ class GapRig(BodyRig):
     def _virtual(self, bus: str, start: Any) -> Any:
         made = self.__dict__.setdefault("_made_buses", {})
         if not made:
-            from twind.twin.binding import bind
-
             overlay = heavier(bind(self.made.robot, None), self.factor)
             spec = replace(self.made, robot=replace(self.made.robot, identified=overlay))
             body = body_for(spec, now=self.clock.now())
@@ -101,3 +105,45 @@ class GapRig(BodyRig):
             for name in ("goal", "position", "velocity", "effort")
         }
         return MotionSamples(self.names, np.array([tick.time for tick in ticks]), **columns)
+
+
+@dataclass(frozen=True)
+class IdentifiedArm:
+    """The arm koch before and after its identification, and a motion that took no part in it."""
+
+    plain: Binding
+    known: Binding
+    same: MotionSamples  # of the arm that was identified
+    heavier: MotionSamples  # of one with links half as heavy again
+
+
+def identified_arm() -> IdentifiedArm:
+    """Excite the joints that lift, identify them, and swing them; a minute or two."""
+    robot = load_robot("koch")
+    plain = bind(robot, None)
+    rig = _stretched(1.0)
+    for joint in LIFTING:
+        rig.excite([joint], 0.4)
+    rig.excite(LIFTING, 0.25)
+    motion = resample(rig.samples(), PERIOD)
+    same = _swinging(rig)
+    heavier_one = _swinging(_stretched(1.5))
+    origin = DataOrigin(UNKNOWN, "test", "virtual")
+    found = identify_robot(
+        plain, [motion], origin, lambda model: bind(replace(robot, identified=model), None), LIFTING
+    )
+    return IdentifiedArm(plain, bind(replace(robot, identified=found.model), None), same, heavier_one)
+
+
+def _stretched(factor: float) -> GapRig:
+    rig = GapRig("koch", factor)
+    rig.arm()
+    rig.move_to(FORWARD, 2.5)
+    rig.samples()
+    return rig
+
+
+def _swinging(rig: GapRig) -> MotionSamples:
+    rig.excite(LIFTING, 0.2, 0.37)
+    rig.close()
+    return rig.samples()
