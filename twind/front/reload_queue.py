@@ -85,8 +85,11 @@ class ReloadQueue:
         The next front process has no client that does. Called in each round of housekeeping.
         """
         replaced = self._front.world.briefing.replaced_gains
+        if not replaced or self._owner in self._front.sessions or now < self._put_back_at:
+            return
+        tick = self._front.world.tick
         idle = self._now is None and not self._waiting
-        if replaced and idle and self._owner not in self._front.sessions and now >= self._put_back_at:
+        if idle and tick is not None and not tick.armed:
             self._put_back_at = now + AGAIN
             self._waiting.append(ReloadRequest(None, dict(replaced)))
             self._next()

@@ -16,6 +16,7 @@ from tests.support.reload_rig import briefed, files
 from twind import link
 from twind.briefing import Briefing
 from twind.front import reload_queue
+from twind.front.reload_worker import with_settings
 from twind.robot.finding import Finding, ReasonCode
 
 LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
@@ -143,6 +144,9 @@ def test_gains_that_a_client_tries_go_with_its_connection(loop: StandIn) -> None
         with Raw(loop) as client:
             assert "error" not in client.call("SetParameters", parameters={GAINS: TRIED})
             assert gains(watching) == TRIED
+        time.sleep(1.0)
+        assert gains(watching) == TRIED, "under torque they stay"
+        loop.armed = False
         until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
     sent = [command for command in loop.commands if isinstance(command, link.ApplyChanges)]
     assert [command.changes for command in sent] == [{GAINS: TRIED}, {GAINS: OF_FILE}]
@@ -161,12 +165,24 @@ def test_gains_that_may_not_go_back_yet_are_put_back_later(loop: StandIn) -> Non
         assert isinstance(command, link.ApplyChanges)
         return [link.Reply(ticket=command.ticket, error="Refused", parameters=told)]
 
+    loop.armed = False
     with Raw(loop) as watching:
         with Raw(loop) as client:
             client.call("SetParameters", parameters={GAINS: TRIED})
             loop.answers[link.ApplyChanges] = armed_at_first
         until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
     assert next(refusals, None) is None
+
+
+def test_a_new_front_process_puts_gains_back_that_an_earlier_client_tried(tmp_path: Path) -> None:
+    tried = with_settings(briefed(files(tmp_path)), {GAINS: TRIED})
+    stand_in = StandIn(tmp_path, given_briefing=tried, goal=np.zeros(24).tobytes())
+    stand_in.armed = False
+    stand_in.answers[link.ApplyChanges] = granted
+    sent = stand_in.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
+    assert isinstance(sent, link.ApplyChanges)
+    assert (sent.changes, sent.generation) == ({GAINS: OF_FILE}, tried.generation + 1)
+    stand_in.close()
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """The gap of a real daemon: a robot heavier than its identified model is reported, once."""
 
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.support.gap_rig import heavier
@@ -12,6 +16,8 @@ from tests.support.processes import Daemon, Virtual, arm, daemon, go
 from twind.config.identified_file import dump_identified
 from twind.config.identified_spec import GapReference, IdentifiedJoint
 from twind.config.robot_file import load_robot
+from twind.observe.plotting.plot_lines import gap_shares
+from twind.observe.recording import open_recording
 from twind.twin.binding import bind
 
 pytestmark = pytest.mark.slow
@@ -19,6 +25,18 @@ pytestmark = pytest.mark.slow
 JOINT = "elbow_flex"
 REFERENCE = 0.12  # of the unmodified virtual arm, on elbow_flex; tests/identification/test_heavy_robot.py
 SWINGS = 14  # of 2.4 s: ten seconds under torque, ten of the window, and three figures in a row
+
+
+@contextmanager
+def recorded(running: Daemon, folder: Path) -> Iterator[None]:
+    """`twindctl record` into `folder`, meanwhile."""
+    program = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "record"]
+    recorder = subprocess.Popen([*program, "--out", str(folder / "swings.mcap")], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        recorder.send_signal(signal.SIGINT)
+        recorder.wait(20.0)
 
 
 @contextmanager
@@ -33,7 +51,7 @@ def driven(folder: Path, factor: float) -> Iterator[Daemon]:
     try:
         with daemon(virtual, folder, more=["--identified", str(folder / "known.yaml")]) as running:
             running.reach(state="connected")
-            with running.client() as client:
+            with running.client() as client, recorded(running, folder):
                 arm(client)
                 for swing in range(SWINGS):
                     up = 0.4 if swing % 2 else -0.4
@@ -55,3 +73,8 @@ def test_a_heavier_robot_is_reported_once(tmp_path: Path) -> None:
     print(joints[JOINT], gap["total"])
     assert joints[JOINT]["unexplained"] > 1.5 * REFERENCE
     assert log.count("GAP_GROWN") == 1 and f"{JOINT}: " in log
+    recording = open_recording(tmp_path / "swings.mcap")
+    _, shares = gap_shares(recording)
+    drawn = shares[:, recording.joints.index(JOINT)]
+    assert np.nanmax(drawn) > 1.5 * REFERENCE
+    assert any(said.what["code"] == "GAP_GROWN" for said in recording.events)

@@ -85,6 +85,20 @@ def test_an_interrupt_or_the_death_of_the_client_brings_the_old_gains_back(
     assert running.status()["state"] == "connected"
 
 
+def test_a_lost_lease_ends_it_and_the_daemon_puts_the_old_gains_back(running: Daemon) -> None:
+    tuning = subprocess.Popen(command(running, "tilt"), stdout=subprocess.PIPE)
+    until(lambda: gains(running) != SOFT and running.status()["state"] == "armed", 60.0, "a second try")
+    with running.client() as client:
+        client.call("AcquireLease", take=True)
+        said, _ = tuning.communicate(timeout=60.0)
+        assert tuning.returncode == 1, said
+        assert b"puts the gains of the robot file back" in said
+        status = running.status()
+        assert status["state"] == "armed" and gains(running) != SOFT, "the robot is the new holder's"
+        client.call("Disarm")
+        until(lambda: gains(running) == SOFT, 10.0, "the gains of the file")
+
+
 def test_without_torque_with_unknown_joints_or_two_types_it_moves_nothing(running: Daemon) -> None:
     with running.client() as client:
         client.call("Disarm")
