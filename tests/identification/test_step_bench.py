@@ -27,6 +27,7 @@ class RefusingRobot:
     def __init__(self, temperature: float, goal: float, armed: bool = True) -> None:
         self.status = {"mode": "live"}
         self.armed = armed
+        self.limits = {"elbow": (-1.0, 1.0)}
         self.joints = {"elbow": SimpleNamespace(goal=goal, temperature=temperature)}
         self.asked: list[float] = []
 

@@ -42,8 +42,11 @@ class StepBench:
         self._file_gains = file_gains
         self._step = step
         self._way: dict[str, float] = {}  # rad, of each joint, once the gate has let it pass
+        limits = robot.limits  # a joint that rests on its stop is a little beyond
         goals = {name: reading.goal for name, reading in robot.joints.items()}
-        self._place = {name: goal for name, goal in goals.items() if goal is not None}
+        self._place = {
+            name: float(np.clip(at, *limits[name])) for name, at in goals.items() if at is not None
+        }
 
     def apply(self, gains: Gains) -> None:
         """Rest pose, torque off, gains, torque on, back to the place. Raises Refused, ClientError."""
