@@ -121,13 +121,13 @@ def identified_arm() -> IdentifiedArm:
     """Excite the joints that lift, identify them, and swing them; a minute or two."""
     robot = load_robot("koch")
     plain = bind(robot, None)
-    rig = _stretched(1.0)
+    rig = stretched_arm(1.0)
     for joint in LIFTING:
         rig.excite([joint], 0.4)
     rig.excite(LIFTING, 0.25)
     motion = resample(rig.samples(), PERIOD)
     same = _swinging(rig)
-    heavier_one = _swinging(_stretched(1.5))
+    heavier_one = _swinging(stretched_arm(1.5))
     origin = DataOrigin(UNKNOWN, "test", "virtual")
     found = identify_robot(
         plain, [motion], origin, lambda model: bind(replace(robot, identified=model), None), LIFTING
@@ -135,7 +135,8 @@ def identified_arm() -> IdentifiedArm:
     return IdentifiedArm(plain, bind(replace(robot, identified=found.model), None), same, heavier_one)
 
 
-def _stretched(factor: float) -> GapRig:
+def stretched_arm(factor: float) -> GapRig:
+    """Return the arm koch, stretched forward, with links `factor` times as heavy as its model says."""
     rig = GapRig("koch", factor)
     rig.arm()
     rig.move_to(FORWARD, 2.5)
