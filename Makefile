@@ -135,12 +135,13 @@ cast: $(VENV)/.ready
 	$(BIN)/python -m tests.support.make_calibration_cast
 
 # docs/pictures: browser, terminal and page of a virtual robot that waves; several on one page; the built-in robots; a
-# learner's robot, and how it learns. Needs Chromium, and a machine that is calm.
+# learner's robot, and how it learns; the gap before and after identification. Needs Chromium, and a machine that is calm.
 pictures: $(VENV)/.learn
 	$(BIN)/python -m tests.support.make_pictures
 	$(BIN)/python -m tests.support.make_fleet_picture
 	MUJOCO_GL=egl $(BIN)/python -m tests.support.make_gallery_picture
 	$(BIN)/python -m tests.support.make_learn_pictures
+	$(BIN)/python -m tests.support.make_gap_picture
 
 # A searchable site of all pages, in site/. A dead link or anchor fails.
 docs: $(VENV)/.docs

@@ -38,6 +38,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     texts: dict[str, str] = {}  # the same files, path -> what was read
     described: bytes = b""  # content of the files for a reload (`config/config_files.py`); empty: no reload
     generation: int = 0  # how many changes were made since the start
+    replaced_gains: dict[str, dict[str, Any]] = {}  # key -> gains of the file, while a client tries others
 
 
 class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):

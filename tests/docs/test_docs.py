@@ -109,6 +109,7 @@ def test_pictures_are_shown_and_small() -> None:
     assert [each.name for each in pictures] == [
         "curve.png",
         "fleet.png",
+        "gap.png",
         "monitor.svg",
         "plot.png",
         "robots.png",

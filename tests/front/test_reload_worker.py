@@ -112,3 +112,19 @@ def test_a_parameter_set_by_a_client_is_shown_as_its_own_until_a_reload(
     with pytest.raises(InvalidInput):
         with_settings(before, {"thresholds.latency_warn_ms": 51.0})
     assert unpacked(before.described)[1].settings.latency_warn_ms == 50.0
+
+
+def test_gains_set_by_a_client_keep_those_of_the_file_beside_them(start: tuple[Path, Briefing]) -> None:
+    folder, before = start
+    files(folder)
+    key = "types.xm430.gains"
+    of_file = {"p": 1600, "i": 0, "d": 0}
+    once = with_settings(before, {key: {"p": 900, "i": 0, "d": 0}})
+    twice = with_settings(once, {key: {"p": 700, "i": 0, "d": 50}})
+    assert once.replaced_gains == twice.replaced_gains == {key: of_file}
+    assert twice.description["joints"][0]["type"]["gains"] == {"p": 700, "i": 0, "d": 50}
+    assert binding_transfer.unpacked(twice.binding).robot.joints[0].type.gains.p == 700
+    assert with_settings(twice, {key: of_file}).replaced_gains == {}
+    reading = read_again(twice)
+    assert reading.changes == {key: of_file}
+    assert reading.briefing is not None and reading.briefing.replaced_gains == {}

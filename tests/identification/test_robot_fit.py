@@ -40,6 +40,20 @@ def test_a_joint_that_does_not_move_is_left_out() -> None:
     assert identify_joints(hidden.binding, [record(hidden, goals)]) == {}
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize("amplitude", [0.2, 0.4])
+def test_the_gate_need_not_slow_an_excitation_down(amplitude: float, shift: float) -> None:
+    bounds = ExcitationBounds(-2.0, 2.0, 4.0, 20.0)
+    goals = excite(0.3, bounds, amplitude, shift)
+    speed = np.gradient(goals, 1.0 / RATE)  # as `Robot.follow` gives it
+    chord = np.diff(goals) * RATE
+    ends = [
+        (6.0 * chord - 4.0 * speed[:-1] - 2.0 * speed[1:]),
+        (-6.0 * chord + 2.0 * speed[:-1] + 4.0 * speed[1:]),
+    ]
+    assert max(np.abs(each).max() for each in ends) * RATE <= bounds.acceleration
+
+
 def test_excitation_keeps_to_its_bounds_and_returns() -> None:
     bounds = ExcitationBounds(-0.8, 0.8, 3.0, 15.0)
     goals = excite(0.7, bounds, 0.6)

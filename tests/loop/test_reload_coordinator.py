@@ -318,3 +318,13 @@ def test_settings_alone_do_not_make_a_verdict_old(quiet: Rig) -> None:
     ticket = quiet.submit(quiet.path("head_yaw", [0.2], [3.0]), generation=0, client=CLIENT)
     quiet.ticks(5)
     assert quiet.replies(ticket)[-1].error is None
+
+
+def test_gains_of_a_client_need_its_lease_and_those_of_the_front_need_none(quiet: Rig) -> None:
+    tried = {"types.xm430.gains": {"p": 900, "i": 0, "d": 0}}
+    reply = quiet.adopt(tried, reread=False, client=CLIENT)
+    assert codes(reply) == [ReasonCode.LEASE_MISSING]
+    quiet.lease()
+    assert quiet.adopt(tried, reread=False, client=CLIENT).error is None
+    assert quiet.adopt(tried, reread=False).error is None
+    assert codes(quiet.adopt(tried, reread=False, client=CLIENT + 1)) == [ReasonCode.LEASE_MISSING]

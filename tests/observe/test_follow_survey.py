@@ -1,6 +1,7 @@
 """`twindctl tune follow`: bounds from what was recorded, never from a joint that was blocked."""
 
 import json
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -201,7 +202,7 @@ def test_the_verb_prints_keys_that_a_robot_file_takes(
 ) -> None:
     goal = swing()
     made = recording(lagging(goal, 0.15), goal)
-    monkeypatch.setattr("twind.observe.recording.open_recording", lambda path: made)
+    monkeypatch.setattr("twind.observe.tuning.follow_table.open_recording", lambda path: made)
     assert main(["tune", "follow", "swing.mcap"]) == 0
     text = capsys.readouterr().out
     found = yaml.safe_load(text[text.index("joints:\n") :])
@@ -209,11 +210,10 @@ def test_the_verb_prints_keys_that_a_robot_file_takes(
 
 
 def test_a_simulation_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from twind.observe import tune
+    from twind.observe.tuning import follow_table
 
     goal = swing()
     made = recording(goal, goal, statuses=[RecordedMessage(0.0, {"mode": "sim", "state": "disconnected"})])
-    monkeypatch.setattr("twind.observe.recording.open_recording", lambda path: made)
-    options = type("Options", (), {"file": Path("swing.mcap"), "json": False})
+    monkeypatch.setattr(follow_table, "open_recording", lambda path: made)
     with pytest.raises(Rejected, match="no reading of mode live"):
-        tune.run(options)  # type: ignore[arg-type]
+        follow_table.show_follow(Namespace(json=False), Path("swing.mcap"))

@@ -83,6 +83,20 @@ def test_drawn_lines_equal_the_recorded_values() -> None:
     assert np.array_equal(drawn(page, "latency", "total")[1], whole.latency["total"].columns["now_ms"])
 
 
+def test_the_gap_of_the_statuses_is_drawn_where_the_daemon_had_one() -> None:
+    def status(time: float, share: float | None) -> RecordedMessage:
+        position = None if share is None else {"rms": 0.001, "nrmse_spread": 0.01, "unexplained": share}
+        joints = [{"joint": "joint_1", "position": position}, {"joint": "joint_0", "position": None}]
+        return RecordedMessage(time, {"mode": "live", "gap": {"joints": joints, "total": {}}})
+
+    whole = recording()
+    assert "gap: motion" not in labels(figure(whole, None, ALL))
+    told = (RecordedMessage(0.0, {"mode": "live"}), status(0.5, 0.12), status(1.0, None), status(1.5, 0.3))
+    time, value = drawn(figure(replace(whole, statuses=told), ["joint_1"], ALL), "gap", "joint_1")
+    known = np.isfinite(value)
+    assert time[known].tolist() == [0.5, 1.5] and value[known] == pytest.approx([12.0, 30.0])
+
+
 def test_a_missing_value_is_a_gap() -> None:
     whole = recording()
     time, value = drawn(figure(whole, ["joint_0"], ALL), "measured —", "joint_0 -")

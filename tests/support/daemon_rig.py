@@ -283,8 +283,8 @@ class Rig:
         if parameters.get("reread", True) and announced:
             self.front.outer.send(link.encode(link.ReloadStarted()))
         self.last_ticket += 1
-        given = {"generation": self.loop.commands.reloads.generation + 1} | parameters
-        command = link.ApplyChanges(ticket=self.last_ticket, client=0, changes=dict(changes), **given)
+        given = {"generation": self.loop.commands.reloads.generation + 1, "client": 0} | parameters
+        command = link.ApplyChanges(ticket=self.last_ticket, changes=dict(changes), **given)
         fd = sealed_memfd.seal("briefing", b"for the next front")
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)

@@ -127,6 +127,7 @@ class StandIn:
         self.commands: list[link.Inward] = []
         self.paths: list[bytes] = []
         self.answers: dict[type, Answer] = {}
+        self.armed = True
         self.deaf = False  # reads nothing, so that the pipe fills
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -191,7 +192,7 @@ class StandIn:
             try:
                 if sequence % 10 == 1:
                     self.send(overview(now, sequence))
-                news = tick(now, sequence)
+                news = msgspec.structs.replace(tick(now, sequence), armed=self.armed)
                 self.send(news if self.goal is None else msgspec.structs.replace(news, goal=self.goal))
             except OSError:
                 return

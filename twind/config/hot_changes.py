@@ -186,6 +186,11 @@ def _type_difference(old: JointSpec, new: JointSpec) -> tuple[dict[str, Any], se
     return ({f"types.{was.name}.gains": after} if before != after else {}), cold
 
 
+def gains_of(robot: RobotFile) -> dict[str, dict[str, Any]]:
+    """Return the gains of each type of its joints, by their key."""
+    return {f"types.{joint.type.name}.gains": _gains(joint.type) for joint in robot.joints}
+
+
 def _gains(kind: TypeSpec) -> dict[str, Any]:
     gains: Any = kind.gains  # type: ignore[attr-defined]  # every kind has its own
     return {field.name: getattr(gains, field.name) for field in fields(gains)}

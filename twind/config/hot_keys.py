@@ -7,7 +7,13 @@ LEVEL = "log_level"
 WARN = "thresholds.latency_warn_ms"
 BLOCK = "thresholds.latency_block_ms"
 OF_SETTINGS = frozenset({LEVEL, WARN, BLOCK})
+GAINS = ("types.", ".gains")  # how the keys of gains begin and end
 PROOF = "calibration.proof"  # what was shown of it since: nothing is judged by it
+
+
+def is_gains(key: str) -> bool:
+    """True for a key `types.TYPE.gains`."""
+    return key.startswith(GAINS[0]) and key.endswith(GAINS[1])
 
 
 def of_robot(changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -182,6 +182,8 @@ class FrontServer(FrontCore):
         self.link.heartbeat()
         self.foreseen.keep()
         self.reloads.check_timeout(now)
+        if self.world.is_known:
+            self.reloads.put_back_gains(now)
         self.flights.housekeep(now)
         self.streams.drop_silent(now)
         self.gap.housekeep(now)

@@ -30,7 +30,10 @@ LARGEST = 1 << 17  # bytes of a report
 
 
 class GapMonitor:
-    """Process of the gap and its socket. None of it in other modes than live, or if `gap` is off."""
+    """Process of the gap and its socket. None of it in other modes than live, or if `gap` is off.
+
+    Nor with compensation of gravity: the goals of a tick are without the offset that the servos get.
+    """
 
     def __init__(self, front: FrontCore) -> None:
         self._front = front
@@ -79,6 +82,8 @@ class GapMonitor:
         now = self._front.now()
         briefing = self._front.world.briefing
         if now < self._next or not briefing.parameters.get("gap", True) or not briefing.binding:
+            return
+        if briefing.description.get("compensate_gravity"):
             return
         self._next = now + AGAIN
         starting = self._front.loop.run_in_executor(None, _begin, briefing.binding, briefing.rate_hz)

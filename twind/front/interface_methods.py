@@ -9,6 +9,7 @@ from typing import Any
 
 from twind import link
 from twind.config.file_changes import edited
+from twind.config.hot_keys import is_gains
 from twind.exceptions import InvalidInput
 from twind.front import annotations as marks
 from twind.front import trajectory_submission
@@ -32,6 +33,7 @@ from twind.safety.trajectory_validation import form
 # it takes the loop's time, and a second one is refused while the first is judged.
 OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop", "ReportStream"})
 LEVELS = ("settle", "cut")  # of an e-stop
+SETTABLE = ", ".join([*PARAMETERS, "types.TYPE.gains"])
 SIDES = ("lower", "upper")  # of a joint's stops
 NAME = 40  # characters of an unknown name in an error
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
@@ -298,15 +300,20 @@ def _report_stream(front: FrontServer, call: ClientCall) -> None:
 
 
 def _set_parameters(front: FrontServer, call: ClientCall) -> None:
-    """Set parameters until the next start; a client may only tighten the limits of the robot file."""
+    """Set parameters until the next start; a client may only tighten the limits of the robot file.
+
+    Gains are for the holder of the lease, and until its connection ends.
+    """
     given = call.parameters["parameters"]
     now = front.world.briefing.parameters
     if not given:
-        call.invalid("parameters", f"name at least one of {', '.join(PARAMETERS)}")
+        call.invalid("parameters", f"name at least one of {SETTABLE}")
         return
     for name, value in given.items():
+        if is_gains(name):
+            continue
         if name not in PARAMETERS:
-            reason = f"changes by its file alone, or not at all; here change {', '.join(PARAMETERS)}"
+            reason = f"changes by its file alone, or not at all; here change {SETTABLE}"
             call.invalid(f"parameters.{printable(name[:40])}", reason)
             return
         number = not isinstance(value, bool) and isinstance(value, int | float)
@@ -314,7 +321,7 @@ def _set_parameters(front: FrontServer, call: ClientCall) -> None:
             reason = f"at most {now[name]:g}, as in force: a client may only tighten it"
             call.invalid(f"parameters.{name}", reason)
             return
-    front.reloads.ask(call, {PARAMETERS[name]: value for name, value in given.items()})
+    front.reloads.ask(call, {PARAMETERS.get(name, name): value for name, value in given.items()})
 
 
 def _reload(front: FrontServer, call: ClientCall) -> None:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 READING = 15.0  # s that reading and checking the files may take
 ANSWER = 5.0  # s until the loop must have answered
 WAITING = 8  # that may wait for their turn
+AGAIN = 1.0  # s until gains that could not be put back are put back again
 PARAMETERS = {"log_level": LEVEL, "latency_warn_ms": WARN, "latency_block_ms": BLOCK}  # of SetParameters
 
 
@@ -60,6 +61,8 @@ class ReloadQueue:
         self._waiting: deque[ReloadRequest] = deque()
         self._now: ReloadRequest | None = None
         self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
+        self._owner = NOBODY  # client whose gains are in force
+        self._put_back_at = 0.0  # s
 
     def close(self) -> None:
         """Stop the process that reads the files after the loop is gone: its result is not needed any more."""
@@ -75,6 +78,21 @@ class ReloadQueue:
             return  # two signals before the files are read: one reading serves both
         self._waiting.append(ReloadRequest(call, changes))
         self._next()
+
+    def put_back_gains(self, now: float) -> None:
+        """Put the gains of the files in force again, at rest, once the client that tries others is gone.
+
+        The next front process has no client that does. Called in each round of housekeeping.
+        """
+        replaced = self._front.world.briefing.replaced_gains
+        if not replaced or self._owner in self._front.sessions or now < self._put_back_at:
+            return
+        tick = self._front.world.tick
+        idle = self._now is None and not self._waiting
+        if idle and tick is not None and not tick.armed:
+            self._put_back_at = now + AGAIN
+            self._waiting.append(ReloadRequest(None, dict(replaced)))
+            self._next()
 
     def _next(self) -> None:
         if self._now is not None or not self._waiting:
@@ -180,6 +198,8 @@ class ReloadQueue:
         assert request.reading is not None
         assert request.reading.briefing is not None
         self._adopt(request.reading.briefing, request.foresight)
+        if request.call is not None and request.reading.briefing.replaced_gains:
+            self._owner = request.call.caller.number
         if request.changes is None:
             self._finish_reload(lambda call: call.reply(encode(named)))
         else:

@@ -14,8 +14,10 @@ import msgspec
 from twind.briefing import Briefing, ReloadResult
 from twind.config import config_files, file_changes, reload_plan
 from twind.config.config_files import ConfigSources, LoadedConfig, describe
+from twind.config.hot_changes import gains_of
 from twind.config.hot_keys import of_robot
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput
 from twind.twin import binding_transfer
 from twind.twin.binding import Binding, bind, rebound
 from twind.twin.simulation import hush
@@ -36,6 +38,7 @@ def read_again(briefing: Briefing) -> ReloadResult:
         following = msgspec.structs.replace(
             following,
             description=msgspec.to_builtins(then.robot, enc_hook=str),
+            replaced_gains={},
             calibration=msgspec.to_builtins(then.calibration, enc_hook=str),
         )
         if of_robot(found.changes):
@@ -81,12 +84,33 @@ def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -
 
 
 def with_settings(briefing: Briefing, changes: Mapping[str, object]) -> Briefing:
-    """Return the next briefing with settings changed by a client. Raises InvalidInput, ValueError."""
+    """Return the next briefing with settings and gains changed by a client. Raises InvalidInput, ValueError.
+
+    The gains of the file stay in `replaced_gains` until they are in force again.
+    """
     sources, old = config_files.unpacked(briefing.described)
     then = reload_plan.with_changes(old, changes)
-    named = dict.fromkeys((key.rpartition(".")[2] for key in changes), BY_CLIENT)
+    gains = of_robot(changes)
+    before = gains_of(old.robot)
+    for key in gains:
+        if None in before[key].values():
+            raise InvalidInput("the robot file leaves some out, so there are none to go back to", where=key)
+    named = dict.fromkeys((key.rpartition(".")[2] for key in changes if key not in gains), BY_CLIENT)
     settings = replace(then.settings, origins={**then.settings.origins, **named})
-    return with_files(briefing, sources, replace(then, settings=settings))
+    following = with_files(briefing, sources, replace(then, settings=settings))
+    if not gains:
+        return following
+    now = gains_of(then.robot)
+    files = {key: before[key] for key in gains} | briefing.replaced_gains
+    described = msgspec.to_builtins(then.robot, enc_hook=str)
+    following = msgspec.structs.replace(
+        following,
+        description=described,
+        replaced_gains={key: value for key, value in files.items() if value != now[key]},
+    )
+    return _with_robot(
+        following, rebound(binding_transfer.unpacked(briefing.binding), then.robot, then.calibration)
+    )
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ import numpy as np
 from twind.config.identified_spec import IdentifiedModel
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats, Ints
-from twind.twin.binding import Binding
+from twind.twin.binding import Binding, position_servo
+from twind.twin.model_from_text import compile_model
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,9 @@ class RecordedBinding:
 def recorded_binding(robot: Mapping[str, Any], mjcf: str) -> Binding:
     """Return what `Simulation` needs of a recorded robot and its compiled model. Raises InvalidInput."""
     try:
-        model = _compiled(mjcf, os.path.dirname(str(robot["mjcf_path"])))
+        model, meshes_missing = compile_model(mjcf, os.path.dirname(str(robot["mjcf_path"])))
+        if meshes_missing:
+            raise InvalidInput("its meshes cannot be read")
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # as `bind`
         joints = [model.joint(each["model_joint"]).id for each in robot["joints"]]
         names = tuple(str(each["name"]) for each in robot["joints"])
@@ -50,7 +53,10 @@ def recorded_binding(robot: Mapping[str, Any], mjcf: str) -> Binding:
             model=model,
             qpos=model.jnt_qposadr[joints].astype(np.int64),
             dof=model.jnt_dofadr[joints].astype(np.int64),
-            actuators=np.array([_actuator(model, joint) for joint in joints], np.int64),
+            actuators=np.array(
+                [position_servo(model, joint, f"joint {model.joint(joint).name!r}") for joint in joints],
+                np.int64,
+            ),
             rest=np.array([float(robot["poses"]["rest"][name]) for name in names]),
             floating=robot["support"] == "free",
         )
@@ -60,20 +66,5 @@ def recorded_binding(robot: Mapping[str, Any], mjcf: str) -> Binding:
     return cast("Binding", found)  # the rest of it concerns buses and limits
 
 
-def _compiled(mjcf: str, folder: str) -> Any:
-    spec = mujoco.MjSpec.from_string(mjcf)
-    spec.modelfiledir = folder  # of its meshes
-    return spec.compile()
-
-
 def _identified(recorded: object) -> IdentifiedModel | None:
     return None if recorded is None else msgspec.convert(recorded, IdentifiedModel)
-
-
-def _actuator(model: Any, joint: int) -> int:
-    driving = np.flatnonzero(
-        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
-    )
-    if len(driving) != 1:
-        raise ValueError(f"joint {model.joint(joint).name!r} has {len(driving)} actuators")
-    return int(model.actuator_ctrladr[driving[0]])

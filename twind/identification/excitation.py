@@ -11,6 +11,7 @@ RATE = 50.0  # Hz, of the points of a motion
 REST = 0.4  # s between the parts
 SHARE = 0.85  # of the limits of speed and acceleration that a motion uses
 CHIRP = (0.3, 4.0, 9.0)  # Hz, Hz, s
+FADE = 1.0  # s
 RAMP = 0.08  # rad/s
 
 
@@ -62,15 +63,21 @@ def _move(start: float, end: float, bounds: ExcitationBounds) -> Floats:
 
 
 def _chirp(reach: float, bounds: ExcitationBounds, shift: float) -> Floats:
-    """Return oscillations of rising frequency; their amplitude falls where the bounds demand it."""
+    """Return oscillations of rising frequency; their amplitude falls where the bounds demand it.
+
+    A corner of the amplitude would be a jump of speed, for which the gate slows the whole motion down.
+    """
     low, high, length = CHIRP
     time = np.arange(1, round(length * RATE) + 1) / RATE
     frequency = low * (high / low) ** (time / length)
     phase = 2.0 * np.pi * np.cumsum(frequency) / RATE
     turn = 2.0 * np.pi * frequency
     most = np.minimum(SHARE * bounds.velocity / turn, SHARE * bounds.acceleration / turn**2)
-    fade = np.minimum(1.0, np.minimum(time, length - time) / 0.5)
-    return fade * np.minimum(reach, 0.8 * most) * np.sin(phase + 2.0 * np.pi * shift)
+    part = np.minimum(1.0, np.minimum(time, length - time) / FADE)
+    fade = part**2 * (3.0 - 2.0 * part)
+    amplitude = (reach**-4.0 + (0.8 * most) ** -4.0) ** -0.25  # the smaller of both, without a corner
+    chirp: Floats = fade * amplitude * np.sin(phase + 2.0 * np.pi * shift)
+    return chirp
 
 
 def _ramp(start: float, end: float) -> Floats:

@@ -24,7 +24,12 @@ from twind.identification.identified_table import model_lines
 from twind.identification.live_excitation import excite_robot
 from twind.identification.pendulum_fit import fit_pendulum, identified_pendulum, replay_error
 from twind.identification.pendulum_recordings import load_pendulum
-from twind.observe.measuring.measured_motion import control_period, received_motion, recorded_motion
+from twind.observe.measuring.measured_motion import (
+    control_period,
+    received_motion,
+    recorded_motion,
+    require_sent_goals,
+)
 from twind.observe.recording import open_recording
 from twind.robot_client.robot import Robot
 from twind.twin.binding import Binding, bind
@@ -45,6 +50,10 @@ def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
     """Identify from a motion that this makes now. Raises Rejected, UsageError, ClientError."""
     with observer(options) as client:
         known = client.call("GetRobot")
+    try:
+        require_sent_goals(known["robot"])  # before the robot moves for minutes
+    except InvalidInput as error:
+        raise Rejected(str(error)) from None
     with Robot(options.socket, take=options.take) as robot:
         listener = observer(options)
         messages = excite_robot(robot, listener, known["robot"], joints or robot.names, options.amplitude)
@@ -91,6 +100,7 @@ def _identify(
     """Fit, print and write. `robot`, `mjcf`: the recorded ones, where the options name none."""
     hush()
     try:
+        require_sent_goals(robot)
         found, path = _fit(options, motions, source, (robot, mjcf), joints)
     except InvalidInput as error:
         raise Rejected(f"{source}: {error}") from None

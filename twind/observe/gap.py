@@ -66,21 +66,23 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _of_file(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
-    from twind.observe.measuring.measured_motion import recorded_motion
+    from twind.observe.measuring.measured_motion import recorded_motion, require_sent_goals
     from twind.observe.recording import open_recording
 
     recording = open_recording(options.file)
     if not recording.live.any():
         raise Rejected(f"{options.file}: no reading of mode live: without a driven robot there is no gap")
+    require_sent_goals(recording.robot)
     samples = recorded_motion(recording)
     return _gaps(samples, _binding(options, recording.robot, recording.mjcf)), str(options.file)
 
 
 def _live(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
-    from twind.observe.measuring.measured_motion import received_motion
+    from twind.observe.measuring.measured_motion import received_motion, require_sent_goals
 
     with observer(options) as client:
         known = client.call("GetRobot")
+        require_sent_goals(known["robot"])
         messages: list[Any] = []
         for message in client.stream("Monitor", topics=["state"], rate=FASTEST):
             messages.append(message)

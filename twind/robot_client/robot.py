@@ -199,6 +199,16 @@ class Robot:
         """Move slowly to the rest pose, then switch torque off. Raises ClientError."""
         self._connection.call("Disarm")
 
+    def try_gains(self, kind: str, gains: Mapping[str, float]) -> None:
+        """Disarm, then put gains of a type of the robot file in force, until this Robot is closed.
+
+        All of the type's gains are given. After that the daemon puts those of the file back as soon as torque
+        is off. Raises Refused, CallError: another client holds the lease; ClientError.
+        """
+        self._connection.command("RenewLease")
+        self.disarm()
+        self._connection.command("SetParameters", parameters={f"types.{kind}.gains": dict(gains)})
+
     def estop(self, *, cut: bool = False, reason: str = "") -> None:
         """Lower the robot, then switch torque off; `cut`: torque off now. Raises ClientError."""
         with Client(self._socket, name="observe") as client:  # every client may, whatever else is under way

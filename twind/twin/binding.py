@@ -71,8 +71,8 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
         dof=model.jnt_dofadr[joints].astype(np.int64),
         actuators=np.array(
             [
-                _actuator(model, number, spec.name, robot)
-                for spec, number in zip(robot.joints, joints, strict=True)
+                position_servo(model, number, f"{robot.mjcf_path}: joint {model.joint(number).name!r}")
+                for number in joints
             ]
         ),
         rest=frozen([robot.poses["rest"][name] for name in robot.names]),
@@ -185,16 +185,13 @@ def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
             )
 
 
-def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
-    """Return the address in ctrl of the position servo that drives a model joint."""
+def position_servo(model: Any, number: int, where: str) -> int:
+    """Return the address in ctrl of the position servo that drives a model joint. Raises InvalidInput."""
     driving = np.flatnonzero(
         (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == number)
     )
-    where = f"{robot.mjcf_path}: joint {model.joint(number).name!r}"
     if len(driving) != 1:
-        raise InvalidInput(
-            f"{where} has {len(driving)} actuators, needs one: <position joint=.../> for {name}"
-        )
+        raise InvalidInput(f"{where} has {len(driving)} actuators, needs one: <position joint=.../>")
     actuator = int(driving[0])
     pull = model.actuator_gainprm[actuator, 0]
     back = model.actuator_biasprm[actuator, 1]

@@ -18,16 +18,20 @@ BLOCKED = 1e4  # N·m, the friction of a blocked joint
 # N·m, N·m·s/rad of a gear before its first drive
 FRICTION = 0.05
 DAMPING = 0.01
+OF_JOINT = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)  # the enumeration itself compares slowly
 Places = NDArray[np.intp]
 
 
-def outside_torque(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.integer[Any]]) -> Floats:
+def outside_torque(
+    model: mujoco.MjModel, data: mujoco.MjData, dofs: slice | NDArray[np.integer[Any]]
+) -> Floats:
     """Return the torque (N·m) on joints `dofs` from outside their gears: weight, motion, stops, contacts."""
-    count = data.ne + data.nf
+    first = data.ne
+    rows = slice(first, first + data.nf)
     rubbing = np.zeros(model.nv)
-    kind = data.efc_type[data.ne : count] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-    rubbing[data.efc_id[data.ne : count][kind]] = data.efc_force[data.ne : count][kind]
-    found: Floats = data.qfrc_constraint[dofs] - rubbing[dofs] - data.qfrc_bias[dofs]
+    kind = data.efc_type[rows] == OF_JOINT
+    rubbing[data.efc_id[rows][kind]] = data.efc_force[rows][kind]
+    found: Floats = (data.qfrc_constraint - rubbing - data.qfrc_bias)[dofs]
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from twind.robot.arrays import Floats, Ints
 from twind.twin.binding import Binding
 from twind.twin.gear_friction import outside_torque
+from twind.twin.mirror import index
 
 STRIBECK_SPEED = 0.1  # rad/s: the friction near rest has fallen to 1/e; between published fits of servos
 LEAST_SUPPLY = 0.2  # share of the supply that a sag leaves at least
@@ -47,12 +48,13 @@ class ServoEffects:
     def __init__(self, binding: Binding, model: mujoco.MjModel, table: dict[str, Floats]) -> None:
         """`table`: the columns of `_DYNAMIC`."""
         self._model = model
-        self._qpos = binding.qpos
-        self._dofs = binding.dof
-        self._actuators = servo_rows(model, binding.actuators)
-        self._goals = binding.actuators
+        self._qpos = index(binding.qpos)
+        self._dofs = index(binding.dof)
+        self._actuators = index(servo_rows(model, binding.actuators))
+        self._goals = index(binding.actuators)
         self._stribeck, self._load, dead_band, self._sag = (table[name] for name in _DYNAMIC)
         self._half = dead_band / 2.0
+        self._rubs, self._bears, self._dead, self._sags = (bool(table[name].any()) for name in _DYNAMIC)
         self._dry = model.dof_frictionloss[self._dofs].copy()
         self._stiffness = model.actuator_gainprm[self._actuators, 0].copy()
         self._range = model.actuator_forcerange[self._actuators].copy()
@@ -62,18 +64,26 @@ class ServoEffects:
         model = self._model
         rows = self._actuators
         torque = data.actuator_force[rows]
-        speed = data.qvel[self._dofs]
-        friction = self._dry + self._stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
-        if self._load.any():
-            friction += self._load * (torque - outside_torque(model, data, self._dofs)) ** 2
-        model.dof_frictionloss[self._dofs] = friction
-        supply = np.maximum(1.0 - self._sag * np.abs(torque), LEAST_SUPPLY)
-        stiffness = self._stiffness * supply
-        model.actuator_gainprm[rows, 0] = stiffness
-        model.actuator_biasprm[rows, 1] = -stiffness
-        model.actuator_forcerange[rows] = self._range * supply[:, None]
-        error = data.ctrl[self._goals] - data.qpos[self._qpos]
-        model.actuator_biasprm[rows, 0] = -stiffness * np.clip(error, -self._half, self._half)
+        if self._rubs or self._bears:
+            friction = self._dry
+            if self._rubs:
+                share = data.qvel[self._dofs] * (1.0 / STRIBECK_SPEED)
+                friction = friction + self._stribeck * np.exp(-share * share)
+            if self._bears:
+                carried = torque - outside_torque(model, data, self._dofs)
+                friction = friction + self._load * (carried * carried)
+            model.dof_frictionloss[self._dofs] = friction
+        stiffness = self._stiffness
+        if self._sags:
+            supply = np.maximum(1.0 - self._sag * np.abs(torque), LEAST_SUPPLY)
+            stiffness = stiffness * supply
+            model.actuator_gainprm[rows, 0] = stiffness
+            model.actuator_biasprm[rows, 1] = -stiffness
+            model.actuator_forcerange[rows] = self._range * supply[:, None]
+        if self._dead:
+            error = data.ctrl[self._goals] - data.qpos[self._qpos]
+            band = np.minimum(np.maximum(error, -self._half), self._half)  # clip takes four times as long
+            model.actuator_biasprm[rows, 0] = -stiffness * band
 
 
 class EncoderPlay:

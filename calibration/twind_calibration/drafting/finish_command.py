@@ -11,7 +11,7 @@ from twind.config.counts import rad_per_tick
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind_calibration.drafting.robot_file_edit import RobotFileEdit
+from twind.ctl.robot_file_edit import RobotFileEdit
 from twind_calibration.drafting.robot_steps import SUPPORTS
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.clock import MonotonicClock

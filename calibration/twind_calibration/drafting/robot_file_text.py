@@ -14,8 +14,8 @@ from twind.config.robot_file import FORMAT
 from twind.config.robot_spec import RobotFile
 from twind.config.travel import most_turns
 from twind.config.yaml_tree import parse
+from twind.ctl.robot_file_edit import TODO_COMMENT
 from twind_calibration.drafting.robot_draft import FactSet, RobotDraft, find_device
-from twind_calibration.drafting.robot_file_edit import TODO_COMMENT
 
 RATES = (100, 50, 30, 20, 10)  # Hz, tried from the fastest
 SEVERAL_TURNS = "extended_position"  # mode

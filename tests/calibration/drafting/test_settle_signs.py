@@ -9,8 +9,8 @@ from tests.support.robot_description_files import ROBOTIS
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
 from twind.ctl.ctl_main import main
+from twind.ctl.robot_file_edit import RobotFileEdit
 from twind_calibration.drafting.finish_command import FinishTask
-from twind_calibration.drafting.robot_file_edit import RobotFileEdit
 from twind_calibration.robot_description import RobotDescription
 
 TURN = 6.283185307179586

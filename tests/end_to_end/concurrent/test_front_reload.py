@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from tests.support.loop_stand_in import StandIn
+from tests.support.processes import until
 from tests.support.raw_connection import Raw, code
 from tests.support.reload_rig import briefed, files
 from twind import link
 from twind.briefing import Briefing
 from twind.front import reload_queue
+from twind.front.reload_worker import with_settings
 from twind.robot.finding import Finding, ReasonCode
 
 LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
@@ -124,3 +126,73 @@ def test_a_loop_without_a_reply_to_new_values_gets_another_front_process(tmp_pat
     assert stand_in.front.wait(reload_queue.ANSWER + 5.0) == 0
     assert "LOOP_SILENT" in stand_in.log.read_text()
     stand_in.close()
+
+
+GAINS = "types.xm430.gains"
+OF_FILE = {"p": 1600, "i": 0, "d": 0}
+TRIED = {"p": 900, "i": 0, "d": 20}
+
+
+def gains(client: Raw) -> dict[str, int]:
+    found: dict[str, int] = client.call("GetRobot")["parameters"]["robot"]["joints"][0]["type"]["gains"]
+    return found
+
+
+def test_gains_that_a_client_tries_go_with_its_connection(loop: StandIn) -> None:
+    loop.answers[link.ApplyChanges] = granted
+    with Raw(loop) as watching:
+        with Raw(loop) as client:
+            assert "error" not in client.call("SetParameters", parameters={GAINS: TRIED})
+            assert gains(watching) == TRIED
+        time.sleep(1.0)
+        assert gains(watching) == TRIED, "under torque they stay"
+        loop.armed = False
+        until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
+    sent = [command for command in loop.commands if isinstance(command, link.ApplyChanges)]
+    assert [command.changes for command in sent] == [{GAINS: TRIED}, {GAINS: OF_FILE}]
+    assert sent[0].client != 0 and sent[1].client == 0 and not any(command.reread for command in sent)
+
+
+def test_gains_that_may_not_go_back_yet_are_put_back_later(loop: StandIn) -> None:
+    loop.answers[link.ApplyChanges] = granted
+    refusals = iter([True, False])
+
+    def armed_at_first(command: link.Inward) -> list[link.Reply]:
+        if not next(refusals, False):
+            return granted(command)
+        finding = Finding(ReasonCode.BUSY, message="torque is on")
+        told = {"findings": [msgspec.to_builtins(finding)]}
+        assert isinstance(command, link.ApplyChanges)
+        return [link.Reply(ticket=command.ticket, error="Refused", parameters=told)]
+
+    loop.armed = False
+    with Raw(loop) as watching:
+        with Raw(loop) as client:
+            client.call("SetParameters", parameters={GAINS: TRIED})
+            loop.answers[link.ApplyChanges] = armed_at_first
+        until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
+    assert next(refusals, None) is None
+
+
+def test_a_new_front_process_puts_gains_back_that_an_earlier_client_tried(tmp_path: Path) -> None:
+    tried = with_settings(briefed(files(tmp_path)), {GAINS: TRIED})
+    stand_in = StandIn(tmp_path, given_briefing=tried, goal=np.zeros(24).tobytes())
+    stand_in.armed = False
+    stand_in.answers[link.ApplyChanges] = granted
+    sent = stand_in.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
+    assert isinstance(sent, link.ApplyChanges)
+    assert (sent.changes, sent.generation) == ({GAINS: OF_FILE}, tried.generation + 1)
+    stand_in.close()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"p": 900}, {"p": -1, "i": 0, "d": 0}, {"p": 20000, "i": 0, "d": 0}, {"p": "x", "i": 0, "d": 0}, 3],
+)
+def test_gains_that_the_file_may_not_have_change_nothing(loop: StandIn, wrong: Any) -> None:
+    with Raw(loop) as client:
+        answer = client.call("SetParameters", parameters={GAINS: wrong})
+        assert [each["code"] for each in answer["parameters"]["findings"]] == ["CONFIG_REFUSED"]
+        assert "error" in client.call("SetParameters", parameters={"types.none.gains": TRIED})
+        assert gains(client) == OF_FILE
+    assert not [command for command in loop.commands if isinstance(command, link.ApplyChanges)]

@@ -132,7 +132,11 @@ class ReloadCoordinator:
         robot = of_robot(command.changes)
         if robot:
             one = context.robot.bound.with_changes(robot)
-            unfit = (*self.at_rest(), *outside(context, one.binding.limits, now))
+            unfit = (
+                *self._without_lease(command, now),
+                *self.at_rest(),
+                *outside(context, one.binding.limits, now),
+            )
             if unfit:
                 self._refuse(command, unfit)
                 return False
@@ -145,6 +149,15 @@ class ReloadCoordinator:
         self._parts.link.set_briefing(briefing)
         self._publish_reload(command)
         return True
+
+    def _without_lease(self, command: link.ApplyChanges, now: float) -> tuple[Finding, ...]:
+        """Return LEASE_MISSING for a client that changes the robot itself; empty: it holds the lease.
+
+        Files, and gains that the front puts back, need none.
+        """
+        if command.reread or command.client in (0, self._parts.lease.holder_client(now)):
+            return ()
+        return (Finding(ReasonCode.LEASE_MISSING, message="take the lease first"),)
 
     def _refuse(self, command: link.ApplyChanges, findings: tuple[Finding, ...]) -> None:
         self._context.reports.refuse(command, findings)

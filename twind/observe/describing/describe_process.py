@@ -10,7 +10,7 @@ import sys
 from twind.exceptions import InvalidInput
 from twind.observe.describing.robot_frames import robot_tree
 from twind.observe.describing.urdf_writer import urdf_text
-from twind.observe.viewing.robot_model import compile_model
+from twind.twin.model_from_text import compile_model
 
 
 def main() -> int:

@@ -5,11 +5,21 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.gap.motion_samples import MotionSamples
 from twind.observe.recording.recording_columns import RobotRecording
 
 COLUMNS = ("goal", "position", "velocity", "effort")
 LONGEST_PERIOD = 0.05  # s between two samples: beyond, goals between them are not known
+
+
+def require_sent_goals(robot: Mapping[str, Any] | None) -> None:
+    """Raise InvalidInput for a described robot whose servos got other goals than its states hold."""
+    if robot is not None and robot.get("compensate_gravity"):
+        raise InvalidInput(
+            "its goals had an offset against gravity that states do not hold: set loop.compensate_gravity to "
+            "false, restart the daemon, and record again"
+        )
 
 
 def recorded_motion(recording: RobotRecording) -> MotionSamples:

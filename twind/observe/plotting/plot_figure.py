@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
-from twind.observe.plotting.plot_lines import COLOURS, PlotLine, PlotMark, line, marks, worst
+from twind.observe.plotting.plot_lines import COLOURS, PlotLine, PlotMark, gap_shares, line, marks, worst
 from twind.observe.recording.recording_columns import Floats, RobotRecording
 
 # A4 upright in inches; dots an inch: 1075 × 1519
@@ -188,6 +188,12 @@ def _legend(panel: Axes, **look: Any) -> None:
         text.set_parse_math(False)
 
 
+def _gap(panel: Axes, sheet: PlotContext) -> None:
+    time, shares = gap_shares(sheet.recording)
+    _joints(panel, sheet, time, 100.0 * shares, "gap: motion\nunexplained  (%)")
+    panel.set_ylim(bottom=0.0)
+
+
 def _latency(panel: Axes, sheet: PlotContext) -> None:
     for name, colour in zip(HOPS, COLOURS, strict=False):
         each = _hop(sheet, name)
@@ -267,6 +273,7 @@ PANELS: Sequence[tuple[Callable[[Axes, PlotContext], None], float, Callable[[Plo
     (_tracking, 2.4, _has(lambda sheet: (sheet.recording.time, sheet.recording.target))),
     (_error, 1.5, _has(lambda sheet: (sheet.recording.time, sheet.recording.goal - sheet.recording.target))),
     (_effort, 1.2, _has(lambda sheet: (sheet.recording.time, sheet.recording.effort))),
+    (_gap, 1.0, _has(lambda sheet: gap_shares(sheet.recording))),
     (_latency, 1.2, lambda sheet: any(_hop(sheet, name).time.size for name in HOPS)),
     (_temperature, 1.0, _has(lambda sheet: _slow(sheet, "temperature"))),
     (_voltage, 0.9, _has(lambda sheet: _slow(sheet, "voltage"))),

@@ -108,3 +108,17 @@ def marks(recording: RobotRecording, window: Window) -> tuple[PlotMark, ...]:
             found.append(PlotMark(verdict.time, f"refused: {refusals[0]['code']}", True))
     inside = (each for each in found if window[0] <= each.time <= window[1])
     return tuple(sorted(inside, key=lambda each: each.time))
+
+
+def gap_shares(recording: RobotRecording) -> tuple[Floats, Floats]:
+    """Return times (m,), s, of statuses that hold a gap, and the share (m, n) that was unexplained then.
+
+    That of the positions; NaN: none is known of the joint.
+    """
+    found = [(said.time, said.what["gap"]["joints"]) for said in recording.statuses if said.what.get("gap")]
+    table = np.full((len(found), len(recording.joints)), np.nan)
+    for row, (_, joints) in enumerate(found):
+        shares = {each["joint"]: (each["position"] or {}).get("unexplained") for each in joints}
+        known = [shares.get(name) for name in recording.joints]
+        table[row] = [np.nan if share is None else share for share in known]
+    return np.array([time for time, _ in found]), table

@@ -17,9 +17,9 @@ from twind.config.robot_spec import GateSettings
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats, Ints
 from twind.twin.collision_model import CollisionModel
+from twind.twin.model_from_text import compile_model
 
 REACH = 0.1  # m: distances beyond are not shown
-STAND_IN = 0.03  # m, radius of what is drawn for a mesh that cannot be read
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,32 +146,3 @@ class RobotModel:
         return NearestBodies(
             pair.name, float(found[place]), pair.block, pair.block + bodies.band, ends
         ), touching
-
-
-def compile_model(mjcf: str, folder: str) -> tuple[Any, bool]:
-    """Return the model, and whether meshes had to be left out: this user may not read their files.
-
-    Raises InvalidInput.
-    """
-    import mujoco
-
-    try:
-        spec = mujoco.MjSpec.from_string(mjcf)
-        spec.modelfiledir = folder
-        return spec.compile(), False
-    except ValueError:
-        pass
-    try:
-        spec = mujoco.MjSpec.from_string(mjcf)
-        for geom in spec.geoms:
-            if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
-                geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
-                geom.meshname = ""
-                geom.hfieldname = ""
-                geom.size = [STAND_IN, 0.0, 0.0]
-        for files in (spec.meshes, spec.hfields, spec.textures):
-            for each in list(files):
-                spec.delete(each)
-        return spec.compile(), True
-    except ValueError as error:
-        raise InvalidInput(f"the model cannot be compiled: {' '.join(str(error).split())}") from None

@@ -8,7 +8,7 @@ import pytest
 
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
-from twind_calibration.drafting.robot_file_edit import TODO_COMMENT, RobotFileEdit
+from twind.ctl.robot_file_edit import TODO_COMMENT, RobotFileEdit
 
 TEXT = f"""\
 # mine
@@ -39,7 +39,7 @@ poses:
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    shutil.copy(Path(__file__).parents[2] / "data" / "models" / "pantilt.xml", tmp_path)
+    shutil.copy(Path(__file__).parents[1] / "data" / "models" / "pantilt.xml", tmp_path)
     actuators = '<actuator><position joint="pan" kp="5"/><position joint="tilt" kp="5"/></actuator></mujoco>'
     model = tmp_path / "pantilt.xml"
     model.write_text(model.read_text().replace("</mujoco>", actuators))

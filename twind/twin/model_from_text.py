@@ -1,0 +1,36 @@
+"""Model from the text of an MJCF, as daemon and recordings hold it, where its meshes may be out of reach."""
+
+from typing import Any
+
+import mujoco
+
+from twind.exceptions import InvalidInput
+
+STAND_IN = 0.03  # m, radius of the sphere in place of a mesh that cannot be read
+
+
+def compile_model(mjcf: str, folder: str) -> tuple[Any, bool]:
+    """Return the model, and whether meshes had to be left out: this user may not read their files.
+
+    Raises InvalidInput.
+    """
+    try:
+        spec = mujoco.MjSpec.from_string(mjcf)
+        spec.modelfiledir = folder
+        return spec.compile(), False
+    except ValueError:
+        pass
+    try:
+        spec = mujoco.MjSpec.from_string(mjcf)
+        for geom in spec.geoms:
+            if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
+                geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
+                geom.meshname = ""
+                geom.hfieldname = ""
+                geom.size = [STAND_IN, 0.0, 0.0]
+        for files in (spec.meshes, spec.hfields, spec.textures):
+            for each in list(files):
+                spec.delete(each)
+        return spec.compile(), True
+    except ValueError as error:
+        raise InvalidInput(f"the model cannot be compiled: {' '.join(str(error).split())}") from None
