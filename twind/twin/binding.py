@@ -288,7 +288,7 @@ def _ratings(robot: RobotFile) -> ActuatorRatings:
         cool=frozen([kind.heat.cool for kind in kinds]),
         continuous=frozen([kind.heat.continuous for kind in kinds]),
         lead=frozen([kind.lead_limit_rad for kind in kinds]),
-        stiffness=frozen([_stiffness(robot, joint) for joint in robot.joints]),
+        stiffness=_stiffness(robot),
         lag=frozen([joint.type.lag_s for joint in robot.joints]),
         follow=frozen([_known(joint.follow_rad) for joint in robot.joints]),
         follow_for=frozen([_known(joint.follow_s) for joint in robot.joints]),
@@ -300,10 +300,18 @@ def _known(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def _stiffness(robot: RobotFile, joint: JointSpec) -> float:
-    """Return the stiffness of a joint, N·m/rad; NaN where a transmission shares it among actuators."""
-    shared = any(joint.name in each.joints for each in robot.transmissions)
-    return math.nan if shared else joint.ratio**2 * joint.type.stiffness_nm_per_rad
+def _stiffness(robot: RobotFile) -> Floats:
+    """Return the stiffness of each joint (n,), N·m/rad: identified, else by the figures of its actuator.
+
+    NaN: not identified where a transmission shares it among actuators, or none at all (P gain 0).
+    """
+    shared = {name for each in robot.transmissions for name in each.joints}
+    known = {
+        joint.name: math.nan if joint.name in shared else joint.ratio**2 * joint.type.stiffness_nm_per_rad
+        for joint in robot.joints
+    }
+    known |= {name: each.value for name, each in robot.estimates("stiffness_nm_per_rad").items()}
+    return frozen([value if value > 0.0 else math.nan for value in known.values()])
 
 
 def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRange]) -> JointBusMap:
