@@ -10,6 +10,7 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
+from twind.safety.guard_types import Fence
 from twind.safety.lead_rules import TorqueAtRest
 
 RAMP = 1.0  # s from none to whole, and back
@@ -55,6 +56,15 @@ class GravityCompensation:
             self._offset = self._proposed
             self._wire = None
         return self._offset
+
+    def fence_of_commands(self, fence: Fence) -> Fence:
+        """Return where commands may go so that goals with their offset stay within `fence`, rad, (n,) each.
+
+        The offset counts as it is and as it will be once it has faded in.
+        """
+        coming = self._sag if self._share > 0.0 else self._proposed
+        lower, upper = fence
+        return lower - np.minimum(self._proposed, coming), upper - np.maximum(self._proposed, coming)
 
     def compensate(
         self,
