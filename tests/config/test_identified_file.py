@@ -27,6 +27,7 @@ ESTIMATES = st.builds(ParameterEstimate, SIZES, SIZES, SIZES, SIZES, st.booleans
 JOINTS = st.builds(
     IdentifiedJoint,
     **dict.fromkeys(PARAMETERS, st.none() | ESTIMATES),
+    p_gain=st.none() | st.integers(1, 16383).map(float),
     gap=st.none() | st.builds(GapReference, SIZES, SIZES),
 )
 PLACES = st.tuples(*[st.integers(-(10**9), 10**9).map(lambda count: count / 1e9)] * 3)
@@ -70,6 +71,7 @@ def test_an_identified_model_reads_back_as_written(model: IdentifiedModel) -> No
         ('value": 0.200000000', 'value": "much"', "joints.l_knee.friction_nm.value"),
         ("friction_nm", "frictoin_nm", "joints.l_knee.frictoin_nm"),
         ("friction_nm", "stiffness_nm_per_deg", "joints.l_knee.stiffness_nm_per_deg"),
+        ("    friction_nm", "    p_gain: 0.0\n    friction_nm", "joints.l_knee.p_gain"),
         ("held_out: 0.25", "held_out: 1.0", "held_out"),
         ("twind-identified/1", "twind-identified/2", "format"),
     ],

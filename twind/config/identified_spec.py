@@ -5,7 +5,8 @@ measurement. `identified_file.py` reads and writes the file.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from math import isnan
 from typing import Annotated
 
 from msgspec import Meta
@@ -55,7 +56,17 @@ class IdentifiedJoint:
     dead_band_rad: ParameterEstimate | None = None  # whole width: an error inside gives no torque
     backlash_rad: ParameterEstimate | None = None  # whole width, between encoder and joint
     sag_per_nm: ParameterEstimate | None = None  # share of the supply lost per N·m of the motor
+    p_gain: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None  # of the servo then; None: unknown
     gap: GapReference | None = None
+
+    def at_gain(self, p_gain: float) -> "IdentifiedJoint":
+        """Return the joint with its stiffness at another P gain; as it is where one of them is unknown."""
+        stiffness = self.stiffness_nm_per_rad
+        if stiffness is None or self.p_gain is None or isnan(p_gain) or p_gain == self.p_gain:
+            return self
+        ratio = p_gain / self.p_gain
+        scaled = {name: ratio * getattr(stiffness, name) for name in ("value", "sd", "prior", "prior_sd")}
+        return replace(self, stiffness_nm_per_rad=replace(stiffness, **scaled))
 
     def value(self, name: str) -> float | None:
         """Return the estimate of the parameter `name`; None: not identified."""
@@ -68,7 +79,9 @@ class IdentifiedJoint:
         return {name: each for name, each in found.items() if each is not None}
 
 
-PARAMETERS: tuple[str, ...] = tuple(each.name for each in fields(IdentifiedJoint) if each.name != "gap")
+PARAMETERS: tuple[str, ...] = tuple(
+    each.name for each in fields(IdentifiedJoint) if each.name not in ("p_gain", "gap")
+)
 
 
 @dataclass(frozen=True, slots=True)

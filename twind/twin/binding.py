@@ -24,7 +24,7 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
-from twind.twin.identified_model import apply_identified
+from twind.twin.identified_model import apply_identified, with_present_stiffness
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
@@ -93,6 +93,7 @@ def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None)
     return replace(
         binding,
         robot=robot,
+        model=with_present_stiffness(binding.model, robot, binding.actuators),
         joint_map=_joint_map(robot, known, zeros, reach),
         limits=_limits(robot, reach),
         ratings=_ratings(robot),
