@@ -1,4 +1,4 @@
-"""What an identified model says of the conditions under which it was identified."""
+"""Conditions of an identification that its model records."""
 
 from twind.config.hot_changes import applied
 from twind.config.identified_spec import IdentifiedJoint, ParameterEstimate

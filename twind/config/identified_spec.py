@@ -12,6 +12,22 @@ from typing import Annotated
 from msgspec import Meta
 
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Meta(ge=-10.0, le=10.0)]  # m
+# Least and largest value of a parameter, in its unit; beyond them a simulation breaks down or needs a memory
+# of goals that no servo has.
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "stiffness_nm_per_rad": (1e-6, 1e5),
+    "damping_nm_s_per_rad": (0.0, 1e4),
+    "friction_nm": (0.0, 1e3),
+    "stribeck_nm": (0.0, 1e3),
+    "load_friction_per_nm": (0.0, 1e3),
+    "armature_kg_m2": (0.0, 1e2),
+    "delay_s": (0.0, 0.5),
+    "dead_band_rad": (0.0, 0.5),
+    "backlash_rad": (0.0, 0.5),
+    "sag_per_nm": (0.0, 1e2),
+    "mass_kg": (1e-6, 1e4),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +45,9 @@ class ParameterEstimate:
 class PositionEstimate:
     """Centre of mass in the axes of its body, m (3,); prior and standard deviations alike."""
 
-    value: tuple[float, float, float]
-    sd: tuple[float, float, float]
-    prior: tuple[float, float, float]
+    value: tuple[Coordinate, Coordinate, Coordinate]
+    sd: tuple[NotNegative, NotNegative, NotNegative]
+    prior: tuple[Coordinate, Coordinate, Coordinate]
 
 
 @dataclass(frozen=True, slots=True)
