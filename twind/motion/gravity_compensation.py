@@ -1,7 +1,8 @@
 """Offset of goals that holds a soft robot up: torque of gravity over stiffness, within bounds. Pure.
 
 The guard judges the goal with its offset. The sum stays within the joint's limits, and moves in a tick at
-most as far as the joint's velocity allows, so an offset never causes STEP_LIMIT and never hides one.
+most as far as the joint's velocity allows, so an offset never causes STEP_LIMIT and never hides one. Its
+acceleration is not bounded: at a limit of the joint, and under a load that jumps, it changes within a tick.
 """
 
 import numpy as np
