@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from twind.config.config_files import ConfigSources, describe
 from twind.config.identified_file import dump_identified, identified_path, read_identified, save_identified
 from twind.config.identified_spec import (
+    BOUNDS,
     PARAMETERS,
     GapReference,
     IdentifiedBody,
@@ -23,15 +24,34 @@ from twind.config.yaml_tree import ConfigError
 
 ROBOT = load_robot("h24")
 SIZES = st.integers(0, 10**12).map(lambda count: count / 1e9)
-ESTIMATES = st.builds(ParameterEstimate, SIZES, SIZES, SIZES, SIZES, st.booleans())
+SHARES = st.integers(1, 10**9).map(lambda count: count / 1e9)
+
+
+def estimates(name: str) -> st.SearchStrategy[ParameterEstimate]:
+    """Any estimate of the parameter `name` that a file may hold."""
+    least, most = BOUNDS[name]
+    values = SHARES.map(lambda share: round(least + share * (most - least), 9))
+    measured = st.builds(ParameterEstimate, values, SIZES, SIZES, SIZES)
+    assumed = values.flatmap(
+        lambda value: st.builds(
+            ParameterEstimate, st.just(value), SIZES, st.just(value), SIZES, st.just(False)
+        )
+    )
+    return measured | assumed
+
+
 JOINTS = st.builds(
     IdentifiedJoint,
-    **dict.fromkeys(PARAMETERS, st.none() | ESTIMATES),
+    **{name: st.none() | estimates(name) for name in PARAMETERS},
+    p_gain=st.none() | st.integers(1, 16383).map(float),
     gap=st.none() | st.builds(GapReference, SIZES, SIZES),
 )
 PLACES = st.tuples(*[st.integers(-(10**9), 10**9).map(lambda count: count / 1e9)] * 3)
+SPREADS = st.tuples(SHARES, SHARES, SHARES)
 BODIES = st.builds(
-    IdentifiedBody, st.none() | ESTIMATES, st.none() | st.builds(PositionEstimate, *[PLACES] * 3)
+    IdentifiedBody,
+    st.none() | estimates("mass_kg"),
+    st.none() | st.builds(PositionEstimate, PLACES, SPREADS, PLACES),
 )
 MODELS = st.builds(
     IdentifiedModel,
@@ -70,6 +90,7 @@ def test_an_identified_model_reads_back_as_written(model: IdentifiedModel) -> No
         ('value": 0.200000000', 'value": "much"', "joints.l_knee.friction_nm.value"),
         ("friction_nm", "frictoin_nm", "joints.l_knee.frictoin_nm"),
         ("friction_nm", "stiffness_nm_per_deg", "joints.l_knee.stiffness_nm_per_deg"),
+        ("    friction_nm", "    p_gain: 0.0\n    friction_nm", "joints.l_knee.p_gain"),
         ("held_out: 0.25", "held_out: 1.0", "held_out"),
         ("twind-identified/1", "twind-identified/2", "format"),
     ],
@@ -80,6 +101,29 @@ def test_a_wrong_identified_model_is_refused_at_its_place(old: str, new: str, pa
     with pytest.raises(ConfigError) as refused:
         read_identified(text.replace(old, new), "file", ROBOT)
     assert refused.value.path == path
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reason"),
+    [
+        ("{value: %s, sd: 0.1, prior: 1.0, prior_sd: 0.1}", "is outside"),
+        ("{value: 0.2, sd: 0.1, prior: 0.3, prior_sd: 0.1, determined: false}", "is not the prior, 0.3"),
+    ],
+)
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_value_that_its_parameter_cannot_have_is_refused_at_its_key(
+    name: str, estimate: str, reason: str
+) -> None:
+    least, most = BOUNDS[name]
+    place = "bodies.torso" if name == "mass_kg" else "joints.l_knee"
+    section, owner = place.split(".")
+    for value in {1.01 * most, 0.0} - {least}:
+        text = dump_identified(replace(MODEL, joints={})).replace(
+            f"{section}: {{}}", f"{section}:\n  {owner}:\n    {name}: {estimate.replace('%s', str(value))}"
+        )
+        with pytest.raises(ConfigError, match=reason) as refused:
+            read_identified(text, "file", ROBOT)
+        assert refused.value.path == f"{place}.{name}.value"
 
 
 def test_the_daemon_reads_the_identified_model_beside_the_calibration(

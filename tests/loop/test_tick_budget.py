@@ -57,7 +57,7 @@ def test_a_tick_makes_as_many_calls_as_recorded(rig: Rig, phase: str) -> None:
         rig.arm()
     if phase == "moving, compensated":
         described = replace(rig.robot, compensate_gravity=True)
-        rig.loop.robot.compensation = gravity_compensation(described, rig.one.binding)
+        rig.loop.robot.compensation = gravity_compensation(described, rig.one.binding, rig.loop.parts.guard)
     if phase.startswith("moving"):
         move_all_joints(rig)
     rig.seconds(0.5)

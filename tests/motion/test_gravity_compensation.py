@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.gate_rig import limits
-from twind.motion.gravity_compensation import FASTEST, RAMP, GravityCompensation
+from twind.motion.gravity_compensation import FASTEST, FOLLOW_SHARE, RAMP, GravityCompensation
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Reference
 
@@ -18,6 +19,8 @@ MOST = np.array([0.1, 0.1, 0.0])
 LIMITS = limits(JOINTS)
 REACH = LIMITS.velocity * PERIOD
 STIFFNESS = np.array([20.0, np.nan, 20.0])
+RATED = replace(ActuatorRatings.unknown(JOINTS), stiffness=STIFFNESS)
+FOLLOW = MOST / FOLLOW_SHARE
 
 
 def load(pose: Floats) -> Floats:
@@ -40,7 +43,7 @@ def held(compensation: GravityCompensation, pose: Floats, ticks: int, *, active:
 
 
 def test_a_held_pose_gets_its_sag_and_loses_it_within_the_ramp() -> None:
-    compensation = GravityCompensation(load, STIFFNESS, MOST)
+    compensation = GravityCompensation(load, RATED, FOLLOW)
     pose = np.zeros(JOINTS)
     ticks = round(RAMP / PERIOD) + 1
     written = held(compensation, pose, ticks)[-1]
@@ -58,7 +61,7 @@ def test_a_held_pose_gets_its_sag_and_loses_it_within_the_ramp() -> None:
     )
 )
 def test_goals_with_offset_keep_limits_steps_and_bounds(legs: list[tuple[float, bool, bool, int]]) -> None:
-    compensation = GravityCompensation(load, STIFFNESS, MOST)
+    compensation = GravityCompensation(load, RATED, FOLLOW)
     pose = np.zeros(JOINTS)
     written = pose.copy()
     for speed, active, leaves, ticks in legs:
@@ -74,7 +77,7 @@ def test_goals_with_offset_keep_limits_steps_and_bounds(legs: list[tuple[float, 
 
 
 def test_a_step_that_is_too_long_stays_too_long() -> None:
-    compensation = GravityCompensation(load, STIFFNESS, MOST)
+    compensation = GravityCompensation(load, RATED, FOLLOW)
     written = held(compensation, np.zeros(JOINTS), 200)[-1]
     far = np.full(JOINTS, -3.0) * REACH
     goal = compensation.compensate(at(far), written, LIMITS, PERIOD, active=True).position
@@ -82,7 +85,7 @@ def test_a_step_that_is_too_long_stays_too_long() -> None:
 
 
 def test_a_goal_that_did_not_leave_changes_no_offset() -> None:
-    compensation = GravityCompensation(load, STIFFNESS, MOST)
+    compensation = GravityCompensation(load, RATED, FOLLOW)
     written = held(compensation, np.zeros(JOINTS), 20)[-1]
     before = compensation.offset(written).copy()
     compensation.compensate(at(np.zeros(JOINTS)), written, LIMITS, PERIOD, active=True)
@@ -91,19 +94,34 @@ def test_a_goal_that_did_not_leave_changes_no_offset() -> None:
 
 def test_an_unknown_torque_fades_the_offset_out_slowly() -> None:
     torque = np.ones(JOINTS)
-    compensation = GravityCompensation(lambda pose: torque.copy(), STIFFNESS, MOST)
+    compensation = GravityCompensation(lambda pose: torque.copy(), RATED, FOLLOW)
     written = held(compensation, np.zeros(JOINTS), 200)[-1]
     torque[:] = np.nan
-    compensation.rescale(np.ones(JOINTS))
+    compensation.limit(RATED, FOLLOW)
     goal = compensation.compensate(at(np.zeros(JOINTS)), written, LIMITS, PERIOD, active=True).position
     assert written[0] - goal[0] == pytest.approx(FASTEST * PERIOD)
 
 
 def test_a_goal_outside_its_limits_gets_no_offset_outwards() -> None:
-    compensation = GravityCompensation(load, STIFFNESS, MOST)
+    compensation = GravityCompensation(load, RATED, FOLLOW)
     above = replace(LIMITS, upper=np.full(JOINTS, -0.01))
     pose = np.zeros(JOINTS)
     written = pose
     for _ in range(50):
         written = compensation.compensate(at(pose), written, above, PERIOD, active=True).position
     assert np.array_equal(written, pose)
+
+
+def test_other_gains_lead_to_the_offset_of_a_start_with_them_without_a_step() -> None:
+    """Stiffness without a P gain is NaN, as `bind` makes it: the offset fades out, and comes back with it."""
+    compensation = GravityCompensation(load, RATED, FOLLOW)
+    pose = np.zeros(JOINTS)
+    written = held(compensation, pose, 200)[-1]
+    for factor, follow in ((np.nan, FOLLOW), (1.0, FOLLOW), (2.0, FOLLOW / 2.0), (0.25, 3.0 * FOLLOW)):
+        rated = replace(RATED, stiffness=factor * STIFFNESS)
+        compensation.limit(rated, follow)
+        for _ in range(200):
+            goal = compensation.compensate(at(pose), written, LIMITS, PERIOD, active=True).position
+            assert (np.abs(goal - written) <= FASTEST * PERIOD + 1e-12).all()
+            written = goal
+        assert np.array_equal(written, held(GravityCompensation(load, rated, follow), pose, 200)[-1])

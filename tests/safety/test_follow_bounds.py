@@ -48,7 +48,6 @@ def test_the_lag_is_that_of_the_load_and_that_of_the_speed() -> None:
         (0.1, 10.0, 0.02),
         (nan, 10.0, 0.5),
         (3.0, nan, nan),
-        (3.0, 0.0, 0.02),
         (3.0, 1.0, nan),
         (0.0, 10.0, 0.0),
     ],

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twind.config.hot_changes import applied
 from twind.config.identified_spec import (
     IdentifiedBody,
     IdentifiedJoint,
@@ -16,7 +17,7 @@ from twind.config.robot_file import RobotFile, load_robot
 from twind.exceptions import InvalidInput
 from twind.learn.task.plant_model import plant_of
 from twind.robot.arrays import Floats
-from twind.twin.binding import Binding, bind
+from twind.twin.binding import Binding, bind, rebound
 from twind.twin.mujoco_physics import body_of
 from twind.twin.simulation import Simulation, hush
 
@@ -38,6 +39,19 @@ def identified(bodies: dict[str, IdentifiedBody] | None = None, **values: float)
     joints = {"l_knee": IdentifiedJoint(**estimates)}
     model = IdentifiedModel("h24", "2026-11-28T10:00:00Z", "test", "test", 1.0, 0.25, joints, bodies or {})
     return replace(ROBOT, identified=model)
+
+
+def at_gain(robot: RobotFile, p: int) -> RobotFile:
+    """Return the robot with another P gain of its knee's servo type."""
+    return applied(robot, {f"types.{robot.joints[KNEE].type.name}.gains": {"p": p, "i": 0, "d": 0}})
+
+
+def identified_at_gain(**values: float) -> RobotFile:
+    """Return h24 with these parameters of the left knee, identified at the P gain 800 that it has."""
+    robot = identified(**values)
+    assert robot.identified is not None
+    joint = replace(robot.identified.joints["l_knee"], p_gain=800.0)
+    return at_gain(replace(robot, identified=replace(robot.identified, joints={"l_knee": joint})), 800)
 
 
 def knee_path(binding: Binding, goal: float, ticks: int, start: Floats = STAND) -> Floats:
@@ -71,6 +85,41 @@ def test_static_parameters_stand_in_the_model_of_all_users() -> None:
     assert plant.model.dof_frictionloss[joint.dofadr[0]] == pytest.approx(0.3)
     assert body.model.dof_frictionloss[body.model.joint("l_knee").dofadr[0]] == pytest.approx(0.3)
     assert 'frictionloss="0.3"' in binding.mjcf
+
+
+def test_an_identified_stiffness_follows_the_p_gain_for_all_users_and_a_reload_is_a_restart() -> None:
+    robot = identified_at_gain(stiffness_nm_per_rad=30.0)
+    soft = at_gain(robot, 400)
+    started = bind(soft, None)
+    reloaded = rebound(bind(robot, None), soft, None)
+    servo = started.actuators[KNEE]
+    limit = bind(robot, None).model.actuator_forcerange[servo]
+    assert plant_of(soft, period=0.02).model.actuator("l_knee").gainprm[0] == 15.0
+    for binding in (started, reloaded):
+        assert binding.ratings.stiffness[KNEE] == 15.0
+        assert binding.model.actuator_gainprm[servo, 0] == 15.0
+        assert binding.model.actuator_biasprm[servo, 1] == -15.0
+        assert np.array_equal(binding.model.actuator_forcerange[servo], limit)
+    assert rebound(reloaded, robot, None).model.actuator_gainprm[servo, 0] == 30.0
+
+
+def test_without_its_p_gain_an_identified_stiffness_stays_as_it_is() -> None:
+    robot = at_gain(identified(stiffness_nm_per_rad=30.0), 400)
+    assert bind(robot, None).ratings.stiffness[KNEE] == 30.0
+
+
+def test_a_simulation_with_other_gains_goes_on_as_one_that_began_with_them() -> None:
+    robot = identified_at_gain(stiffness_nm_per_rad=30.0, dead_band_rad=0.01, stribeck_nm=0.2, sag_per_nm=0.1)
+    soft = at_gain(robot, 400)
+    simulations = Simulation(bind(robot, None), PERIOD), Simulation(bind(soft, None), PERIOD)
+    goals = STAND + 0.2 * (np.arange(24) == KNEE)
+    simulations[0].step(goals)
+    simulations[0].take_gains(rebound(bind(robot, None), soft, None))
+    for each in simulations:
+        each.place(STAND)
+        for _ in range(20):
+            each.step(goals)
+    assert np.array_equal(simulations[0].state(0.0).position, simulations[1].state(0.0).position)
 
 
 def test_an_identified_body_has_its_mass_and_centre_and_scaled_inertia() -> None:

@@ -13,6 +13,7 @@ from tests.support import transmission_robot_file as linked
 from tests.support.examples import examples
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
+from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
 from twind.loop.bus.joint_readings import NOWHERE, efforts, radians, ticks, velocities
@@ -202,3 +203,12 @@ def test_narrower_limits_while_it_runs_are_the_joints(bound: Binding) -> None:
     assert again.limits.lower[0] == -0.1
     assert again.limits.hard_lower[0] == pytest.approx(-0.15)
     assert again.joint_map.buses[0].linked[0].lower[0] == again.limits.hard_lower[0]
+
+
+def test_a_stiffness_that_is_shared_by_actuators_is_known_only_when_identified(bound: Binding) -> None:
+    place = bound.robot.names.index(ANKLE[1])
+    assert math.isnan(bound.ratings.stiffness[place])
+    joints = {ANKLE[1]: IdentifiedJoint(stiffness_nm_per_rad=ParameterEstimate(25.0, 1.0, 30.0, 7.0))}
+    model = IdentifiedModel(bound.robot.name, "2026-11-28T10:00:00Z", "test", "test", 1.0, 0.25, joints)
+    again = rebound(bound, replace(bound.robot, identified=model), calibration(make_spec(bound.robot)))
+    assert again.ratings.stiffness[place] == 25.0

@@ -141,6 +141,11 @@ class TypeSpec(ABC):
         return nan
 
     @property
+    def p_gain(self) -> float:
+        """Gain that the stiffness is proportional to, as the robot file states it; NaN: unknown."""
+        return nan
+
+    @property
     def lag_s(self) -> float:
         """Time that a moving shaft is behind its goal, by its gains; NaN: unknown."""
         return nan

@@ -13,7 +13,13 @@ from msgspec import Meta
 from twind.config.atomic_save import save_text
 from twind.config.calibration_file import HISTORY, Stamp, render
 from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
-from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, IdentifiedModel
+from twind.config.identified_spec import (
+    BOUNDS,
+    IdentifiedBody,
+    IdentifiedJoint,
+    IdentifiedModel,
+    ParameterEstimate,
+)
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import parse, read_text
 
@@ -67,7 +73,7 @@ def read_identified(text: str, file: str, robot: RobotFile) -> IdentifiedModel:
         seconds=given.seconds,
         held_out=given.held_out,
         joints={name: _joint(section) for name, section in given.joints.sections().items()},
-        bodies={name: section.read(IdentifiedBody) for name, section in given.bodies.sections().items()},
+        bodies={name: _body(section) for name, section in given.bodies.sections().items()},
     )
 
 
@@ -75,7 +81,28 @@ def _joint(section: ConfigReader) -> IdentifiedJoint:
     for key in section:
         if "_deg" in key:  # N·m/deg is no scaled N·m/rad
             raise section.refuse(key, "an identified model has radians only: write the key with `_rad`")
-    return section.read(IdentifiedJoint)
+    joint = section.read(IdentifiedJoint)
+    for key, estimate in joint.estimates().items():
+        _require_possible(section.section(key), key, estimate)
+    return joint
+
+
+def _body(section: ConfigReader) -> IdentifiedBody:
+    body = section.read(IdentifiedBody)
+    if body.mass_kg is not None:
+        _require_possible(section.section("mass_kg"), "mass_kg", body.mass_kg)
+    return body
+
+
+def _require_possible(section: ConfigReader, parameter: str, estimate: ParameterEstimate) -> None:
+    """Refuse a value beyond the bounds of its parameter, and one that is neither measured nor its prior."""
+    least, most = BOUNDS[parameter]
+    value = estimate.value
+    if not least <= value <= most:
+        raise section.refuse("value", f"{value:g} is outside {least:g} to {most:g}: identify it again")
+    if not estimate.determined and abs(value - estimate.prior) > 10.0**-DECIMALS:
+        why = f"{value:g} is not the prior, {estimate.prior:g}, though the data do not determine it"
+        raise section.refuse("value", f"{why}: write `determined: true` for a value of your own")
 
 
 def dump_identified(model: IdentifiedModel) -> str:

@@ -5,12 +5,29 @@ measurement. `identified_file.py` reads and writes the file.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from math import isnan
 from typing import Annotated
 
 from msgspec import Meta
 
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Meta(ge=-10.0, le=10.0)]  # m
+# Least and largest value of a parameter, in its unit; beyond them a simulation breaks down or needs a memory
+# of goals that no servo has.
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "stiffness_nm_per_rad": (1e-6, 1e5),
+    "damping_nm_s_per_rad": (0.0, 1e4),
+    "friction_nm": (0.0, 1e3),
+    "stribeck_nm": (0.0, 1e3),
+    "load_friction_per_nm": (0.0, 1e3),
+    "armature_kg_m2": (0.0, 1e2),
+    "delay_s": (0.0, 0.5),
+    "dead_band_rad": (0.0, 0.5),
+    "backlash_rad": (0.0, 0.5),
+    "sag_per_nm": (0.0, 1e2),
+    "mass_kg": (1e-6, 1e4),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +45,9 @@ class ParameterEstimate:
 class PositionEstimate:
     """Centre of mass in the axes of its body, m (3,); prior and standard deviations alike."""
 
-    value: tuple[float, float, float]
-    sd: tuple[float, float, float]
-    prior: tuple[float, float, float]
+    value: tuple[Coordinate, Coordinate, Coordinate]
+    sd: tuple[NotNegative, NotNegative, NotNegative]
+    prior: tuple[Coordinate, Coordinate, Coordinate]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +72,17 @@ class IdentifiedJoint:
     dead_band_rad: ParameterEstimate | None = None  # whole width: an error inside gives no torque
     backlash_rad: ParameterEstimate | None = None  # whole width, between encoder and joint
     sag_per_nm: ParameterEstimate | None = None  # share of the supply lost per N·m of the motor
+    p_gain: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None  # of the servo then; None: unknown
     gap: GapReference | None = None
+
+    def at_gain(self, p_gain: float) -> "IdentifiedJoint":
+        """Return the joint with its stiffness at another P gain; as it is where one of them is unknown."""
+        stiffness = self.stiffness_nm_per_rad
+        if stiffness is None or self.p_gain is None or isnan(p_gain) or p_gain == self.p_gain:
+            return self
+        ratio = p_gain / self.p_gain
+        scaled = {name: ratio * getattr(stiffness, name) for name in ("value", "sd", "prior", "prior_sd")}
+        return replace(self, stiffness_nm_per_rad=replace(stiffness, **scaled))
 
     def value(self, name: str) -> float | None:
         """Return the estimate of the parameter `name`; None: not identified."""
@@ -68,7 +95,9 @@ class IdentifiedJoint:
         return {name: each for name, each in found.items() if each is not None}
 
 
-PARAMETERS: tuple[str, ...] = tuple(each.name for each in fields(IdentifiedJoint) if each.name != "gap")
+PARAMETERS: tuple[str, ...] = tuple(
+    each.name for each in fields(IdentifiedJoint) if each.name not in ("p_gain", "gap")
+)
 
 
 @dataclass(frozen=True, slots=True)

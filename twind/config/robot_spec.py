@@ -8,7 +8,7 @@ from pathlib import Path
 from twind.config.actuator_types import TypeSpec
 from twind.config.collision_config import Clearance
 from twind.config.homing_config import HomingSettings, JointEndstops
-from twind.config.identified_spec import IdentifiedModel, ParameterEstimate
+from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.power_config import ButtonSpec, RelaySpec
 from twind.robot.transmission import Transmission
 
@@ -213,9 +213,20 @@ class RobotFile:
         """Joint names in order."""
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def identified_joints(self) -> Mapping[str, IdentifiedJoint]:
+        """Identified joints by name, with their stiffness at the present gains."""
+        found = {} if self.identified is None else self.identified.joints
+        return {
+            joint.name: found[joint.name].at_gain(joint.type.p_gain)
+            for joint in self.joints
+            if joint.name in found
+        }
+
     def estimates(self, parameter: str) -> Mapping[str, ParameterEstimate]:
         """Identified estimates of one parameter, by joint; none without an identified model."""
-        return {} if self.identified is None else self.identified.estimates(parameter)
+        found = {name: joint.estimates() for name, joint in self.identified_joints.items()}
+        return {name: each[parameter] for name, each in found.items() if parameter in each}
 
     @property
     def description_sha256(self) -> str:

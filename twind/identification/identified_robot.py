@@ -1,12 +1,13 @@
 """The identified model of a robot from its motion: joints, links, and the judgement of the whole body."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from twind.config.identified_spec import GapReference, IdentifiedJoint, IdentifiedModel
+from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
 from twind.gap.gap_figures import JointGap, joint_gaps
 from twind.gap.gap_replay import GapReplay
@@ -65,7 +66,7 @@ def identify_robot(
         source=origin.source,
         seconds=float(sum(each.time[-1] - each.time[0] for each in motions)),
         held_out=SHARE,
-        joints={name: each.joint for name, each in found.items()},
+        joints=with_p_gains(plain.robot, {name: each.joint for name, each in found.items()}),
         bodies=link_masses(plain, motions, {name: each.load for name, each in found.items()}),
     )
     before = _gaps(plain, motions)
@@ -73,6 +74,12 @@ def identify_robot(
     judged_joints = {each.joint: each for each in after}
     joints_with_gap = {name: _with_gap(each, judged_joints[name]) for name, each in model.joints.items()}
     return RobotIdentification(replace(model, joints=joints_with_gap), before, after)
+
+
+def with_p_gains(robot: RobotFile, joints: Mapping[str, IdentifiedJoint]) -> dict[str, IdentifiedJoint]:
+    """Return identified joints by name with the P gains that their servos have, where these are known."""
+    gains = {each.name: each.type.p_gain for each in robot.joints if each.type.p_gain > 0.0}
+    return {name: replace(joint, p_gain=gains.get(name)) for name, joint in joints.items()}
 
 
 def _gaps(binding: Binding, motions: Sequence[MotionSamples]) -> list[JointGap]:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterable, Sequence
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ def compare_models(options: argparse.Namespace, paths: Sequence[Path]) -> None:
     first, second = (_load(path, options) for path in paths)
     rows: list[tuple[str, ...]] = [("joint", "parameter", "first", "second", "change", "sd")]
     for name in dict.fromkeys([*first.joints, *second.joints]):
-        pair = [model.joints.get(name, IdentifiedJoint()).estimates() for model in (first, second)]
+        one, other = (model.joints.get(name, IdentifiedJoint()) for model in (first, second))
+        pair = [one.estimates(), other.at_gain(one.p_gain or nan).estimates()]
         for key in dict.fromkeys([*pair[0], *pair[1]]):
             rows.append((name, key, *_change(pair[0].get(key), pair[1].get(key))))
     data = {"first": msgspec.to_builtins(first), "second": msgspec.to_builtins(second)}

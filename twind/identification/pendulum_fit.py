@@ -64,7 +64,7 @@ def identified_pendulum(fit: JointFit, servo: PendulumServo = XL330) -> Identifi
     """Return the estimates of a fit, without its load, which is known."""
     estimates: dict[str, Any] = dict(estimates_of(fit, priors_of_pendulum(servo)))
     estimates.pop("load_scale")
-    return IdentifiedJoint(**estimates)
+    return IdentifiedJoint(**estimates, p_gain=servo.kp)
 
 
 def replay_error(

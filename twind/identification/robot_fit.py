@@ -85,7 +85,7 @@ def _identify(windows: JointWindows, priors: ServoPriors) -> IdentifiedServo:
     load = estimates.pop(LOAD)
     before = _gap(windows, priors, priors.mean)
     after = _gap(windows, priors, fit.values)
-    return IdentifiedServo(IdentifiedJoint(**estimates, gap=after), load, before, after)
+    return IdentifiedServo(IdentifiedJoint(**estimates, p_gain=None, gap=after), load, before, after)
 
 
 def _errors(windows: JointWindows, priors: ServoPriors, values: Floats) -> Floats:

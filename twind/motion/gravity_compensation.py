@@ -1,35 +1,37 @@
 """Offset of goals that holds a soft robot up: torque of gravity over stiffness, within bounds. Pure.
 
 The guard judges the goal with its offset. The sum stays within the joint's limits, and moves in a tick at
-most as far as the joint's velocity allows, so an offset never causes STEP_LIMIT and never hides one.
+most as far as the joint's velocity allows, so an offset never causes STEP_LIMIT and never hides one. Its
+acceleration is not bounded: at a limit of the joint, and under a load that jumps, it changes within a tick.
 """
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference
+from twind.safety.guard_types import Fence
 from twind.safety.lead_rules import TorqueAtRest
 
 RAMP = 1.0  # s from none to whole, and back
+FOLLOW_SHARE = 0.5  # of the bound of FOLLOW_ERR that an offset may use
 FASTEST = 0.5  # rad/s at which an offset changes: an arm of 0.2 rad sag turned at 2 rad/s needs 0.4
 
 
 class GravityCompensation:
     """Offsets (n,), rad, of the goals of one robot. Remembers the offset of the last goal that left."""
 
-    def __init__(self, at_rest: TorqueAtRest, stiffness: Floats, most: Floats) -> None:
-        """`stiffness` (n,): N·m/rad, NaN: no offset; `most` (n,): rad, the largest offset."""
+    def __init__(self, at_rest: TorqueAtRest, rated: ActuatorRatings, follow: Floats) -> None:
+        """`rated`, `follow`: as for `limit`."""
         self._at_rest = at_rest
-        self._stiffness = np.where(stiffness > 0.0, stiffness, np.nan)
-        self._most = most
-        self._offset = np.zeros(len(most))
+        self.limit(rated, follow)
+        self._offset = np.zeros(len(follow))
         self._proposed = self._offset
         self._wire: Floats | None = None  # the last goal that was proposed
         self._share = 0.0  # of the offset, 0 to 1
         self._steady = False  # the offset is that of the last pose, whole
-        self._pose = np.full(len(most), np.nan)  # of the last torque
-        self._sag = np.zeros(len(most))
+        self._sag = np.zeros(len(follow))
 
     def reset(self) -> None:
         """Begin anew: the last goal that left had no offset."""
@@ -39,11 +41,15 @@ class GravityCompensation:
         self._share = 0.0
         self._steady = False
 
-    def rescale(self, factor: Floats) -> None:
-        """Take over gains whose stiffness is `factor` (n,) times the earlier one."""
-        self._stiffness = self._stiffness * factor
+    def limit(self, rated: ActuatorRatings, follow: Floats) -> None:
+        """Use these gains and bounds from now on; the present offset goes over to the new one.
+
+        `rated`: a joint of unknown stiffness gets no offset. `follow` (n,): rad, the bounds of FOLLOW_ERR.
+        """
+        self._stiffness = rated.stiffness
+        self._most = np.minimum(FOLLOW_SHARE * follow, rated.lead)
         self._steady = False
-        self._pose = np.full(len(self._most), np.nan)
+        self._pose = np.full(len(follow), np.nan)  # of the last torque
 
     def offset(self, written: Floats | None) -> Floats:
         """Return the offset (n,), rad, in the last goal that left, `written`."""
@@ -51,6 +57,15 @@ class GravityCompensation:
             self._offset = self._proposed
             self._wire = None
         return self._offset
+
+    def fence_of_commands(self, fence: Fence) -> Fence:
+        """Return where commands may go so that goals with their offset stay within `fence`, rad, (n,) each.
+
+        The offset counts as it is and as it will be once it has faded in.
+        """
+        coming = self._sag if self._share > 0.0 else self._proposed
+        lower, upper = fence
+        return lower - np.minimum(self._proposed, coming), upper - np.maximum(self._proposed, coming)
 
     def compensate(
         self,

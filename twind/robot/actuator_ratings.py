@@ -22,7 +22,7 @@ class ActuatorRatings:
     cool: Floats  # °C: after settling for heat, arming is refused until the temperature is below this
     continuous: Floats  # share of the current limit, 0 to 1, of a continuous load (I²t)
     lead: Floats  # rad that a goal may lead its joint, beyond the sag of its load; inf: it has a watchdog
-    stiffness: Floats  # N·m/rad at the joint, by its gains; NaN unknown
+    stiffness: Floats  # N·m/rad at the joint, identified or by its gains; NaN: unknown, or none
     lag: Floats  # s that a moving joint is behind its goal, by its gains; NaN unknown
     follow: Floats  # rad that the owner lets it be behind its goal (FOLLOW_ERR); NaN: not stated
     follow_for: Floats  # s, how long; NaN: not stated

@@ -46,8 +46,7 @@ def follow_bounds(
     `load` (n,): N·m, the largest torque that holds the robot at rest; NaN or None: unknown.
     """
     torque = np.full(len(limits.lower), np.nan) if load is None else np.abs(load)
-    stiffness = np.where(rated.stiffness > 0.0, rated.stiffness, np.nan)
-    sag = np.where(np.isnan(torque), np.nan, np.fmin(torque, limits.effort) / stiffness)
+    sag = np.where(np.isnan(torque), np.nan, np.fmin(torque, limits.effort) / rated.stiffness)
     trail = limits.velocity * rated.lag
     beyond = limits.velocity * np.maximum(rated.lag - bounds.lag, 0.0)
     wanted = MARGIN * (sag + beyond)

@@ -118,6 +118,11 @@ class Guard:
         """The thresholds of all rules."""
         return self._bounds
 
+    @property
+    def follow(self) -> Floats:
+        """Distance from each joint to its goal (n,), rad, from which on FOLLOW_ERR counts."""
+        return self._following.rad
+
     def limit(self, limits: JointLimits, ratings: ActuatorRatings) -> None:
         """Use these values from now on, for a robot at rest. The memory of all other rules is kept."""
         limited = self._limited(limits, ratings)
@@ -129,12 +134,12 @@ class Guard:
         self, limits: JointLimits, rated: ActuatorRatings
     ) -> tuple[GoalRules, ReadingRules, TrackingRules, *tuple[LeadRules, ...]]:
         """Return the rules that depend on limits and gains. Leads count for devices without a watchdog."""
-        following = follow_bounds(rated, limits, self._load, self._bounds)
+        self._following = follow_bounds(rated, limits, self._load, self._bounds)
         leads = LeadRules(limits, rated, self._bounds, self._at_rest)
         return (
             GoalRules(limits, self._bounds),
             ReadingRules(limits, self._bounds, self._free),
-            TrackingRules(limits, self._bounds, following, self._linked),
+            TrackingRules(limits, self._bounds, self._following, self._linked),
             *((leads,) if leads.applies else ()),
         )
 

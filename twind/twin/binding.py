@@ -24,7 +24,7 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.transmission import MappedTransmission
-from twind.twin.identified_model import apply_identified
+from twind.twin.identified_model import apply_identified, with_present_stiffness
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
@@ -93,6 +93,7 @@ def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None)
     return replace(
         binding,
         robot=robot,
+        model=with_present_stiffness(binding.model, robot, binding.actuators),
         joint_map=_joint_map(robot, known, zeros, reach),
         limits=_limits(robot, reach),
         ratings=_ratings(robot),
@@ -285,7 +286,7 @@ def _ratings(robot: RobotFile) -> ActuatorRatings:
         cool=frozen([kind.heat.cool for kind in kinds]),
         continuous=frozen([kind.heat.continuous for kind in kinds]),
         lead=frozen([kind.lead_limit_rad for kind in kinds]),
-        stiffness=frozen([_stiffness(robot, joint) for joint in robot.joints]),
+        stiffness=_stiffness(robot),
         lag=frozen([joint.type.lag_s for joint in robot.joints]),
         follow=frozen([_known(joint.follow_rad) for joint in robot.joints]),
         follow_for=frozen([_known(joint.follow_s) for joint in robot.joints]),
@@ -297,10 +298,18 @@ def _known(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def _stiffness(robot: RobotFile, joint: JointSpec) -> float:
-    """Return the stiffness of a joint, N·m/rad; NaN where a transmission shares it among actuators."""
-    shared = any(joint.name in each.joints for each in robot.transmissions)
-    return math.nan if shared else joint.ratio**2 * joint.type.stiffness_nm_per_rad
+def _stiffness(robot: RobotFile) -> Floats:
+    """Return the stiffness of each joint (n,), N·m/rad: identified, else by the figures of its actuator.
+
+    NaN: not identified where a transmission shares it among actuators, or none at all (P gain 0).
+    """
+    shared = {name for each in robot.transmissions for name in each.joints}
+    known = {
+        joint.name: math.nan if joint.name in shared else joint.ratio**2 * joint.type.stiffness_nm_per_rad
+        for joint in robot.joints
+    }
+    known |= {name: each.value for name, each in robot.estimates("stiffness_nm_per_rad").items()}
+    return frozen([value if value > 0.0 else math.nan for value in known.values()])
 
 
 def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRange]) -> JointBusMap:

@@ -4,14 +4,17 @@ The static part: servo, delay, friction and inertia of joints, mass of bodies. `
 element of MuJoCo describes.
 """
 
+import copy
 import math
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
+from twind.robot.arrays import Ints
 
 STIFF = 0.9999  # impedance of friction
 SHORTEST_STEP = 0.5  # share of the model's timestep that a simulation keeps, to divide its period
@@ -25,6 +28,7 @@ def apply_identified(spec: Any, robot: RobotFile, *, delays: bool = True) -> Non
     identified = robot.identified
     if identified is None:
         return
+    present = robot.identified_joints
     for joint in robot.joints:
         found = identified.joints.get(joint.name)
         hinge = spec.joint(joint.model_joint)
@@ -33,13 +37,30 @@ def apply_identified(spec: Any, robot: RobotFile, *, delays: bool = True) -> Non
         _set_hinge(hinge, found, spec.option.timestep)
         for servo in spec.actuators:
             if servo.trntype == mujoco.mjtTrn.mjTRN_JOINT and servo.target == joint.model_joint:
-                _set_servo(servo, hinge, found)
+                _set_servo(servo, hinge, found, present[joint.name])
                 if delays:
                     _set_delay(servo, found, spec.option.timestep)
     if identified.bodies:
         compiled = spec.copy().compile()
         for name, body in identified.bodies.items():
             _set_body(spec, compiled, name, body)
+
+
+def with_present_stiffness(model: Any, robot: RobotFile, addresses: Ints) -> Any:
+    """Return a compiled model with the identified stiffness at the robot's present gains.
+
+    `addresses` (n,): of the joints' goals in ctrl. The model itself is returned where nothing differs.
+    """
+    found = robot.estimates("stiffness_nm_per_rad")
+    places = [place for place, name in enumerate(robot.names) if name in found]
+    rows = np.searchsorted(model.actuator_ctrladr, addresses[places])
+    stiffness = np.array([found[robot.names[place]].value for place in places])
+    if np.array_equal(model.actuator_gainprm[rows, 0], stiffness):
+        return model
+    changed = copy.copy(model)
+    changed.actuator_gainprm[rows, 0] = stiffness
+    changed.actuator_biasprm[rows, 1] = -stiffness
+    return changed
 
 
 def _set_hinge(hinge: Any, found: IdentifiedJoint, timestep: float) -> None:
@@ -54,12 +75,17 @@ def _set_hinge(hinge: Any, found: IdentifiedJoint, timestep: float) -> None:
         hinge.armature = armature
 
 
-def _set_servo(servo: Any, hinge: Any, found: IdentifiedJoint) -> None:
-    """Set stiffness and damping. The joint keeps its own damping, which acts without torque too."""
-    stiffness = found.value("stiffness_nm_per_rad")
+def _set_servo(servo: Any, hinge: Any, found: IdentifiedJoint, present: IdentifiedJoint) -> None:
+    """Set stiffness and damping; `present`: at the present gains.
+
+    The joint keeps its own damping, which acts without torque too.
+    """
+    identified = found.value("stiffness_nm_per_rad")
+    stiffness = present.value("stiffness_nm_per_rad")
     damping = found.value("damping_nm_s_per_rad")
-    if stiffness is not None:
-        servo.forcerange *= stiffness / servo.gainprm[0]  # a servo saturates at the same error
+    if identified is not None and stiffness is not None:
+        # As identified, a servo saturates at the error of the model; a gain changes no torque limit.
+        servo.forcerange *= identified / servo.gainprm[0]
         servo.gainprm[0] = stiffness
         servo.biasprm[1] = -stiffness
     if damping is not None:

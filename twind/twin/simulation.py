@@ -21,6 +21,8 @@ FATAL = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+# Of the model: what differs with gains, and what the effects of identified servos change at each step.
+SERVO_FIELDS = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "dof_frictionloss")
 
 
 def hush() -> None:
@@ -75,6 +77,12 @@ class Simulation:
         ]
         self.place(binding.rest)
         self._rest = np.array(self._qpos), np.array(self._ctrl)
+
+    def take_gains(self, binding: Binding) -> None:
+        """Use the servos of `binding`, the same robot with other gains, from now on; the state stays."""
+        for name in SERVO_FIELDS:
+            getattr(self.model, name)[:] = getattr(binding.model, name)
+        self._effects = servo_effects(binding, self.model)
 
     def place(self, position: Floats) -> None:
         """Start anew at `position` (n,), rad, at rest, holding there.

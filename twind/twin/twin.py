@@ -17,6 +17,10 @@ class Twin:
         self.mirror = TwinMirror(binding)
         self.simulation = Simulation(binding, period)
 
+    def take_gains(self, binding: Binding) -> None:
+        """Use the servos of `binding`, the same robot with other gains, from now on."""
+        self.simulation.take_gains(binding)
+
     @property
     def resets(self) -> int:
         """Times the simulation broke down and was reset to its last good pose."""

@@ -101,6 +101,11 @@ class CanType(TypeSpec):
         return self.gains.kp
 
     @property
+    def p_gain(self) -> float:
+        """The value of `gains.kp`."""
+        return self.gains.kp
+
+    @property
     def lag_s(self) -> float:
         """`kd`/`kp`: damping acts against a goal velocity of 0; NaN for a joint without stiffness."""
         return self.gains.kd / self.gains.kp if self.gains.kp > 0.0 else math.nan

@@ -133,6 +133,11 @@ class ServoType(TypeSpec):
         return self._strength[0] * output * self.gains.p
 
     @property
+    def p_gain(self) -> float:
+        """The value of `gains.p`."""
+        return float(self.gains.p)
+
+    @property
     def lag_s(self) -> float:
         """The gain and the speed without load give it."""
         return lag_of(self.stiffness_nm_per_rad, self._strength)

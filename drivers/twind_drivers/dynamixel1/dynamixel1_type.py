@@ -104,6 +104,13 @@ class Dynamixel1Type(UnwatchedType):
         return self.strength[0] * share_per_radian(self.model, FACTORY_GAIN if given is None else given)
 
     @property
+    def p_gain(self) -> float:
+        """The value of `gains.p`; of an AX, RX or EX the inverse of its slope."""
+        given = self.gains.p if self.model.bulk_read else self.gains.slope
+        known = float(FACTORY_GAIN if given is None else given)
+        return known if self.model.bulk_read else 1.0 / known
+
+    @property
     def lag_s(self) -> float:
         """The gain and the speed without load give it."""
         return lag_of(self.stiffness_nm_per_rad, self.strength)

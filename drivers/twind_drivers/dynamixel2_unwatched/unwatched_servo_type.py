@@ -97,9 +97,15 @@ class UnwatchedServoType(UnwatchedType):
         """Stall torque and gain give it; NaN for a PRO -R: no page states its law."""
         if self.model.ampere is not None:
             return math.nan
-        gain = FACTORY_P if self.gains.p is None else self.gains.p
-        share = gain / (FULL * self.model.figures.divisor)  # of the output, for each count of error
+        share = self.p_gain / (FULL * self.model.figures.divisor)  # of the output, for each count of error
         return self.model.strength(self.volts)[0] * share * self.model.turn / math.tau
+
+    @property
+    def p_gain(self) -> float:
+        """The value of `gains.p`; an XL-320's as from the factory where the file gives none."""
+        if self.gains.p is None:
+            return math.nan if self.model.ampere is not None else float(FACTORY_P)
+        return float(self.gains.p)
 
     @property
     def lag_s(self) -> float:

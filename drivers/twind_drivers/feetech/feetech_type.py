@@ -90,9 +90,13 @@ class FeetechType(UnwatchedType):
 
     @property
     def stiffness_nm_per_rad(self) -> float:
-        """Stall torque and P gain give it; P as from the factory where the file gives none."""
-        p = FACTORY_P if self.gains.p is None else self.gains.p
-        return self.strength[0] * share_per_radian(p)
+        """Stall torque and P gain give it."""
+        return self.strength[0] * share_per_radian(self.p_gain)
+
+    @property
+    def p_gain(self) -> float:
+        """The value of `gains.p`; as from the factory where the file gives none."""
+        return float(FACTORY_P if self.gains.p is None else self.gains.p)
 
     @property
     def lag_s(self) -> float:

@@ -271,8 +271,9 @@ class CommandHandlers:
     def _arm_ended(self, command: link.Arm, outcome: CallOutcome | None) -> None:
         """Reply to an arming. The simulation follows from where the robot is held."""
         context = self._context
-        if isinstance(outcome, CallReply) and context.robot.written is not None:
-            self._parts.twin.place(context.robot.written)
+        commanded = context.robot.commanded
+        if isinstance(outcome, CallReply) and commanded is not None:
+            self._parts.twin.place(commanded)
         self._reply(command, outcome)
         unwatched = outcome.parameters.get("warnings", ()) if isinstance(outcome, CallReply) else ()
         if unwatched:

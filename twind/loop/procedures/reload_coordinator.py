@@ -274,11 +274,10 @@ def put_in_force(context: ProcedureContext, parts: LoopParts, one: BoundRobot) -
         port.writer = writers.get(port.name, port.writer)
     hardware.rejoin(binding.joint_map)
     parts.guard.limit(binding.limits, binding.ratings)
+    parts.twin.take_gains(binding)
     context.executor.limits = binding.limits
     if context.robot.compensation is not None:
-        context.robot.compensation.rescale(
-            binding.ratings.stiffness / context.robot.description.ratings.stiffness
-        )
+        context.robot.compensation.limit(binding.ratings, parts.guard.follow)
     context.robot.outlook = outlook
     context.robot.description = replace(
         context.robot.description,

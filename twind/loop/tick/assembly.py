@@ -33,7 +33,6 @@ from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
-from twind.safety.follow_bounds import follow_bounds
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
@@ -52,7 +51,6 @@ from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
 
-FOLLOW_SHARE = 0.5  # of the bound of FOLLOW_ERR that an offset against gravity may use
 NO_TAPES: Mapping[str, BusTap] = MappingProxyType({})
 
 
@@ -93,6 +91,7 @@ def build(
         for bus in binding.joint_map.buses
     ]
     health = TimingMonitor(len(ports), thresholds.latency_warn)
+    guard = _guard(robot, period)
     parts = LoopParts(
         clock=clock,
         period=period,
@@ -100,7 +99,7 @@ def build(
         hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
         twin=Twin(binding, period),
         executor=TrajectoryExecutor(binding.limits, period),
-        guard=_guard(robot, period),
+        guard=guard,
         lease=Lease(),
         health=health,
         way=CommandLatencyTracer(health),
@@ -112,7 +111,7 @@ def build(
         rewire=rewire,
         power=power,
         outlook=_outlook(binding, period),
-        compensation=gravity_compensation(robot.file, binding),
+        compensation=gravity_compensation(robot.file, binding, guard),
     )
     return Loop(parts, mode)
 
@@ -179,20 +178,11 @@ def _torque_at_rest(binding: Binding) -> TorqueAtRest | None:
     return Dynamics(binding).at_rest if np.isfinite(binding.ratings.lead).any() else None
 
 
-def gravity_compensation(robot: RobotFile, binding: Binding) -> GravityCompensation | None:
-    """Return the offset of goals against gravity; None: the robot file does not ask for it.
-
-    An offset uses at most half of the distance at which FOLLOW_ERR latches, and the lead limit.
-    """
+def gravity_compensation(robot: RobotFile, binding: Binding, guard: Guard) -> GravityCompensation | None:
+    """Return the offset of goals against gravity; None: the robot file does not ask for it."""
     if not robot.compensate_gravity:
         return None
-    rated = binding.ratings
-    stiffness = rated.stiffness.copy()
-    for name, estimate in robot.estimates("stiffness_nm_per_rad").items():
-        stiffness[robot.names.index(name)] = estimate.value
-    following = follow_bounds(rated, binding.limits, worst_load(binding), Bounds())
-    most = np.minimum(FOLLOW_SHARE * following.rad, rated.lead)
-    return GravityCompensation(Dynamics(binding).at_rest, stiffness, most)
+    return GravityCompensation(Dynamics(binding).at_rest, binding.ratings, guard.follow)
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:

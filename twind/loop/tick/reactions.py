@@ -131,7 +131,10 @@ class Reactions:
         free = context.procedures.rank is None
         slower = free and decision.pace < 1.0 and not context.executor.slowed
         context.executor.pace = decision.pace if free else 1.0
-        context.executor.fence = decision.fence if free else None
+        fence = decision.fence if free else None
+        if fence is not None and context.robot.compensation is not None:
+            fence = context.robot.compensation.fence_of_commands(fence)
+        context.executor.fence = fence
         context.executor.slowed_by = decision.slowing
         if slower and context.executor.motion in MOVING:
             because = ", ".join(decision.slowing)
