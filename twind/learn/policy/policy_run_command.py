@@ -30,6 +30,7 @@ from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.policy.onnx_session import limit_memory
+from twind.learn.policy.policy_actor import TrainedActor
 from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
@@ -65,10 +66,9 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
     rate_hz = float(status["loop"]["rate_hz"])
     plant = _fitting(card, answer, status, rate_hz)
     controller = PolicyController(
-        policy,
+        TrainedActor(policy, task.phases(card.shaping.period)),
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
-        task.phases(card.shaping.period),
         _command(options, card, task),
         MonotonicClock().now,
     )
