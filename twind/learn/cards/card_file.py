@@ -4,8 +4,10 @@ As in `policy_file.py` a network first runs in a process of its own: `python -m 
 """
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from twind.config.yaml_tree import ConfigError
@@ -16,8 +18,6 @@ from twind.learn.policy import policy_file
 from twind.learn.policy.onnx_session import OnnxSession
 from twind.learn.policy.policy_file import Policy, check_stdin, network_bytes, require_runnable
 
-HEAD = 8  # bytes before the card that say its length
-
 
 def load_any(path: Path, card: Path | None = None) -> Policy | CardPolicy:
     """Return the policy of a file with its card: `card`, else the one beside it, else the one inside.
@@ -26,22 +26,24 @@ def load_any(path: Path, card: Path | None = None) -> Policy | CardPolicy:
     """
     place = card or card_beside(path)
     text = read_card(place)[1] if card is not None or place.exists() else ""
+    stored = path.with_name(f"{path.name}.data")  # where torch.onnx.export puts the weights
     try:
+        beside = {stored.name: network_bytes(stored)} if stored.exists() else {}
         data = network_bytes(path)
-        require_runnable(__name__, len(text.encode()).to_bytes(HEAD, "big") + text.encode() + data)
-        return _policy(data, text, str(place))
+        require_runnable(__name__, msgspec.msgpack.encode((data, beside, text)))
+        return _policy(data, beside, text, str(place))
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
 
 
-def _policy(data: bytes, text: str, file: str) -> Policy | CardPolicy:
+def _policy(data: bytes, beside: Mapping[str, bytes], text: str, file: str) -> Policy | CardPolicy:
     """Load a network and run it once. `text`: of its card, "": inside. Raises InvalidInput."""
-    session = OnnxSession(data)
+    session = OnnxSession(data, beside)
     if not text and policy_file.KEY in session.metadata:
         return policy_file.from_session(session)
     if not text and KEY not in session.metadata:
         raise InvalidInput(
-            f"has no card: neither {file} nor {policy_file.KEY!r} or {KEY!r} in its metadata: "
+            f"has no card: no NAME.card.yaml beside it, no {policy_file.KEY!r} or {KEY!r} in its metadata: "
             "`twindctl policy card --template NAME` writes one to fill in"
         )
     try:
@@ -60,8 +62,8 @@ def _policy(data: bytes, text: str, file: str) -> Policy | CardPolicy:
 
 
 def _check(stdin: bytes) -> None:
-    end = HEAD + int.from_bytes(stdin[:HEAD], "big")
-    _policy(stdin[end:], stdin[HEAD:end].decode(), "its card")
+    data, beside, text = msgspec.msgpack.decode(stdin, type=tuple[bytes, dict[str, bytes], str])
+    _policy(data, beside, text, "its card")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a drive needs of a policy of any origin: its fit to a robot, its actor, its task and its commands."""
+"""A policy of any origin as a drive needs it: its fit to a robot, its actor, its task and its commands."""
 
 import argparse
 from collections.abc import Mapping

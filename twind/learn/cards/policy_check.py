@@ -37,7 +37,7 @@ class CheckLine(NamedTuple):
 
 @dataclass(slots=True)
 class CheckSettings:
-    """What a check does."""
+    """Settings of a check."""
 
     command: Floats  # (3,)
     seconds: float  # of the drive in simulation
@@ -76,7 +76,7 @@ def check_policy(policy: AnyPolicy, settings: CheckSettings) -> Iterator[CheckLi
 
 
 def _reach(actor: PolicyActor, plant: Plant) -> Iterator[CheckLine]:
-    """Whether the limits admit all that the clipped action can ask for."""
+    """Compare the limits with all that the clipped action can ask for."""
     limits = plant.binding.limits
     wanted = actor.shaper.reach if isinstance(actor, CardActor) else None
     if wanted is None:

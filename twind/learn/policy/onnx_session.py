@@ -36,13 +36,22 @@ class TensorEnd(NamedTuple):
 class OnnxSession:
     """A loaded model. For one thread at a time."""
 
-    def __init__(self, data: bytes) -> None:
-        """Load a model; no operation of it runs. Raises InvalidInput where onnxruntime cannot load it."""
+    def __init__(self, data: bytes, beside: Mapping[str, bytes] | None = None) -> None:
+        """Load a model; no operation of it runs. Raises InvalidInput where onnxruntime cannot load it.
+
+        `beside`: contents of the files that it may store arrays in, by name. No other file is read.
+        """
         import onnxruntime
 
         try:
+            options = _options(onnxruntime)
+            if beside:
+                stored = list(beside.values())
+                options.add_external_initializers_from_files_in_memory(
+                    list(beside), stored, [len(each) for each in stored]
+                )
             self._session: Any = onnxruntime.InferenceSession(
-                data, _options(onnxruntime), providers=["CPUExecutionProvider"]
+                data, options, providers=["CPUExecutionProvider"]
             )
             self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
             self.inputs = [TensorEnd(each.name, each.type, each.shape) for each in self._session.get_inputs()]
@@ -149,4 +158,6 @@ def _reason(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, MemoryError) or "bad_alloc" in text:
         return f"it needs more than {MEMORY >> 20} MiB of memory, the bound of a policy"
+    if "xternal data" in text:
+        return "it stores arrays in another file than NAME.onnx.data beside it: export it as one file"
     return text[:_SHOWN]

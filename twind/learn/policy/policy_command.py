@@ -62,15 +62,15 @@ def command(text: str) -> tuple[float, float, float]:
 def run(options: argparse.Namespace) -> int:
     """The exit code. Raises UsageError, Rejected, ClientError."""
     if options.kind == "card":
-        from twind.learn.cards.check_command import write_template
+        from twind.learn.cards.card_commands import write_template
 
         return write_template(options)
     if find_spec("onnxruntime") is None:
         raise UsageError(f"policy needs onnxruntime: {how_to_add('policy')}")
     from twind.config.yaml_tree import ConfigError
     from twind.learn.cards.card_actor import CardPolicy
+    from twind.learn.cards.card_commands import run_check, show_card
     from twind.learn.cards.card_file import load_any
-    from twind.learn.cards.check_command import run_check, show_card
 
     try:
         policy = load_any(options.file, options.card)
