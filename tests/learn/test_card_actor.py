@@ -55,7 +55,7 @@ def test_targets_are_offset_and_scale_in_the_order_and_signs_of_the_card(tmp_pat
 
 
 def test_an_action_may_count_from_zero(tmp_path: Path) -> None:
-    made = actor(tmp_path, linear(5, 2, bias=[1.0, 0.5]), HEAD + PLAIN.replace("0.5}", "0.5, offset: zero}"))
+    made = actor(tmp_path, linear(5, 2, bias=[1.0, 0.5]), HEAD + PLAIN.replace("0.5,", "0.5, offset: zero,"))
     np.testing.assert_allclose(made.shape(acted(made))[0], [0.25, 0.5])
 
 
@@ -66,12 +66,12 @@ def test_a_target_beyond_the_limits_is_cut_and_counted(tmp_path: Path) -> None:
 
 
 def test_an_action_is_clipped_before_it_is_scaled(tmp_path: Path) -> None:
-    made = actor(tmp_path, linear(5, 2, bias=9.0), HEAD + PLAIN.replace("0.5}", "0.5, clip: [-1.0, 0.2]}"))
+    made = actor(tmp_path, linear(5, 2, bias=9.0), HEAD + PLAIN.replace("0.5,", "0.5, clip: [-1.0, 0.2],"))
     assert acted(made).tolist() == pytest.approx([0.2, 0.2])
 
 
 def test_a_linear_path_reaches_its_target_at_the_end_of_the_period(tmp_path: Path) -> None:
-    made = actor(tmp_path, linear(5, 2, bias=0.1), HEAD + PLAIN.replace("0.5}", "0.5, path: linear}"))
+    made = actor(tmp_path, linear(5, 2, bias=0.1), HEAD + PLAIN.replace("hold", "linear"))
     target, velocity = made.shape(acted(made))
     np.testing.assert_allclose(target, [0.15, 0.25])
     np.testing.assert_allclose(target - velocity * 0.02, [0.1, 0.2])

@@ -55,7 +55,7 @@ def test_an_unknown_term_is_refused_by_name_with_the_known_ones() -> None:
         ("{joint_position: {}, projected_gravity: {}}", "{}", "an observation needs a term"),
         ("inputs:", "command: {left: [1.0, -1.0]}\ninputs:", "command.left: .* the lower end comes first"),
         ("inputs:", "signs: {elbow: -1}\ninputs:", "no term and no action has a joint 'elbow'"),
-        ("inputs:", "signs: {hip: 2}\ninputs:", "2 is none of -1, 1"),
+        ("inputs:", "signs: {hip: 2}\ninputs:", "signs.hip: 2 is none of"),
     ],
 )
 def test_a_mistake_is_named(old: str, new: str, message: str) -> None:

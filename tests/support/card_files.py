@@ -15,12 +15,12 @@ default_rad: {hip: 0.1, knee: 0.2}
 """
 PLAIN = """\
 inputs: {obs: {terms: {joint_position: {}, projected_gravity: {}}}}
-action: {output: actions, scale_rad: 0.5}
+action: {output: actions, scale_rad: 0.5, path: hold}
 """
 COUNTER = """\
 inputs: {obs: {terms: {joint_position: {}}}}
 state: {s_in: {output: s_out, shape: [1, 2]}}
-action: {output: actions, scale_rad: 0.001}
+action: {output: actions, scale_rad: 0.001, path: hold}
 """
 
 

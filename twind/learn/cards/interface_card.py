@@ -63,7 +63,9 @@ class ActionSpec(ConfigStruct):
     scales_rad: dict[str, float] | None = None  # by joint; others have scale_rad
     offset: Literal["default", "zero"] = "default"
     clip: Pair | None = None
-    path: Literal["linear", "hold"] = "hold"  # to a target: at constant speed through a period, or at once
+    # To a target: at constant speed through a period, or at once. At once lags where acceleration is limited:
+    # knees of h24 that swing 0.2 rad at 1 Hz were off by 26 mrad rms at once, by 5 mrad at constant speed.
+    path: Literal["linear", "hold"] = "linear"
 
 
 class StateSpec(ConfigStruct):
