@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -111,22 +111,27 @@ def _time(actor: PolicyActor, plant: Plant, command: Floats) -> CheckLine:
     """Time of actions on random readings, and whether all are finite. Raises InvalidInput."""
     rng = np.random.default_rng(0)
     times = []
+    work = []  # s of CPU: other programs do not count
     for number in range(WARM + CALLS):
         reading = BodyReading.empty(len(actor.joints))
         reading.values[...] = rng.normal(0.0, 1.0, reading.values.shape)
         reading.position[...] = plant.default + rng.normal(0.0, 0.3, len(actor.joints))
         reading.gravity[...] /= np.linalg.norm(reading.gravity)
         began = perf_counter()
+        before = thread_time()
         action = actor.act(reading, command, number)
+        work.append(thread_time() - before)
         times.append(perf_counter() - began)
         if isinstance(action, str):
             return CheckLine("fail", "inference", f"{action}, for a random observation")
         actor.shape(action)
     actor.begin()
-    p50, p99, most = np.quantile(np.array(times[WARM:]) * 1e3, (0.5, 0.99, 1.0)).tolist()
+    p50, p99 = np.quantile(np.array(times[WARM:]) * 1e3, (0.5, 0.99)).tolist()
+    used = float(np.quantile(np.array(work[WARM:]), 0.99)) * 1e3
     bound = LATE * actor.period * 1e3
-    text = f"p50 {p50:.3f} ms, p99 {p99:.3f} ms, max {most:.3f} ms, one thread; bound {bound:g} ms"
-    return CheckLine("ok" if p99 < bound else "fail", "inference", text)
+    text = f"p50 {p50:.3f} ms, p99 {p99:.3f} ms, of CPU p99 {used:.3f} ms, one thread; bound {bound:g} ms"
+    verdict = "fail" if used > bound else "warn" if p99 > bound else "ok"
+    return CheckLine(verdict, "inference", text)
 
 
 def _rollout(done: RolloutResult, settings: CheckSettings) -> Iterator[CheckLine]:
