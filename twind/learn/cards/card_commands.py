@@ -62,12 +62,17 @@ def show_card(options: argparse.Namespace, policy: CardPolicy) -> int:
 
 
 def write_template(options: argparse.Namespace) -> int:
-    """Print a card to fill in for a robot. Raises Rejected, UsageError."""
+    """Write a card to fill in for a robot, over no file. Raises Rejected."""
     from twind.learn.cards.card_templates import template_text
 
     try:
-        sys.stdout.write(template_text(options.template, load_robot(options.robot or ROBOT)))
-    except ConfigError as error:
+        text = template_text(options.template, load_robot(options.robot or ROBOT))
+        if options.out is None:
+            sys.stdout.write(text)
+        else:
+            with open(options.out, "x", encoding="utf-8") as file:
+                file.write(text)
+    except (ConfigError, OSError) as error:
         raise Rejected(str(error)) from None
     return DONE
 

@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     drives.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     drives.add_argument("--take", action="store_true", help="take the lease from its present holder")
     card.add_argument("--template", choices=TEMPLATES, required=True, help="framework of the training")
+    card.add_argument("--out", type=Path, metavar="YAML", help="where to (default: print it)")
     for each in (checks, card):
         each.add_argument("--robot", metavar="FILE|NAME", help="robot file, or the name of a built-in robot")
 
