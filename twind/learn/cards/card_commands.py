@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.cards.card_actor import CardPolicy
 from twind.learn.cards.driven_policy import AnyPolicy, command_for
 from twind.learn.cards.policy_check import CheckSettings, check_policy
@@ -24,17 +24,18 @@ def run_check(options: argparse.Namespace, policy: AnyPolicy) -> int:
         raise UsageError(f"--seconds {options.seconds:g}: above 0 and at most 600")
     robot = _robot(options, policy)
     threadpool_limits(limits=1)  # as in a run
-    limit_memory()
+    if options.mp4 is None:  # drawing in software takes more
+        limit_memory()
     folder = (options.card or options.file).parent
     try:
-        settings = CheckSettings(command_for(options, policy), options.seconds, folder, robot)
+        settings = CheckSettings(command_for(options, policy), options.seconds, folder, robot, options.mp4)
         failed = False
         with policy.ending_long_inferences():
             for line in check_policy(policy, settings):
                 failed |= line.verdict == "fail"
                 text = f"{line.verdict:<5} {line.name:<17} {harmless(line.text)}"
                 print(json.dumps(line._asdict()) if options.json else text, flush=True)
-    except InvalidInput as error:
+    except (InvalidInput, OperationFailed) as error:
         raise Rejected(str(error)) from None
     return REFUSED if failed else DONE
 

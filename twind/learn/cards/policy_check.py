@@ -1,11 +1,14 @@
 """Check of a policy before a robot is touched: fit, test vectors, time, numbers, a drive in simulation."""
 
 from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from time import perf_counter, thread_time
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from twind.config.robot_file import RobotFile
@@ -21,6 +24,7 @@ from twind.learn.policy.policy_controller import LATE
 from twind.learn.randomise.randomisation_ranges import RandomisationRanges
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import Plant, plant_of
+from twind.learn.video.video_writer import FPS, VideoWriter
 from twind.robot.arrays import Floats
 
 CALLS = 300  # inferences that are timed, after some that warm up
@@ -43,7 +47,7 @@ class CheckSettings:
     seconds: float  # of the drive in simulation
     folder: Path  # of the card
     robot: RobotFile
-    film: Callable[[Plant], Callable[[SimBody], None]] | None = None  # makes what sees each period
+    film: Path | None = None  # video of the drive
 
 
 def check_policy(policy: AnyPolicy, settings: CheckSettings) -> Iterator[CheckLine]:
@@ -69,10 +73,30 @@ def check_policy(policy: AnyPolicy, settings: CheckSettings) -> Iterator[CheckLi
         yield CheckLine("fail", "inference", str(error))
         return
     body = SimBody(plant, RandomisationRanges(), 1.0 / robot.rate_hz)
-    look = (lambda body: None) if settings.film is None else settings.film(plant)
-    task = task_for(policy)
-    done = roll_out(actor, plant, body, task, settings.command, settings.seconds, look=look)
+    with _filming(settings.film, body, actor.period) as look:
+        done = roll_out(actor, plant, body, task_for(policy), settings.command, settings.seconds, look=look)
     yield from _rollout(done, settings)
+
+
+@contextmanager
+def _filming(path: Path | None, body: SimBody, period: float) -> Iterator[Callable[[SimBody], None]]:
+    """Give what sees each period: it draws `FPS` of them a second. Raises OperationFailed."""
+    if path is None:
+        yield lambda body: None
+        return
+    every = max(1, round(1.0 / (FPS * period)))
+    steps = count(0)
+    data = mujoco.MjData(body.model)
+    with closing(
+        VideoWriter(path, body.model, body.plant.binding.robot.base, 1.0 / (every * period))
+    ) as video:
+
+        def look(body: SimBody) -> None:
+            if next(steps) % every == 0:
+                data.qpos[:] = body.data.qpos  # drawing works on a copy
+                video.add(data)
+
+        yield look
 
 
 def _reach(actor: PolicyActor, plant: Plant) -> Iterator[CheckLine]:
@@ -143,9 +167,9 @@ def _rollout(done: RolloutResult, settings: CheckSettings) -> Iterator[CheckLine
     yield CheckLine(
         "fail" if done.ended else "ok", "drive", f"{text}{f'; {done.ended}' if done.ended else ''}"
     )
-    count = max(done.steps, 1)
+    steps = max(done.steps, 1)
     refused = ", ".join(f"{name} {times} times" for name, times in done.refused.most_common(3)) or "none"
     yield CheckLine("fail" if done.refused else "ok", "gate", f"refused setpoints: {refused}")
-    late = ", ".join(f"{name} in {times / count:.0%}" for name, times in done.late.most_common(4)) or "never"
-    text = f"followed late: {late}; {done.clipped / count:.2f} targets per step were cut to the limits"
+    late = ", ".join(f"{name} in {times / steps:.0%}" for name, times in done.late.most_common(4)) or "never"
+    text = f"followed late: {late}; {done.clipped / steps:.2f} targets per step were cut to the limits"
     yield CheckLine("warn" if done.limited else "ok", "limits in motion", text)

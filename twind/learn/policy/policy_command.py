@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="m/s forward, m/s to the left, rad/s; default: the middle of what it was trained for",
         )
     checks.add_argument("--seconds", type=float, metavar="S", default=5.0, help="of simulation (5)")
+    checks.add_argument("--mp4", type=Path, metavar="OUT", help="write a video of the drive in simulation")
     drives.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     drives.add_argument("--take", action="store_true", help="take the lease from its present holder")
     card.add_argument("--template", choices=TEMPLATES, required=True, help="framework of the training")
