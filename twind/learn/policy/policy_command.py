@@ -1,4 +1,4 @@
-"""Show, check or run a policy, on the robot or the simulation.
+"""Show, check or run a policy.
 
 A policy drives as any client does: with the lease, through the gate, at the rate of its training. Stale,
 late or non-finite values make it hold; if they last, it ends. However it ends, the robot holds.

@@ -1,4 +1,4 @@
-"""Draw a recording as a video: the robot's measured joints and the tilt of its IMU, as .mp4.
+"""Draw a recording as an .mp4 video.
 
 Reads an .mcap or .flight file. No display is needed. A robot without a fixed base stands on its lowest part,
 because no sensor tells where it is. No file is overwritten.
