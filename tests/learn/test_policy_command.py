@@ -132,7 +132,7 @@ def ended(**changed: Any) -> dict[str, Any]:
     rest: dict[str, Any] = dict.fromkeys(("late_p50_ms", "late_p99_ms", "inference_p99_ms"))
     rest |= {"way_p50_ms": 4.0, "way_p99_ms": 6.0, "refused": 0, "refusals": {}, "why_held": []}
     robot_reply = {"steps": 250, "seconds": 10.0, "missed": 250, "too_late": 0, "holds": 2, "held_s": 1.26}
-    return rest | robot_reply | {"most_tilt_deg": 1.0} | changed
+    return rest | robot_reply | {"most_tilt_deg": 1.0, "return_per_step": 1.5} | changed
 
 
 def test_many_missed_periods_are_reported_with_hold_duration_and_remedy() -> None:

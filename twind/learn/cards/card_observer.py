@@ -19,6 +19,7 @@ from twind.robot.arrays import Floats
 
 CONTACT = 0.01  # m above the lower sole below which a foot counts as standing
 AGES = 3  # last actions that are kept
+MOST = 1 << 20  # entries of an input
 STILL = 0.01  # size of a command below which it is zero
 UNBOUNDED = np.array([-np.inf, np.inf])
 
@@ -171,6 +172,8 @@ class _CardInput:
             for key in ("place", "sign", "shift", "scale")
         )
         self._low, self._high = np.concatenate([term.clip for term in terms], axis=1)
+        if spec.history * len(self._place) > MOST:
+            raise InvalidInput(f"its card: input {name} has more than {MOST} entries")
         self._frames = np.zeros((spec.history, len(self._place)), np.float32)  # the newest last
         self._empty = True
         self._order = self._stacked([len(term.place) for term in terms], list(spec.terms.values()))

@@ -159,9 +159,10 @@ def _time(actor: PolicyActor, plant: Plant, command: Floats) -> CheckLine:
 
 
 def _rollout(done: RolloutResult, settings: CheckSettings) -> Iterator[CheckLine]:
+    reward = done.returned / max(done.steps, 1)
     command = ", ".join(f"{each:g}" for each in settings.command.tolist())
     text = (
-        f"{done.seconds:.1f} s of {settings.seconds:g} s, command {command}: return {done.returned:.1f}, "
+        f"{done.seconds:.1f} s of {settings.seconds:g} s, command {command}: return {reward:.3f} per step, "
         f"{done.forward:+.2f} m forward, tilt at most {done.tilt:.0f}°"
     )
     yield CheckLine(

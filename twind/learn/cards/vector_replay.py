@@ -56,5 +56,5 @@ def _arrays(spec: VectorSpec, folder: Path) -> dict[str, Rows]:
                 raise InvalidInput(f"{spec.file}: unpacks to more than {LARGEST >> 20} MiB")
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             return {name: np.asarray(stored[name], np.float64) for name in stored.files}
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise InvalidInput(f"{spec.file}: cannot be read as an .npz file of numbers: {error}") from None

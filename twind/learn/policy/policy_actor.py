@@ -21,6 +21,8 @@ Action = NDArray[np.float32]
 class TargetSource(Protocol):
     """Joint targets that are sent: arrays (n,), rad."""
 
+    target: Floats  # the last one
+
     @property
     def default(self) -> Floats:
         """Pose in which a drive begins."""

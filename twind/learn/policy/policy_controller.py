@@ -64,6 +64,8 @@ class PolicyStatistics:
     tilt: float = nan  # degrees from upright, now
     most_tilt: float = 0.0
     inference: float = nan  # s, of the last action, its observation included
+    returned: float = 0.0  # sum of the rewards of `judged` steps, by the estimated readings
+    judged: int = 0
     source: float = nan  # s, monotonic: the tick whose state it acted on
 
 
@@ -77,13 +79,15 @@ class PolicyController:
         fallen: Callable[[BodyReading], bool],
         command: Floats,
         clock: Callable[[], float],
+        reward: Callable[[BodyReading, Floats, int], float] = lambda reading, target, step: 0.0,
     ) -> None:
-        """`command`: (3,) m/s, m/s, rad/s."""
+        """`command`: (3,) m/s, m/s, rad/s. `reward`: of a reading, by the target (n,) that led to it."""
         self._actor = actor
         self._seeing = seeing
         self._fallen = fallen
         self._command = command
         self._clock = clock
+        self._reward = reward
         self._joints = actor.joints
         self.period = actor.period
         self.shaper = actor.shaper
@@ -114,6 +118,9 @@ class PolicyController:
             still = self._back(state)
             if still is not None:
                 return still
+        elif self.figures.steps:
+            self.figures.judged += 1
+            self.figures.returned += self._reward(reading, self.shaper.target, self.figures.steps - 1)
         return self._drive(state, reading, deadline)
 
     def record_acceptance(self) -> None:

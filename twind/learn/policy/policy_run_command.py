@@ -63,8 +63,14 @@ def run_policy(options: argparse.Namespace, policy: AnyPolicy) -> int:
         actor = actor_for(policy, PolicyRobot.from_get_robot(answer["robot"], rate_hz), plant.default)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
+    judge = RewardFunction(task, plant)
     controller = PolicyController(
-        actor, BaseEstimator(plant), RewardFunction(task, plant).fallen, command, MonotonicClock().now
+        actor,
+        BaseEstimator(plant),
+        judge.fallen,
+        command,
+        MonotonicClock().now,
+        judge.per_step(command, task.phases(actor.period)),
     )
     with policy.ending_long_inferences():
         return _drive(options, controller, actor, rate_hz)
@@ -138,6 +144,10 @@ def _line(figures: Mapping[str, Any], holding: str | None) -> str:
     return f"HOLDS: {holding}; {text}" if holding else text
 
 
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
 def _ms(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f} ms"
 
@@ -170,7 +180,7 @@ def _figures(figures: Mapping[str, Any]) -> list[str]:
         f"{_ms(figures['inference_p99_ms'])}; from a tick to its setpoint p50 {_ms(figures['way_p50_ms'])}, "
         f"p99 {_ms(figures['way_p99_ms'])}",
         f"{figures['refused']} refused, {figures['holds']} holds{_held(figures)}, "
-        f"tilt at most {figures['most_tilt_deg']:g}°",
+        f"tilt at most {figures['most_tilt_deg']:g}°, return {_number(figures['return_per_step'])} per step",
     ]
     if figures["missed"] > MANY * (figures["steps"] + figures["missed"]) or figures["too_late"]:
         lines.append(BUSY)
