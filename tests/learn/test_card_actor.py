@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
@@ -14,10 +16,13 @@ from tests.support.policy_world import POSE, World
 from twind.exceptions import InvalidInput
 from twind.learn.cards.card_actor import CardActor, CardPolicy
 from twind.learn.cards.card_file import load_any
+from twind.learn.cards.interface_card import parse_card
+from twind.learn.policy.onnx_session import OnnxSession
 from twind.learn.policy.policy_card import limits_of
 from twind.learn.policy.policy_controller import PolicyController, PolicyHold, PolicySetpoint
 from twind.learn.task.observation import BodyReading
 from twind.robot_client.state_message import STALE
+from twind.safety.setpoint_gate import judge
 
 ROBOT = ("hip", "knee")
 LIMITS = limits_of((-1.0, -1.0), (1.0, 1.0), (4.0, 4.0), (20.0, 20.0))
@@ -27,6 +32,11 @@ def policy(folder: Path, network: Any, card: str) -> CardPolicy:
     made = load_any(carded(folder, network, card))
     assert isinstance(made, CardPolicy)
     return made
+
+
+def untried(card: str) -> CardPolicy:
+    """A policy without the check in a process of its own, which takes half a second."""
+    return CardPolicy(parse_card(card, "x"), OnnxSession(linear(5, 2).SerializeToString()))
 
 
 def actor(folder: Path, network: Any, card: str) -> CardActor:
@@ -61,7 +71,7 @@ def test_an_action_may_count_from_zero(tmp_path: Path) -> None:
 
 def test_a_target_beyond_the_limits_is_cut_and_counted(tmp_path: Path) -> None:
     made = actor(tmp_path, linear(5, 2, bias=[9.0, 0.0]), HEAD + PLAIN)
-    np.testing.assert_allclose(made.shape(acted(made))[0], [0.1, 1.0])
+    np.testing.assert_allclose(made.shape(acted(made))[0], [0.1, 1.0], atol=1e-5)
     assert made.shaper.clipped == 1
 
 
@@ -75,6 +85,24 @@ def test_a_linear_path_reaches_its_target_at_the_end_of_the_period(tmp_path: Pat
     target, velocity = made.shape(acted(made))
     np.testing.assert_allclose(target, [0.15, 0.25])
     np.testing.assert_allclose(target - velocity * 0.02, [0.1, 0.2])
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    actions=st.lists(st.tuples(*[st.floats(-5.0, 5.0, width=32)] * 2), min_size=1, max_size=12),
+    path=st.sampled_from(["hold", "linear"]),
+    hip=st.sampled_from([-1.0, 0.1, 1.0]),
+)
+def test_no_action_makes_a_setpoint_that_the_gate_refuses(
+    actions: list[tuple[float, ...]], path: str, hip: float
+) -> None:
+    text = (HEAD + PLAIN.replace("hold", path)).replace("hip: 0.1", f"hip: {hip}")
+    made = CardActor(untried(text), ROBOT, LIMITS, np.zeros(2))
+    for action in actions:
+        target, velocity = made.shape(np.float32(action))
+        sent = target - velocity * made.period
+        found = judge(np.arange(2), sent, velocity, LIMITS, valid_for=0.06, allow_clamp=False)
+        assert not found.verdict.refusals, found.verdict
 
 
 def test_joints_that_the_card_does_not_name_keep_the_pose_of_the_robot(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from twind.robot.arrays import Floats, frozen
 from twind.robot.joint_limits import JointLimits
 
 FLOAT = "tensor(float)"
+MARGIN = 1e-6  # rad that targets keep from the limits: rounding would else put a setpoint beyond them
 
 
 class CardPolicy:
@@ -79,8 +80,8 @@ class CardTargets:
         self.default = frozen(default)
         self.reach = reach
         low, high = (limits.lower, limits.upper) if reach is None else reach
-        self.lower = frozen(np.maximum(low, limits.lower))
-        self.upper = frozen(np.minimum(high, limits.upper))
+        self.lower = frozen(np.maximum(low, limits.lower + MARGIN))
+        self.upper = frozen(np.minimum(high, limits.upper - MARGIN))
         self.velocity = limits.velocity
         self.target = default.copy()
         self.clipped = 0  # targets that the action put beyond the limits
@@ -117,7 +118,8 @@ class CardActor:
     def begin(self, goal: Floats | None = None) -> None:
         """Begin at rest: the recurrent state is zero and the history empty."""
         self.policy.begin()
-        self.shaper.target = self.shaper.default.copy() if goal is None else goal.copy()
+        place = self.shaper.default if goal is None else goal
+        self.shaper.target = np.minimum(np.maximum(place, self.shaper.lower), self.shaper.upper)
         self._observer.begin(None if goal is None else (goal[self._moved] - self._origin) / self._scale)
 
     def act(self, reading: BodyReading, command: Floats, step: int) -> Action | str:
@@ -139,7 +141,7 @@ class CardActor:
         wanted = shaper.default.copy()
         wanted[self._moved] = self._origin + self._scale * action
         target = np.minimum(np.maximum(wanted, shaper.lower), shaper.upper)
-        shaper.clipped += int((target != wanted).sum())
+        shaper.clipped += int((np.abs(target - wanted) > 2.0 * MARGIN).sum())
         before = shaper.target
         shaper.target = target
         if self._card.action.path == "hold":
