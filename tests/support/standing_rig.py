@@ -13,9 +13,10 @@ import numpy as np
 from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
+from twind.learn.cards.driven_policy import actor_for, task_for
 from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.policy.policy_card import PolicyRobot
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
-from twind.learn.task.learning_tasks import task_of
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import plant_of
 from twind.learn.task.reward import RewardFunction
@@ -63,23 +64,27 @@ class StandingRig(Rig):
 
     def pilots(self, policy: Any) -> PolicyController:
         """The policy, at the reins of this robot."""
-        plant = plant_of(self.robot, period=policy.card.shaping.period)
-        task = task_of(policy.card.task)
+        plant = plant_of(self.robot, period=self.loop.robot.period)
+        task = task_for(policy)
+        limits = plant.binding.limits
+        described = PolicyRobot.from_limits(self.robot.name, plant.layout, limits, self.robot.rate_hz)
+        actor = actor_for(policy, described, plant.default)
         self.estimator = BaseEstimator(plant)
+        judge = RewardFunction(task, plant)
         self.pilot = PolicyController(
-            policy,
+            actor,
             self.estimator,
-            RewardFunction(task, plant).fallen,
-            task.phases(policy.card.shaping.period),
+            judge.fallen,
             np.zeros(3),
             self.clock.now,
+            judge.per_step(np.zeros(3), task.phases(actor.period)),
         )
         return self.pilot
 
     def drive(self, seconds: float, each: Any = None) -> str | None:
         """Why it ended before that; None: it did not. `each`: called before each period with its number."""
         assert self.pilot is not None
-        count = round(self.pilot.shaper.shaping.period / self.loop.robot.period)
+        count = round(self.pilot.period / self.loop.robot.period)
         for step in range(round(seconds / (count * self.loop.robot.period))):
             if each is not None:
                 each(step)

@@ -54,6 +54,7 @@ class PolicyRunLog:
         past = self.ended - self.began
         figures: dict[str, object] = {"seconds": round(past, 3), "steps": seen.steps}
         figures["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
+        figures["return_per_step"] = round(seen.returned / seen.judged, 4) if seen.judged else None
         figures["missed"] = 0 if timer is None else timer.missed
         for name in ("late", "inference", "way"):
             figures |= _spread(name, list(islice(reversed(getattr(self, name)), recent)))

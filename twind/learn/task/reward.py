@@ -3,6 +3,7 @@
 They are arithmetic on columns (`observation.columns`), floats of one robot or arrays of many.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,17 @@ class RewardFunction:
         `target` (…, n) was sent for it, rad; `command` (…, 3), `phase` (…, 4).
         """
         return self._worth(columns(reading.base), reading, target, command, phase)
+
+    def per_step(self, command: Floats, phases: Floats) -> Callable[[BodyReading, Floats, int], float]:
+        """Make the reward of one robot for a reading, the target (n,) that led to it, and the step's number.
+
+        `phases`: (k, 4) of the steps, again and again.
+        """
+
+        def reward(reading: BodyReading, target: Floats, step: int) -> float:
+            return float(self.reward(reading, target, command, phases[step % len(phases)])[0])
+
+        return reward
 
     def fallen(self, reading: BodyReading) -> Column:
         """The base is tilted too far, or too low: bool, or (…,)."""

@@ -65,11 +65,16 @@ def _make_env(settings: TrainingSettings) -> Any:
 class PpoLearner:
     """One PPO with its environments, stepped an update at a time. `close` gives them back."""
 
-    def __init__(self, settings: TrainingSettings, state: bytes | None = None) -> None:
-        """`state`: of a checkpoint, to go on from. Raises ValueError: it is none of ours."""
+    def __init__(
+        self, settings: TrainingSettings, state: bytes | None = None, logs: Path | None = None
+    ) -> None:
+        """`state`: of a checkpoint, to go on from; `logs`: folder for TensorBoard.
+
+        Raises ValueError: the state is none of ours.
+        """
         import torch
         from stable_baselines3 import PPO
-        from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
         from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
         torch.set_num_threads(THREADS)
@@ -94,7 +99,8 @@ class PpoLearner:
             seed=settings.seed,
             device="cpu",
         )
-        self.model.set_logger(Logger(None, []))
+        self._logger = Logger(None, [] if logs is None else [TensorBoardOutputFormat(str(logs))])
+        self.model.set_logger(self._logger)
         self.model.ep_info_buffer = deque(maxlen=RECENT)
         self.model.ep_success_buffer = deque(maxlen=RECENT)
         if state is not None:
@@ -110,6 +116,12 @@ class PpoLearner:
     def update(self) -> None:
         """One rollout, and what is learnt of it."""
         self.model.learn(self.settings.rollout * self.settings.envs, reset_num_timesteps=False)
+
+    def record(self, figures: Mapping[str, float]) -> None:
+        """Write figures of an evaluation to the logs, under the names of SB3's `EvalCallback`."""
+        for name, value in figures.items():
+            self._logger.record(f"eval/{name}", value)
+        self._logger.dump(self.steps)
 
     def recent(self) -> tuple[float, float, float] | None:
         """Return means over the last episodes: return, length (control steps), share that fell.
@@ -148,7 +160,8 @@ class PpoLearner:
         return file.getvalue()
 
     def close(self) -> None:
-        """Give the environments back."""
+        """Give the environments back, finish the logs."""
+        self._logger.close()
         self._normal.close()
 
     def _restore(self, state: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Train a policy in simulation and export it as a policy file.
+"""Train a policy in simulation.
 
 TASK is `stand` (balance on soft servos) or `humanoid` (walk as commanded). PPO of Stable-Baselines3 learns
 on a batch of simulations. At intervals it is evaluated on separate simulations, beside the zero policy,
@@ -71,6 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     sizes = f"hidden layers of actor and critic{_default('hidden')}"
     parser.add_argument("--hidden", type=_sizes, metavar="N,N", help=sizes)
+    parser.add_argument(
+        "--tensorboard-log", type=Path, metavar="DIR", help="logs for TensorBoard, as SB3 writes them"
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--out", type=Path, metavar="DIR", help="folder to make (default: TASK-DATE-TIME here)"
@@ -109,6 +112,8 @@ def run(options: argparse.Namespace) -> int:
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
+    if options.tensorboard_log is not None and find_spec("tensorboard") is None:
+        raise UsageError(f"--tensorboard-log needs tensorboard: {how_to_add('tensorboard')}")
     from twind.config.yaml_tree import ConfigError
     from twind.learn.training.training_folder import lock_folder, require_fresh
 
@@ -200,7 +205,7 @@ def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: An
 
     with catch_stop_signals() as stop, ProgressLine(options, "train") as progress:
         progress.update("making simulations, judging the zero policy")
-        course = Trainer(settings, folder, TrainingReporter(options), before)
+        course = Trainer(settings, folder, TrainingReporter(options), before, options.tensorboard_log)
         try:
             course.run(stop, progress)
         except OSError as error:

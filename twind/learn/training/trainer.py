@@ -69,14 +69,18 @@ class Trainer:
         folder: TrainingFolder,
         reporter: TrainingReporter,
         before: Mapping[str, object] | None,
+        logs: Path | None = None,
     ) -> None:
-        """`before`: the run's file of a training that goes on. Raises Rejected: its checkpoint is none."""
+        """`before`: the run's file of a training that goes on; `logs`: folder for TensorBoard.
+
+        Raises Rejected: its checkpoint is none.
+        """
         self._settings = settings
         self._folder = folder
         self._reporter = reporter
         state = None if before is None else _checkpoint(folder.path / CHECKPOINT)
         try:
-            self._learner = PpoLearner(settings, state)
+            self._learner = PpoLearner(settings, state, logs)
         except ValueError as error:
             where = folder.path if state is None else folder.path / CHECKPOINT
             raise Rejected(f"{where}: {error}") from None
@@ -151,6 +155,7 @@ class Trainer:
         score = self._trials.judge(read((path / CANDIDATE).read_bytes()).act)
         (path / CANDIDATE).unlink()
         figures.points.append((learner.steps, score))
+        learner.record({"mean_reward": score.returns, "mean_ep_length": score.length, "falls": score.falls})
         progress.clear()
         is_best = figures.best == figures.points[-1]
         self._reporter.evaluated(learner.steps, self._rate, score, figures.zero, is_best)

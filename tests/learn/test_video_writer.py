@@ -1,0 +1,63 @@
+"""Videos: what is written can be decoded, has the right size and length, and writes over nothing."""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+pytest.importorskip("imageio_ffmpeg", reason="make extras EXTRAS=learn")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
+
+from tests.support.card_files import STANDING, STANDING_PLAIN, carded, linear
+from tests.support.videos import decoded
+from twind.config.robot_file import load_robot
+from twind.ctl.ctl_main import main
+from twind.exceptions import OperationFailed
+from twind.learn.environment.camera_renderer import CameraRenderer
+from twind.learn.video import video_writer
+from twind.learn.video.video_writer import VideoWriter
+
+
+@pytest.fixture(scope="module")
+def model() -> Any:
+    made = mujoco.MjModel.from_xml_path(str(load_robot("h24").mjcf_path))
+    try:
+        CameraRenderer(made, "torso").close()
+    except OperationFailed as reason:
+        pytest.skip(str(reason))
+    return made
+
+
+def test_a_video_has_the_pictures_that_were_added(model: Any, tmp_path: Path) -> None:
+    data = mujoco.MjData(model)
+    writer = VideoWriter(tmp_path / "a.mp4", model, "torso", 20.0)
+    for number in range(10):
+        data.joint("l_shoulder_pitch").qpos = -0.2 * number
+        writer.add(data)
+    writer.close()
+    frames, size, fps = decoded(tmp_path / "a.mp4")
+    assert len(frames) == writer.frames == 10 and size == (640, 480) and fps == pytest.approx(20.0)
+    assert np.abs(frames[0].astype(int) - frames[-1].astype(int)).max() > 50  # an arm has moved
+
+
+def test_a_file_is_not_written_over(model: Any, tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_text("mine")
+    with pytest.raises(OperationFailed, match="is there already"):
+        VideoWriter(tmp_path / "a.mp4", model, "torso")
+    assert (tmp_path / "a.mp4").read_text() == "mine"
+
+
+def test_without_an_encoder_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video_writer, "find_spec", lambda _name: None)
+    with pytest.raises(OperationFailed, match=r"a video needs imageio-ffmpeg: .*learn"):
+        video_writer.require_encoder()
+
+
+def test_a_check_draws_its_drive(model: Any, tmp_path: Path) -> None:
+    path = carded(tmp_path, linear(7, 4), STANDING + STANDING_PLAIN)
+    out = tmp_path / "drive.mp4"
+    assert main(["policy", "check", str(path), "--seconds", "0.4", "--mp4", str(out)]) == 0
+    frames, _, fps = decoded(out)
+    assert len(frames) == 10 and fps == pytest.approx(25.0)

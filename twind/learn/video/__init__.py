@@ -1,0 +1,1 @@
+"""Videos of recordings and of simulated drives, drawn without a display."""
