@@ -1,8 +1,11 @@
 """An identified model reads back as it was written, and refuses what it cannot mean."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,6 +90,8 @@ def test_an_identified_model_reads_back_as_written(model: IdentifiedModel) -> No
         ('robot: "h24"', 'robot: "other"', "robot"),
         ("l_knee", "no_knee", "joints.no_knee"),
         ('value": 0.2', 'value": -0.2', "joints.l_knee.friction_nm.value"),
+        ('value": 0.200000000', 'value": .nan', ""),  # no number of YAML that we take
+        ('value": 0.200000000', 'value": .inf', ""),
         ('value": 0.200000000', 'value": "much"', "joints.l_knee.friction_nm.value"),
         ("friction_nm", "frictoin_nm", "joints.l_knee.frictoin_nm"),
         ("friction_nm", "stiffness_nm_per_deg", "joints.l_knee.stiffness_nm_per_deg"),
@@ -101,6 +106,7 @@ def test_a_wrong_identified_model_is_refused_at_its_place(old: str, new: str, pa
     with pytest.raises(ConfigError) as refused:
         read_identified(text.replace(old, new), "file", ROBOT)
     assert refused.value.path == path
+    assert refused.value.line > 0 or path == "format"
 
 
 @pytest.mark.parametrize(
@@ -144,3 +150,48 @@ def test_the_daemon_reads_the_identified_model_beside_the_calibration(
     identified = describe(replace(sources, identified=str(named))).robot.identified
     assert identified is not None
     assert identified.source == "named"
+
+
+def _larger(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(100 << 20)
+
+
+def _loop(path: Path) -> None:
+    path.symlink_to(path.name)
+
+
+def _dangling(path: Path) -> None:
+    path.symlink_to("absent.yaml")
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (_larger, "larger than 256 KiB"),
+        (_loop, "cannot be read: Too many levels of symbolic links"),
+        (_dangling, "cannot be read: No such file"),
+        (Path.mkdir, "is a folder, not a file"),
+        (os.mkfifo, "is a pipe, not a file"),
+    ],
+)
+@pytest.mark.parametrize("named", [False, True])
+def test_a_daemon_does_not_start_beside_something_else_than_an_identified_model(
+    make: Any, reason: str, named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    path = identified_path(tmp_path / "calibration" / "h24.yaml")
+    path.parent.mkdir()
+    make(path)
+    sources = ConfigSources(mode="sim", robot="h24", identified=str(path) if named else None)
+    with pytest.raises(ConfigError, match=reason) as refused:
+        describe(sources)
+    assert refused.value.file == str(path)
+
+
+def test_clients_get_date_and_source_of_the_identified_model_with_the_robot(tmp_path: Path) -> None:
+    path = save_identified(MODEL, tmp_path / "h24.yaml")
+    robot = describe(ConfigSources(mode="sim", robot="h24", identified=str(path))).robot
+    told = msgspec.to_builtins(robot, enc_hook=str)["identified"]
+    assert (told["created"], told["source"]) == (MODEL.created, MODEL.source)
+    assert msgspec.convert(told, IdentifiedModel) == MODEL

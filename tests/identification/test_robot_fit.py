@@ -21,7 +21,8 @@ def _quiet() -> None:
 @pytest.mark.slow
 def test_the_error_of_the_simulation_falls_below_a_twentieth_of_the_motion() -> None:
     hidden = hide(ROBOT, 0)
-    motion = record(hidden, goals_of(hidden.binding, np.zeros(2)))
+    alone = goals_of(hidden.binding, np.zeros(2))[:3300, ::-1]  # pan would be the first
+    motion = record(hidden, alone)
     found = identify_joints(hidden.binding, [motion], ["tilt"])["tilt"]
     assert found.after.spread < 0.05
     assert found.after.unexplained < 0.5 * found.before.unexplained

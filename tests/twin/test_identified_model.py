@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -19,6 +20,7 @@ from twind.learn.task.plant_model import plant_of
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, bind, rebound
 from twind.twin.mujoco_physics import body_of
+from twind.twin.servo_effects import DelayedGoals, servo_rows
 from twind.twin.simulation import Simulation, hush
 
 ROBOT = load_robot("h24")
@@ -177,6 +179,27 @@ def test_a_dead_band_lets_the_goal_move_by_half_of_it_without_motion() -> None:
     goal = STAND[KNEE] + 0.3
     assert knee_path(free, goal, 300)[-1] - knee_path(dead, goal, 300)[-1] == pytest.approx(0.02, abs=3e-3)
     assert abs(rest - STAND[KNEE]) < 0.04
+
+
+def test_a_dead_band_of_a_delayed_servo_is_around_the_delayed_goal() -> None:
+    prompt = knee_path(bind(identified(dead_band_rad=0.04), None), STAND[KNEE] + 0.2, 40)
+    late = knee_path(bind(identified(dead_band_rad=0.04, delay_s=0.03), None), STAND[KNEE] + 0.2, 40)
+    assert np.abs(late[3:] - prompt[:-3]).max() < 1e-3
+
+
+def test_goals_of_delayed_servos_are_those_that_the_engine_reads() -> None:
+    simulation = Simulation(bind(identified(dead_band_rad=0.04, delay_s=0.027), None), PERIOD)
+    model, data = simulation.model, simulation.data
+    rows = servo_rows(model, PLAIN.actuators)
+    goals = DelayedGoals(model, rows, PLAIN.actuators)
+    simulation.place(STAND)
+    for tick in range(12):
+        simulation.step(STAND + 0.01 * tick)
+        read = [
+            float(np.ravel(mujoco.mj_readCtrl(model, data, int(row), data.time, np.zeros((1, 1)), 1))[0])
+            for row in rows
+        ]
+        assert goals.read(data) == pytest.approx(np.array(read), abs=1e-12)
 
 
 def test_friction_near_rest_and_under_load_keeps_a_joint_from_a_small_step() -> None:

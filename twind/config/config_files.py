@@ -94,7 +94,8 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     path = settings.calibration_path(robot.name)
     usual = settings.usual_calibration(robot.name)
     overlay = overlay_path(settings, robot.name, sources.identified)
-    measured = [overlay] if sources.identified is not None or overlay.is_file() else []
+    # A link that leads nowhere, or a folder, is no reason to go on without what was measured.
+    measured = [overlay] if sources.identified is not None or os.path.lexists(overlay) else []
     files = fingerprints(([path] if path is not None else []) + measured)  # before they are read
     calibration = load_calibration(path, robot) if path is not None else None
     for each in measured:

@@ -63,7 +63,8 @@ def read_identified(text: str, file: str, robot: RobotFile) -> IdentifiedModel:
     top.require_format(FORMAT)
     given = top.read(IdentifiedKeys)
     if given.robot != robot.name:
-        raise top.refuse("robot", f"identified on robot {given.robot!r}, not on {robot.name!r}")
+        why = f"identified on robot {given.robot!r}, not on {robot.name!r}"
+        raise top.refuse("robot", f"{why}: name another model by --identified, or remove this one")
     given.joints.require_known(robot.names)
     return IdentifiedModel(
         robot=given.robot,

@@ -1,5 +1,8 @@
-"""Motions that make parameters of a joint visible: steps for inertia and friction, a chirp for damping and
-delay, slow ramps both ways for friction, dead band and play."""
+"""Motions that make parameters of a joint visible: steps for inertia and friction, chirps for damping, delay
+and dead band, slow ramps with reversals for friction near rest and play.
+
+Chirps and ramps pass over many places of the gear, so that none of its irregularities speaks for all.
+"""
 
 from dataclasses import dataclass
 
@@ -10,9 +13,11 @@ from twind.robot.arrays import Floats
 RATE = 50.0  # Hz, of the points of a motion
 REST = 0.4  # s between the parts
 SHARE = 0.85  # of the limits of speed and acceleration that a motion uses
-CHIRP = (0.3, 4.0, 9.0)  # Hz, Hz, s
+CHIRP = (0.3, 5.0, 6.0)  # Hz, Hz, s
 FADE = 1.0  # s
 RAMP = 0.08  # rad/s
+# Ends of the ramps, as shares of the amplitude.
+ZIGZAG = (-0.3, -0.45, -0.15, -0.3, 0.0, -0.15, 0.15, 0.0, 0.3, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +43,14 @@ def excite(start: float, bounds: ExcitationBounds, amplitude: float, shift: floa
     for place in places:
         parts += [_move(here, place, bounds), _hold(place)]
         here = place
-    parts.append(middle + _chirp(reach, bounds, shift))
-    parts.append(_hold(middle))
-    small = min(0.3 * reach, 0.12)
-    for place in (middle + small, middle - small, middle):
-        parts += [_ramp(here, place), _hold(place)]
+    for way in (1.0, -1.0):
+        chirp = _chirp(0.5 * reach, bounds, shift)
+        centre = middle + way * np.linspace(-0.5, 0.5, len(chirp)) * reach
+        parts += [_move(here, centre[0], bounds), _hold(centre[0]), centre + chirp, _hold(centre[-1])]
+        here = centre[-1]
+    for share in ZIGZAG:
+        place = middle + share * reach
+        parts.append(_ramp(here, place))
         here = place
     parts += [_move(here, start, bounds), _hold(start)]
     return np.concatenate(parts)

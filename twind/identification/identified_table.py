@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import yaml
 
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import Rejected, UsageError, observer, show
-from twind.config.identified_file import load_identified
+from twind.config.config_reader import ConfigReader, Text
+from twind.config.identified_file import read_identified
 from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.robot_file import load_robot
-from twind.config.yaml_tree import ConfigError
+from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.identification.servo_parameters import interval
 
 HEADINGS = ("joint", "parameter", "value", "95 % from", "to", "prior", "")
@@ -77,10 +77,11 @@ def _change(first: ParameterEstimate | None, second: ParameterEstimate | None) -
 def _load(path: Path, options: argparse.Namespace) -> IdentifiedModel:
     """Return the model at `path`, of the robot of the options or the one that it names. Raises Rejected."""
     try:
-        name = options.robot or yaml.safe_load(path.read_text(encoding="utf-8"))["robot"]
-        return load_identified(path, load_robot(name))
-    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError, ConfigError) as error:
-        raise Rejected(f"{path}: no identified model: {error}") from None
+        text = read_text(path)
+        named = options.robot or ConfigReader(str(path), parse(text, str(path))).value("robot", Text)
+        return read_identified(text, str(path), load_robot(named))
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
 
 
 def _of_daemon(options: argparse.Namespace) -> IdentifiedModel:

@@ -50,6 +50,15 @@ def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
     """Identify from a motion that this makes now. Raises Rejected, UsageError, ClientError."""
     with observer(options) as client:
         known = client.call("GetRobot")
+        mode = client.call("GetStatus")["status"]["mode"]
+    names = [each["name"] for each in known["robot"]["joints"]]
+    strange = [name for name in joints if name not in names]
+    if strange:
+        raise Rejected(f"the robot has no joint {strange[0]!r}; it has {', '.join(names)}")
+    if mode != "live":
+        raise Rejected(
+            f"the daemon is in mode {mode}, in which the robot does not move: start it with --mode live"
+        )
     try:
         require_sent_goals(known["robot"])  # before the robot moves for minutes
     except InvalidInput as error:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_toeplitz
 from scipy.optimize import least_squares
 
 from twind.identification.servo_parameters import ServoPriors
@@ -19,6 +20,7 @@ POLISHED = 3
 ROUNDS = 2  # of the noise from the residuals
 DIFFERENCE = 1e-3  # of a number of the fit, for the Jacobian
 MODEL_ERROR = 1.6  # factor on the noise: effects that the model lacks repeat in all windows
+ORDER = 2  # samples from which the next error is foretold
 FLOOR = 3e-4  # rad, of the noise: rounding of encoders
 MOVED = 1.0  # deviations of the prior: data that move an estimate so far say something of it
 DETERMINED = 0.75  # share of the prior's deviation that an estimate keeps at most
@@ -35,14 +37,26 @@ class JointFit:
     noise: Floats  # rad, of one independent sample
 
 
-def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0) -> JointFit:
-    """Return the parameters that explain the motion best."""
-    found = _best_start(errors, priors, seed)
+def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0, memory: int = ORDER) -> JointFit:
+    """Return the parameters that explain the motion best.
+
+    `memory`: samples from which the next error is foretold; only the rest of it counts. Slow errors, of what
+    the model lacks, then hide less of what is quick. 0: errors count as they are, for slow motion predicted
+    as a whole.
+    """
+    drawn = _drawn(priors, seed)
+    found = _best_of(errors, priors, drawn)
     noise = np.full(1, np.sqrt(np.mean(_finite(errors(priors.decode(found[:1]))) ** 2)))
     best = _polish(errors, priors, found, noise)
+    plain = errors
+    starts = drawn
     for _ in range(ROUNDS):
+        errors = _whitened(plain, _memory(plain(priors.decode(best[None]))[0], memory))
         noise = _noise(errors(priors.decode(best[None]))[0])
-        best = _polish(errors, priors, best[None], noise)
+        # Another start may be the better one for this measure of errors.
+        others = _best_of(errors, priors, starts)
+        best = _polish(errors, priors, np.concatenate([best[None], others]), noise)
+        starts = best[None]
     jacobian = _jacobian(errors, priors, best)
     covariance = _covariance(jacobian, errors(priors.decode(best[None]))[0], noise)
     spread = np.sqrt(np.diag(covariance))
@@ -54,11 +68,15 @@ def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0) -> Join
     return JointFit(values, np.where(determined, sd, priors.sd), determined, covariance, noise)
 
 
-def _best_start(errors: ErrorFunction, priors: ServoPriors, seed: int) -> Floats:
-    """Return the prior's mean and the best of many candidates drawn from it, as numbers of the fit (k, p)."""
+def _drawn(priors: ServoPriors, seed: int) -> Floats:
+    """Return the prior's mean and many candidates drawn from it, as numbers of the fit (k, p)."""
     drawn = np.random.default_rng(seed).normal(0.0, 1.0, (STARTS, len(priors.mean)))
     drawn[0] = 0.0
-    drawn = np.maximum(drawn, priors.lowest)
+    return np.maximum(drawn, priors.lowest)
+
+
+def _best_of(errors: ErrorFunction, priors: ServoPriors, drawn: Floats) -> Floats:
+    """Return the `POLISHED` candidates that explain the motion best."""
     cost = np.nanmean(errors(priors.decode(drawn)) ** 2, axis=(1, 2))
     return drawn[np.argsort(cost)[:POLISHED]]
 
@@ -100,6 +118,30 @@ def _jacobian(errors: ErrorFunction, priors: ServoPriors, numbers: Floats) -> Fl
     table = errors(priors.decode(around))
     width = np.diag(around[:count] - around[count:])
     return (table[:count] - table[count:]) / width[:, None, None]
+
+
+def _memory(error: Floats, count: int) -> Floats:
+    """Return by how much errors (samples, windows) follow from the last `count` (count,): Yule-Walker."""
+    if count == 0:
+        return np.zeros(0)
+    known = np.nan_to_num(error)
+    power = np.fft.rfft(known, 2 * len(known), axis=0)
+    shared = np.fft.irfft(np.abs(power) ** 2, axis=0).sum(axis=1)[: count + 1]
+    shared[0] += known.size * FLOOR**2
+    return np.asarray(solve_toeplitz(shared[:-1], shared[1:]))
+
+
+def _whitened(errors: ErrorFunction, memory: Floats) -> ErrorFunction:
+    """Return the part of errors that does not follow from those before it; the first samples are dropped."""
+
+    def innovations(values: Floats) -> Floats:
+        table = errors(values)
+        fresh = table[:, len(memory) :].copy()
+        for lag, share in enumerate(memory.tolist(), start=1):
+            fresh -= share * table[:, len(memory) - lag : table.shape[1] - lag]
+        return fresh
+
+    return innovations
 
 
 def _noise(error: Floats) -> Floats:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from twind.client import Refused
-from twind.command_line.verb import Rejected
 from twind.identification.excitation import RATE, ExcitationBounds, excite
 from twind.robot.arrays import Floats
 from twind.robot_client.robot import Robot
@@ -58,14 +57,8 @@ def excite_robot(
 ) -> list[Mapping[str, Any]]:
     """Move the joints and return the states of all of it; empty: the gate refused every motion.
 
-    `client`: an observer; `described`: the robot as GetRobot answers. Raises ClientError,
-    Rejected for a robot whose goals have an offset that no state shows.
+    `client`: an observer; `described`: the robot as GetRobot answers. Raises ClientError.
     """
-    if described.get("compensate_gravity", False):
-        raise Rejected(
-            "the robot's goals have an offset against gravity, which states do not show: set "
-            "`loop.compensate_gravity: false` in the robot file, restart the daemon, then identify"
-        )
     bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
     moved = False
     with MessageRecorder(client) as recorder:

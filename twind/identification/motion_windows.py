@@ -11,12 +11,12 @@ from twind.identification.servo_response import ResponseWindows
 from twind.robot.arrays import Bools, Floats, Ints
 
 STEP = 0.0025  # s, of the simulation of a joint
-LENGTH = 1.0  # s, of a window
+LENGTH = 2.0  # s, of a window
 LONGEST_DELAY = 0.08  # s, of a goal
-SETTLED = 0.05  # s at the begin that are not judged: the measured speed is uncertain
+SETTLED = 0.3  # s at the begin that are not judged: the measured speed is uncertain
 MOVED = 0.01  # rad that a joint or its goal moves in a window that counts
-MOST = 72  # windows of one joint
-BLOCK = 4  # windows in a row that take part in the fit, or judge it
+MOST = 36  # windows of one joint
+BLOCK = 2  # windows in a row that take part in the fit, or judge it
 HELD_OUT = 4  # each of so many blocks judges the fit and takes no part in it
 _TABLES = tuple(each.name for each in fields(ResponseWindows) if each.name not in ("step", "lead", "passive"))
 

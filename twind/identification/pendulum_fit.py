@@ -57,7 +57,7 @@ def fit_pendulum(recordings: Sequence[PendulumRecording], servo: PendulumServo =
     def errors(values: Floats) -> Floats:
         return (respond(windows, values, priors.saturation_rad) - measured)[:, ::SPARSE]
 
-    return fit_joint(errors, priors)
+    return fit_joint(errors, priors, memory=0)
 
 
 def identified_pendulum(fit: JointFit, servo: PendulumServo = XL330) -> IdentifiedJoint:

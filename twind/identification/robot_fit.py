@@ -17,6 +17,7 @@ from twind.twin.binding import Binding
 from twind.twin.servo_effects import servo_rows
 
 DELAYS = np.arange(0.0, 0.081, 0.005)  # s, at which the goal is tried as the simplest model
+LEAST = 3  # windows with motion, for a fit
 UNLIMITED = 0.25  # rad: error of full torque that is assumed of a servo whose model has no torque limit
 
 
@@ -48,8 +49,9 @@ def identify_joints(
             for each, load in zip(motions, loads, strict=True)
         ]
         moved = [part for part in parts if part is not None]
-        if moved:
-            found[name] = _identify(join_windows(moved), model_priors(binding, place))
+        windows = join_windows(moved) if moved else None
+        if windows is not None and windows.held_out.any() and (~windows.held_out).sum() >= LEAST:
+            found[name] = _identify(windows, model_priors(binding, place))
     return found
 
 
