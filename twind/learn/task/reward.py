@@ -3,6 +3,7 @@
 They are arithmetic on columns (`observation.columns`), floats of one robot or arrays of many.
 """
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,9 @@ class RewardFunction:
         n = len(plant.default)
         self._task = task
         self._low = LOW * plant.height
-        self._origin = np.concatenate([plant.default, np.zeros(n)])
+        self._origin = np.zeros((*shape, 2 * n))
+        self._origin[..., :n] = plant.default
+        self._plant = plant
         # Scaled so that the sum of squares is the mean square.
         soft = 0.5 * sum(task.stiffness)  # values drawn around it cannot be measured from outside
         self._stiffness = soft * plant.stiffness / np.sqrt(n)
@@ -51,6 +54,15 @@ class RewardFunction:
         `target` (…, n) was sent for it, rad; `command` (…, 3), `phase` (…, 4).
         """
         return self._worth(columns(reading.base), reading, target, command, phase)
+
+    @cached_property
+    def _reference(self) -> Any:
+        """The gait that is imitated, or None. Worked out when the first reward is: it takes seconds."""
+        if not self._task.imitates:
+            return None
+        from twind.learn.task.gait_reference import GaitReference  # needs the extra walk
+
+        return GaitReference(self._plant.binding.robot, self._task.stride, self._task.shaping.period)
 
     def fallen(self, reading: BodyReading) -> Column:
         """The base is tilted too far, or too low: bool, or (…,)."""
@@ -72,6 +84,8 @@ class RewardFunction:
         weigh = self._task.weights
         moving = self._task.stride > 0.0
         forward, left, turn = columns(command)
+        if self._reference is not None:
+            self._origin[..., : self._joints.shape[-1] // 2] = self._reference.positions(phase, command)
         pose, motion, torque = columns(self._squares(reading, target))
         ahead = c[10] - forward
         aside = c[11] - left
