@@ -122,6 +122,7 @@ def _p99(act: Callable[[Any], Any]) -> Callable[[], float]:
 def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
     from twind.learn.live.base_estimator import BaseEstimator
+    from twind.learn.policy.policy_actor import TrainedActor
     from twind.learn.policy.policy_controller import PolicyController
     from twind.learn.task.learning_tasks import task_of
     from twind.learn.task.reward import RewardFunction
@@ -130,10 +131,9 @@ def _step(policy: Any, plant: Any) -> float:
     task = task_of("Stand")
     names = plant.layout.joints
     controller = PolicyController(
-        policy,
+        TrainedActor(policy, task.phases(0.02)),
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
-        task.phases(0.02),
         np.zeros(3),
         lambda: 0.0,
     )

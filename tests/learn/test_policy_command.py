@@ -16,10 +16,11 @@ from tests.support.policy_files import TWO, written
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
+from twind.learn.cards.driven_policy import command_for
 from twind.learn.live.daemon_robot import plant_from_answer, require_armed, require_mode
 from twind.learn.policy import policy_command
-from twind.learn.policy.policy_run_command import _command, _figures
-from twind.learn.task.learning_tasks import task_of
+from twind.learn.policy.policy_file import load
+from twind.learn.policy.policy_run_command import _figures
 from twind.robot_client.daemon_robot_file import require_same
 
 CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
@@ -77,11 +78,11 @@ def test_a_command_is_three_finite_numbers(text: str) -> None:
         policy_command.command(text)
 
 
-def test_a_command_outside_the_trained_range_is_refused() -> None:
-    stand = task_of("Stand")
+def test_a_command_outside_the_trained_range_is_refused(tmp_path: Path) -> None:
+    policy = load(written(tmp_path, CARD))
 
     def asked(*numbers: float) -> list[float]:
-        return _command(argparse.Namespace(command=numbers or None), CARD, stand).tolist()
+        return command_for(argparse.Namespace(command=numbers or None), policy).tolist()
 
     assert asked() == [0.2, 0.0, 0.0] and asked(0.4, 0.0, 0.0) == [0.4, 0.0, 0.0]
     with pytest.raises(UsageError, match=r"forward 0\.5 is outside what it was trained for: 0\.\.0\.4"):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.support.policy_files import TWO
+from twind.learn.policy.policy_actor import TrainedActor
 from twind.learn.policy.policy_card import entries
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 from twind.learn.task.observation import BodyReading
@@ -30,7 +31,7 @@ class World:
         self.lies = False
         self.gyro = 0.0
         self.controller = PolicyController(
-            self, self, lambda reading: self.lies, np.eye(4), np.zeros(3), lambda: self.now
+            TrainedActor(self, np.eye(4)), self, lambda reading: self.lies, np.zeros(3), lambda: self.now
         )
         self.sent: list[PolicySetpoint] = []
         self.target = POSE.copy()

@@ -14,6 +14,7 @@ from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.policy.policy_actor import TrainedActor
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 from twind.learn.task.learning_tasks import task_of
 from twind.learn.task.observation import BodyReading
@@ -67,10 +68,9 @@ class StandingRig(Rig):
         task = task_of(policy.card.task)
         self.estimator = BaseEstimator(plant)
         self.pilot = PolicyController(
-            policy,
+            TrainedActor(policy, task.phases(policy.card.shaping.period)),
             self.estimator,
             RewardFunction(task, plant).fallen,
-            task.phases(policy.card.shaping.period),
             np.zeros(3),
             self.clock.now,
         )
@@ -79,7 +79,7 @@ class StandingRig(Rig):
     def drive(self, seconds: float, each: Any = None) -> str | None:
         """Why it ended before that; None: it did not. `each`: called before each period with its number."""
         assert self.pilot is not None
-        count = round(self.pilot.shaper.shaping.period / self.loop.robot.period)
+        count = round(self.pilot.period / self.loop.robot.period)
         for step in range(round(seconds / (count * self.loop.robot.period))):
             if each is not None:
                 each(step)

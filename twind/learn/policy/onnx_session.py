@@ -7,7 +7,7 @@ A model may come from an untrusted source. Its memory is bounded by the process 
 import resource
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ _FATAL = 4  # log severity: every lesser error is an exception too
 _SHOWN = 300  # characters of an error of onnxruntime
 
 
-class _TensorEnd(NamedTuple):
+class TensorEnd(NamedTuple):
     """One input or output of a model."""
 
     name: str
@@ -34,22 +34,29 @@ class _TensorEnd(NamedTuple):
 
 
 class OnnxSession:
-    """A model that gives `action` (batch, n) for `observation` (batch, N). For one thread at a time."""
+    """A loaded model. For one thread at a time."""
 
-    def __init__(self, data: bytes) -> None:
-        """Load a model; no operation of it runs. Raises InvalidInput where onnxruntime cannot load it."""
+    def __init__(self, data: bytes, beside: Mapping[str, bytes] | None = None) -> None:
+        """Load a model; no operation of it runs. Raises InvalidInput where onnxruntime cannot load it.
+
+        `beside`: contents of the files that it may store arrays in, by name. No other file is read.
+        """
         import onnxruntime
 
         try:
+            options = _options(onnxruntime)
+            if beside:
+                stored = list(beside.values())
+                options.add_external_initializers_from_files_in_memory(
+                    list(beside), stored, [len(each) for each in stored]
+                )
             self._session: Any = onnxruntime.InferenceSession(
-                data, _options(onnxruntime), providers=["CPUExecutionProvider"]
+                data, options, providers=["CPUExecutionProvider"]
             )
             self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
-            self._inputs = [
-                _TensorEnd(each.name, each.type, each.shape) for each in self._session.get_inputs()
-            ]
-            self._outputs = [
-                _TensorEnd(each.name, each.type, each.shape) for each in self._session.get_outputs()
+            self.inputs = [TensorEnd(each.name, each.type, each.shape) for each in self._session.get_inputs()]
+            self.outputs = [
+                TensorEnd(each.name, each.type, each.shape) for each in self._session.get_outputs()
             ]
         except Exception as error:  # noqa: BLE001  the exceptions of onnxruntime have no common class
             raise InvalidInput(f"is no ONNX model that can be run: {_reason(error)}") from None
@@ -58,21 +65,25 @@ class OnnxSession:
         self._began: float | None = None  # s, monotonic: start of the inference that runs now
 
     def require_shapes(self, observations: int, actions: int) -> None:
-        """Require (batch, `observations`) to (batch, `actions`), float32. Raises InvalidInput."""
-        _require_end("input", INPUT, observations, self._inputs)
-        _require_end("output", OUTPUT, actions, self._outputs)
+        """Require `observation` (batch, N) and `action` (batch, n) alone, float32. Raises InvalidInput."""
+        _require_end("input", INPUT, observations, self.inputs)
+        _require_end("output", OUTPUT, actions, self.outputs)
 
     def run(self, observation: Rows) -> Rows:
         """Return the actions (batch, n) for observations (batch, N), NaN where the network makes NaN.
 
         Raises InvalidInput where an operation fails or the inference is ended.
         """
-        if len(observation) > 1 and self._inputs[0].shape[0] == 1:
+        if len(observation) > 1 and self.inputs[0].shape[0] == 1:
             return np.concatenate([self.run(row) for row in observation[:, None]])
+        return self.infer([OUTPUT], {INPUT: observation})[0]
+
+    def infer(self, outputs: Sequence[str], feeds: Mapping[str, Rows]) -> list[Rows]:
+        """Return `outputs` for the arrays of all inputs. Raises InvalidInput as `run` does."""
         self._run_options.terminate = False
         self._began = time.monotonic()
         try:
-            action: Rows = self._session.run([OUTPUT], {INPUT: observation}, self._run_options)[0]
+            found: list[Rows] = self._session.run(outputs, feeds, self._run_options)
         except Exception as error:  # noqa: BLE001  the exceptions of onnxruntime have no common class
             if self._run_options.terminate:
                 reason = f"took more than {LONGEST:g} s, the bound of a policy"
@@ -81,7 +92,7 @@ class OnnxSession:
             raise InvalidInput(f"its inference {reason}") from None
         finally:
             self._began = None
-        return action
+        return found
 
     @contextmanager
     def ending_long_inferences(self) -> Iterator[None]:
@@ -127,7 +138,7 @@ def _options(onnxruntime: Any) -> Any:
     return options
 
 
-def _require_end(what: str, name: str, count: int, ends: list[_TensorEnd]) -> None:
+def _require_end(what: str, name: str, count: int, ends: list[TensorEnd]) -> None:
     names = [end.name for end in ends]
     if names != [name]:
         found = ", ".join(each[:40] for each in names[:4]) or "none"
@@ -147,4 +158,6 @@ def _reason(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, MemoryError) or "bad_alloc" in text:
         return f"it needs more than {MEMORY >> 20} MiB of memory, the bound of a policy"
+    if "xternal data" in text:
+        return "it stores arrays in another file than NAME.onnx.data beside it: export it as one file"
     return text[:_SHOWN]

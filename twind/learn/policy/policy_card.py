@@ -92,21 +92,22 @@ class PolicyCard:
 
     @property
     def limits(self) -> JointLimits:
-        """Limits within which the policy's targets are shaped.
-
-        The hard limits equal them and the effort is NaN, because no more is known of these.
-        """
-        lower, upper, velocity, acceleration = (
-            np.array(row) for row in (self.lower, self.upper, self.velocity, self.acceleration)
-        )
-        unknown = np.full(len(lower), np.nan)
-        return JointLimits(lower, upper, lower, upper, velocity, acceleration, unknown)
+        """Limits within which the policy's targets are shaped."""
+        return limits_of(self.lower, self.upper, self.velocity, self.acceleration)
 
     def text(self) -> str:
         """Return the card as JSON. Raises InvalidInput for a card that could not be read again."""
         text = msgspec.json.encode(asdict(self)).decode()
         read(text)
         return text
+
+
+def limits_of(
+    lower: Sequence[float], upper: Sequence[float], velocity: Sequence[float], acceleration: Sequence[float]
+) -> JointLimits:
+    """Limits of rows (n,), rad, rad/s, rad/s². Hard limits equal them, the effort is NaN: unknown."""
+    low, high, fastest, change = (np.array(row) for row in (lower, upper, velocity, acceleration))
+    return JointLimits(low, high, low, high, fastest, change, np.full(len(low), np.nan))
 
 
 def entries(layout: ObservationLayout) -> Entries:
@@ -193,6 +194,20 @@ class PolicyRobot:
             acceleration=[joint["acceleration_limit"] for joint in joints],
             rate_hz=rate_hz,
         )
+
+    @classmethod
+    def from_limits(
+        cls, name: str, layout: ObservationLayout, limits: JointLimits, rate_hz: float
+    ) -> "PolicyRobot":
+        """Build it from a robot in this process, for control at `rate_hz`."""
+        rows = (limits.lower, limits.upper, limits.velocity, limits.acceleration)
+        lower, upper, velocity, acceleration = (row.tolist() for row in rows)
+        return cls(name, layout.joints, entries(layout), lower, upper, velocity, acceleration, rate_hz)
+
+    @property
+    def limits(self) -> JointLimits:
+        """Limits of the robot."""
+        return limits_of(self.lower, self.upper, self.velocity, self.acceleration)
 
 
 def require_fit(card: PolicyCard, body: PolicyRobot) -> None:

@@ -10,13 +10,10 @@ from math import acos, degrees, inf, nan
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twind.exceptions import InvalidInput
-from twind.learn.policy.policy_card import PolicyCard
-from twind.learn.task.action_shaping import ActionShaper
-from twind.learn.task.observation import BodyReading, ObservationBuilder
-from twind.learn.task.observation_layout import ObservationLayout
+from twind.learn.policy.policy_actor import PolicyActor
+from twind.learn.task.observation import BodyReading
 from twind.robot.arrays import Floats
 from twind.robot_client.state_message import STALE, StateMessage
 
@@ -25,16 +22,6 @@ PATIENCE = 1.0  # s of a hold after which the drive ends
 STRAY = 0.05  # rad beyond its targets at which a robot is out of a policy's reach
 RESTING = 1e-4  # rad a goal may move between two states of a robot that rests
 APART = 0.5  # of a period that these states are apart, at least
-EXCESS = 1e-5  # above 1, of an action: rounding
-
-
-class ActionSource(Protocol):
-    """Source of actions."""
-
-    card: PolicyCard
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the action (n,) in -1..1 for an observation (N,). Raises InvalidInput."""
 
 
 class ReadingConverter(Protocol):
@@ -76,7 +63,7 @@ class PolicyStatistics:
     held: float = 0.0  # s, of all holds together
     tilt: float = nan  # degrees from upright, now
     most_tilt: float = 0.0
-    inference: float = nan  # s, the last one
+    inference: float = nan  # s, of the last action, its observation included
     source: float = nan  # s, monotonic: the tick whose state it acted on
 
 
@@ -85,27 +72,22 @@ class PolicyController:
 
     def __init__(
         self,
-        policy: ActionSource,
+        actor: PolicyActor,
         seeing: ReadingConverter,
         fallen: Callable[[BodyReading], bool],
-        phases: Floats,
         command: Floats,
         clock: Callable[[], float],
     ) -> None:
-        """`phases`: (k, 4) of the steps, again and again; `command`: (3,) m/s, m/s, rad/s."""
-        self._policy = policy
+        """`command`: (3,) m/s, m/s, rad/s."""
+        self._actor = actor
         self._seeing = seeing
         self._fallen = fallen
-        self._phases = phases
         self._command = command
         self._clock = clock
-        card = policy.card
-        self._joints = card.joints
-        self._period = card.shaping.period
-        default = np.array(card.default)
-        self._observer = ObservationBuilder(ObservationLayout(card.joints), default)
-        self.shaper = ActionShaper(card.limits, default, card.shaping)
-        self._action = np.zeros(len(card.joints), np.float32)
+        self._joints = actor.joints
+        self.period = actor.period
+        self.shaper = actor.shaper
+        actor.begin()
         self.figures = PolicyStatistics()
         self.holding: str | None = None  # why, while it holds
         self._since = self._looked = inf  # s: when this hold began, and was looked at last
@@ -166,31 +148,22 @@ class PolicyController:
     def _drive(
         self, state: StateMessage, reading: BodyReading, deadline: float
     ) -> PolicySetpoint | PolicyHold | PolicyEnd:
-        phase = self._phases[self.figures.steps % len(self._phases)]
-        seen = self._observer.observe(reading, self._action, self.shaper.target, self._command, phase)
-        finite = np.isfinite(seen)
-        if not finite.all():
-            entry = self._observer.layout.names[int(np.argmin(finite))]
-            return self.hold(f"entry {entry} of the observation is not finite")
         began = self._clock()
         try:
-            action = self._policy.act(seen)
+            action = self._actor.act(reading, self._command, self.figures.steps)
         except InvalidInput as error:
             return PolicyEnd(f"the policy gives no action: {error}")
         ended = self._clock()
         self.figures.inference = ended - began
-        good = np.abs(action) <= 1.0 + EXCESS  # NaN is not
-        if not good.all():
-            joint = int(np.argmin(good))
-            return self.hold(f"the action of {self._joints[joint]} is {action[joint]:g}, not in -1..1")
-        if not ended - deadline <= LATE * self._period:
+        if isinstance(action, str):
+            return self.hold(action)
+        if not ended - deadline <= LATE * self.period:
             late = (ended - deadline) * 1e3
             self.figures.too_late += 1
-            return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self._period * 1e3:g} ms")
-        self._action = action
+            return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self.period * 1e3:g} ms")
         self.figures.source = state.time
-        target, velocity = self.shaper.step(action)
-        return PolicySetpoint(target - velocity * self._period, velocity.copy())
+        target, velocity = self._actor.shape(action)
+        return PolicySetpoint(target - velocity * self.period, velocity)
 
     def _back(self, state: StateMessage) -> PolicyHold | PolicyEnd | None:
         """None: it rests in reach, and the drive goes on from there."""
@@ -204,13 +177,11 @@ class PolicyController:
         joint = int(np.argmax(stray))
         if not stray[joint] <= STRAY:
             return PolicyEnd(f"{self._joints[joint]} rests {stray[joint]:.2f} rad out of the policy's reach")
-        self.shaper.reset(state.goal)
-        share = (state.goal - self.shaper.default) / self.shaper.shaping.reach
-        self._action = np.clip(share, -1.0, 1.0).astype(np.float32)
+        self._actor.begin(state.goal)
         return None
 
     def _later(self, state: StateMessage, before: StateMessage) -> bool:
-        return state.sequence > before.sequence and state.time - before.time >= APART * self._period
+        return state.sequence > before.sequence and state.time - before.time >= APART * self.period
 
     def _look(self, reading: BodyReading) -> None:
         tilt = degrees(acos(float(np.clip(-reading.gravity[2], -1.0, 1.0))))

@@ -9,7 +9,7 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -109,8 +109,8 @@ def save_model(path: str | os.PathLike[str], model: Any, card: PolicyCard) -> No
 def load(path: str | os.PathLike[str]) -> Policy:
     """Return the policy of a file, tried in a process of its own. Raises InvalidInput naming the file."""
     try:
-        data = _bytes(Path(path))
-        _require_runnable(data)
+        data = network_bytes(Path(path))
+        require_runnable(__name__, data)
         return read(data)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
@@ -118,7 +118,11 @@ def load(path: str | os.PathLike[str]) -> Policy:
 
 def read(data: bytes) -> Policy:
     """Return the policy of the bytes of a file, run once in this process. Raises InvalidInput."""
-    session = OnnxSession(data)
+    return from_session(OnnxSession(data))
+
+
+def from_session(session: OnnxSession) -> Policy:
+    """Return the policy of a loaded model, run once. Raises InvalidInput."""
     text = session.metadata.get(KEY)
     if text is None:
         remedy = "write it with `twindctl train`, `save` or `save_model`"
@@ -136,7 +140,8 @@ def read(data: bytes) -> Policy:
     return policy
 
 
-def _bytes(path: Path) -> bytes:
+def network_bytes(path: Path) -> bytes:
+    """Return the bytes of a file of at most `LARGEST`. Raises InvalidInput."""
     try:
         # Not blocking: a FIFO of that name would wait for ever.
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
@@ -150,9 +155,9 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _require_runnable(data: bytes) -> None:
-    """Load the bytes of a file and run them once, in a process of its own. Raises InvalidInput."""
-    command = [sys.executable, "-m", "twind.learn.policy.policy_file"]
+def require_runnable(module: str, data: bytes) -> None:
+    """Run a `module` that calls `check_stdin` on `data`, in a process of its own. Raises InvalidInput."""
+    command = [sys.executable, "-m", module]
     try:
         done = subprocess.run(command, input=data, capture_output=True, timeout=CHECKED, check=False)
     except subprocess.TimeoutExpired:
@@ -164,14 +169,14 @@ def _require_runnable(data: bytes) -> None:
         raise InvalidInput(f"its check ended with exit code {done.returncode}: {reason[:200]}")
 
 
-def _main() -> int:
-    """Check the policy file on stdin; 0: it can be run."""
+def check_stdin(check: Callable[[bytes], object]) -> int:
+    """Check the bytes on stdin within limited memory; 0: they can be run."""
     import onnxruntime  # noqa: F401  what it takes by itself is no part of the limit
 
     data = sys.stdin.buffer.read()
     limit_memory()
     try:
-        read(data)
+        check(data)
     except InvalidInput as error:
         sys.stdout.buffer.write(str(error).encode(errors="replace"))
         return _REFUSED
@@ -179,4 +184,4 @@ def _main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(_main())
+    sys.exit(check_stdin(read))

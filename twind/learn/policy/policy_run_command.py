@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from math import inf
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from twind.command_line.progress import ProgressLine
@@ -26,22 +25,19 @@ from twind.command_line.verb import (
     show,
 )
 from twind.exceptions import InvalidInput, OperationFailed
+from twind.learn.cards.driven_policy import AnyPolicy, actor_for, command_for, task_for
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.policy.onnx_session import limit_memory
-from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, require_fit
+from twind.learn.policy.policy_actor import PolicyActor
+from twind.learn.policy.policy_card import PolicyRobot
 from twind.learn.policy.policy_controller import PolicyController
-from twind.learn.policy.policy_file import Policy
 from twind.learn.policy.policy_run import RECENT, PolicyRun
-from twind.learn.task.learning_tasks import LearningTask, task_of
-from twind.learn.task.plant_model import Plant
 from twind.learn.task.reward import RewardFunction
-from twind.robot.arrays import Floats
 from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import MonotonicClock
 
-AXES = ("forward", "left", "turn")
 MANY = 0.02  # of the periods: so many missed ones are reported with a remedy
 BUSY = (
     "busy     this machine had no time for every period: in a missed one no setpoint is sent, and the robot "
@@ -49,66 +45,37 @@ BUSY = (
 )
 
 
-def run_policy(options: argparse.Namespace, policy: Policy) -> int:
+def run_policy(options: argparse.Namespace, policy: AnyPolicy) -> int:
     """Drive; 1 when it ended otherwise than asked. Raises UsageError, Rejected, ClientError."""
     if options.seconds is not None and not options.seconds > 0.0:
         raise UsageError(f"--seconds {options.seconds:g}: must be above 0")
-    card = policy.card
-    try:
-        task = task_of(card.task)
-    except KeyError as error:
-        raise Rejected(f"{options.file}: {error.args[0]}") from None
     threadpool_limits(limits=1)  # a second thread would only be waited for
     with observer(options) as client:
         status = client.call("GetStatus")["status"]
         answer = client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
-    plant = _fitting(card, answer, status, rate_hz)
-    controller = PolicyController(
-        policy,
-        BaseEstimator(plant),
-        RewardFunction(task, plant).fallen,
-        task.phases(card.shaping.period),
-        _command(options, card, task),
-        MonotonicClock().now,
-    )
-    with policy.ending_long_inferences():
-        return _drive(options, controller, card, rate_hz)
-
-
-def _fitting(card: PolicyCard, answer: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
-    """The robot, if this policy can drive it as it is now. Raises Rejected."""
     try:
         require_mode(status["mode"])
         require_armed(status)
-        require_fit(card, PolicyRobot.from_get_robot(answer["robot"], rate_hz))
-        plant = plant_from_answer(answer, card.shaping.period)
+        task = task_for(policy)
+        command = command_for(options, policy)
+        plant = plant_from_answer(answer, 1.0 / rate_hz)
+        actor = actor_for(policy, PolicyRobot.from_get_robot(answer["robot"], rate_hz), plant.default)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
-    return plant
-
-
-def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) -> Floats:
-    """Return the command (3,) of the run, within the trained ranges. Raises UsageError.
-
-    Without `--command` it is the middle of each range.
-    """
-    spans = [card.command.get(axis, span) for axis, span in zip(AXES, task.command, strict=True)]
-    given = options.command or [0.5 * (low + high) for low, high in spans]
-    for axis, value, (low, high) in zip(AXES, given, spans, strict=True):
-        if not low <= value <= high:
-            raise UsageError(
-                f"--command: {axis} {value:g} is outside what it was trained for: {low:g}..{high:g}"
-            )
-    return np.array(given, np.float64)
+    controller = PolicyController(
+        actor, BaseEstimator(plant), RewardFunction(task, plant).fallen, command, MonotonicClock().now
+    )
+    with policy.ending_long_inferences():
+        return _drive(options, controller, actor, rate_hz)
 
 
 def _drive(
-    options: argparse.Namespace, controller: PolicyController, card: PolicyCard, rate_hz: float
+    options: argparse.Namespace, controller: PolicyController, actor: PolicyActor, rate_hz: float
 ) -> int:
-    subscriber = StateSubscriber(observer(options), card.joints, rate_hz)
+    subscriber = StateSubscriber(observer(options), actor.joints, rate_hz)
     try:
-        session = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
+        session = SetpointSession(operator(options), actor.joints, actor.period, take=options.take)
         try:
             with catch_stop_signals() as stop, ProgressLine(options, "policy") as progress:
 
@@ -120,7 +87,7 @@ def _drive(
                     controller,
                     subscriber,
                     session,
-                    card.shaping.period,
+                    actor.period,
                     1.0 / rate_hz,
                     MonotonicClock(),
                     print_reason,
