@@ -68,7 +68,7 @@ class StandingRig(Rig):
         task = task_of(policy.card.task)
         self.estimator = BaseEstimator(plant)
         self.pilot = PolicyController(
-            TrainedActor(policy, task.phases(policy.card.shaping.period)),
+            TrainedActor(policy, task),
             self.estimator,
             RewardFunction(task, plant).fallen,
             np.zeros(3),

@@ -103,7 +103,8 @@ def roll_out(
             reading = body.advance(reference.position, reference.velocity)
         _, late = stream.behind()
         result.late.update(f"{each.code} {plant.layout.joints[each.joint or 0]}" for each in late)
-        result.returned += float(judge_reward.reward(reading, target, command, phases[step % len(phases)])[0])
+        asked = command * task.share(step, actor.period)
+        result.returned += float(judge_reward.reward(reading, target, asked, phases[step % len(phases)])[0])
         result.steps += 1
         look(body)
     result.seconds = result.steps * actor.period

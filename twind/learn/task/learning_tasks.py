@@ -110,9 +110,9 @@ HUMANOID = LearningTask(
 WALK = LearningTask(
     name="Walk",
     weights=RewardWeights(
-        alive=0.5, velocity=1.0, turn=0.3, upright=0.3, energy=-0.2, pose=-8.0, motion=-0.001
+        alive=0.5, velocity=1.0, turn=0.3, upright=0.3, energy=-0.2, pose=-100.0, motion=-0.001
     ),
-    command=((0.0, 0.16), (-0.02, 0.02), (-0.2, 0.2)),
+    command=((0.0, 0.17), (-0.02, 0.02), (-0.2, 0.2)),
     stride=1.4,
     ramp=3.2,
     start={
