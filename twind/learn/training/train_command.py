@@ -21,7 +21,7 @@ from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 group = "learn"
 
-NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib")
+NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib", "mink")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
 FIGURES: tuple[tuple[str, Any, str, str], ...] = (
     (
