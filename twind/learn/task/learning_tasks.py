@@ -113,7 +113,7 @@ WALK = LearningTask(
         alive=0.5, velocity=1.0, turn=0.3, upright=0.3, energy=-0.2, pose=-100.0, motion=-0.001
     ),
     command=((0.0, 0.17), (-0.02, 0.02), (-0.2, 0.2)),
-    stride=1.1,
+    stride=1.4,
     ramp=3.2,
     start={
         "start_joints": (-0.03, 0.03),
