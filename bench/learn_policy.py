@@ -131,7 +131,7 @@ def _step(policy: Any, plant: Any) -> float:
     task = task_of("Stand")
     names = plant.layout.joints
     controller = PolicyController(
-        TrainedActor(policy, task.phases(0.02)),
+        TrainedActor(policy, task),
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
         np.zeros(3),

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
-from twind.learn.task.action_shaping import BEND, ActionShaper, ActionShaping
+from twind.learn.task.action_shaping import ActionShaper, ActionShaping
 from twind.motion.stop_profiles import LimitedFollower, still
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
@@ -31,7 +31,7 @@ def actions(rng: np.random.Generator, steps: int, n: int) -> Floats:
     return held
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.5), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
 @examples(60)
 def test_targets_keep_position_velocity_and_acceleration(
     seed: int, smoothing: float, velocity_share: float, acceleration_share: float
@@ -57,29 +57,19 @@ def test_targets_keep_position_velocity_and_acceleration(
         speed = velocity.copy()
 
 
-@given(st.integers(0, 2**32 - 1))
+@given(st.integers(0, 2**32 - 1), st.sampled_from([ActionShaping(), ActionShaping(smoothing=1.0)]))
 @examples(30)
-def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int) -> None:
+def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int, shaping: ActionShaping) -> None:
     rng = np.random.default_rng(seed)
     bounds = limits(rng, 6)
     default = rng.uniform(bounds.lower, bounds.upper)
-    shaper = ActionShaper(bounds, default, ActionShaping())
+    shaper = ActionShaper(bounds, default, shaping)
     follower = LimitedFollower(still(default), bounds, TICK)
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
         follower.set_target(target - velocity * shaper.shaping.period, velocity)
         follower.step()
         np.testing.assert_allclose(follower.step().position, target, atol=1e-12)
-
-
-@pytest.mark.parametrize("smoothing", [0.05, 0.2, 0.35, 0.5])
-def test_the_law_never_asks_for_more_than_can_be_braked(smoothing: float) -> None:
-    """In whole periods: n steps of v, v - 1, v - 2 ... cover n v - n (n - 1) / 2."""
-    way = np.linspace(1e-6, 5000.0, 400_001)
-    count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * way) - 0.5), 1.0)
-    fastest = way / count + 0.5 * (count - 1.0)
-    bend = BEND / smoothing
-    assert (bend * np.arcsinh(smoothing * way / bend) <= fastest + 1e-9).all()
 
 
 def test_a_small_step_is_smoothed_with_one_pole() -> None:
@@ -140,7 +130,7 @@ def test_an_action_that_is_no_number_gives_no_target() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"smoothing": 0.6}, {"smoothing": 0.0}, {"velocity_share": 1.1}, {"reach": 0.0}, {"margin": -0.1}],
+    [{"smoothing": 1.1}, {"smoothing": 0.0}, {"velocity_share": 1.1}, {"reach": 0.0}, {"margin": -0.1}],
 )
 def test_figures_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r"shares|smoothing|reach|margin"):

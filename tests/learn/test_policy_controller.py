@@ -58,7 +58,7 @@ def test_the_observation_is_of_the_last_action_the_last_target_and_the_phase(wor
     world.step()
     at = ObservationLayout(CARD.joints).places
     assert world.seen[at["action"]].tolist() == [0.5, -0.25]
-    assert world.seen[at["phase"]].tolist() == [0.0, 1.0, 0.0, 0.0]
+    np.testing.assert_allclose(world.seen[at["phase"]], [1.0, 0.0, -1.0, 0.0], atol=1e-6)
     assert np.allclose(
         world.seen[at["position"]], world.goal * 0 + world.sent[0].velocity * PERIOD, atol=1e-6
     )

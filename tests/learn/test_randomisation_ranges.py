@@ -43,7 +43,8 @@ def test_the_default_profile_has_every_quantity() -> None:
 def test_every_range_of_the_default_profile_stands_beside_its_source() -> None:
     lines = FILE.read_text().splitlines()
     first = lines.index("  default:")
-    for at, line in enumerate(lines):
+    last = lines.index("  walk:")
+    for at, line in enumerate(lines[:last]):
         if at > first and line.startswith("    ") and "[" in line and not line.strip().startswith("#"):
             above = "".join(lines[max(first, at - 8) : at])
             assert any(f"[{source}]" in above for source in "PDTMBO") or "start_" in line, line
@@ -100,7 +101,7 @@ def test_an_invalid_profile_is_an_error_with_its_line(profile: str, place: str, 
 
 
 def test_a_profile_that_is_not_there_names_those_that_are() -> None:
-    with pytest.raises(ConfigError, match=r"no profile 'defualt': none, default; nearest: default"):
+    with pytest.raises(ConfigError, match=r"no profile 'defualt': none, default, walk; nearest: default"):
         load_ranges("defualt")
 
 

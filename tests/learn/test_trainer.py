@@ -73,7 +73,11 @@ def test_the_help_lists_the_default_values(capsys: pytest.CaptureFixture[str]) -
     with pytest.raises(SystemExit):
         main(["train", "--help"])
     text = " ".join(capsys.readouterr().out.split())
-    for default in ("61440; humanoid: 2000000", "20000; humanoid: 100000", "0.95; humanoid: 0.99", "64,64"):
+    for default in (
+        "61440; humanoid: 2000000; walk: 2000000",
+        "0.95; humanoid: 0.99; walk: 0.99",
+        "64,64; walk: 128,128",
+    ):
         assert f"(default: {default})" in text
 
 

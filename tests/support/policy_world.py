@@ -8,6 +8,7 @@ from tests.support.policy_files import TWO
 from twind.learn.policy.policy_actor import TrainedActor
 from twind.learn.policy.policy_card import entries
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.learn.task.learning_tasks import STAND
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot_client.state_message import ImuReading, StateMessage
@@ -31,7 +32,11 @@ class World:
         self.lies = False
         self.gyro = 0.0
         self.controller = PolicyController(
-            TrainedActor(self, np.eye(4)), self, lambda reading: self.lies, np.zeros(3), lambda: self.now
+            TrainedActor(self, replace(STAND, stride=4.0 * PERIOD)),
+            self,
+            lambda reading: self.lies,
+            np.zeros(3),
+            lambda: self.now,
         )
         self.sent: list[PolicySetpoint] = []
         self.target = POSE.copy()

@@ -15,12 +15,15 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from twind import robots
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
+from twind.command_line.extras import how_to_add
 from twind.command_line.trajectory_files import load_motion, motion_names
 from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.ctl.demo_viewer import viewer
@@ -34,13 +37,20 @@ ARMING = 15.0  # s of refusals: the first run after an installation compiles wha
 AGAIN = 0.5  # s between two tries: by then every slow register was read once more
 LOWERING = 5.0  # s kept for the way to the rest pose
 BEYOND = 0.5  # rad above a joint's limit, of the trajectory that is refused
+WALKER = "h24-standing"
+SPEED = "0.12,0,0"
+LETTING_GO = 2.0  # s until the virtual robot's support has let go of it
 Motions = Mapping[str, Mapping[str, Any]]  # trajectories by name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("--seconds", type=float, help="end by itself after so long (default: until Ctrl-C)")
-    parser.add_argument("--robot", default="h24", help="built-in robot or robot file (default h24)")
+    robot = parser.add_mutually_exclusive_group()
+    robot.add_argument("--robot", default="h24", help="built-in robot or robot file (default h24)")
+    robot.add_argument(
+        "--walk", action="store_true", help=f"{WALKER} walks by its trained policy; needs the extra policy"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,27 +59,36 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--seconds {options.seconds:g} must be positive")
     for number in (signal.SIGTERM, signal.SIGHUP):  # a closed terminal lowers the robot as Ctrl-C does
         signal.signal(number, _interrupt)
+    if options.walk and find_spec("onnxruntime") is None:
+        raise UsageError(f"--walk needs onnxruntime: {how_to_add('policy')}")
     until = None if options.seconds is None else time.monotonic() + options.seconds
     with (
         tempfile.TemporaryDirectory(prefix="twind-demo-") as folder,
         viewer(folder, _end_with_us),
-        _daemon(folder, options.robot) as daemon,
+        _daemon(folder, WALKER if options.walk else options.robot) as daemon,
     ):
         _await_robot(folder, daemon)
         with Client(folder) as client:
-            robot = client.call("GetRobot")["robot"]
-            motions = load_motions(robot)
-            _show(client, folder, robot, motions)
             try:
-                if until is None:
-                    _stay(folder, client, motions)
+                if options.walk:
+                    _walk(client, folder, options.seconds)
                 else:
-                    _play_until(client, folder, motions, until)
+                    _show_motions(client, folder, until)
             except KeyboardInterrupt:
                 print("\nCtrl-C: lowering the robot")
         _lower(folder)
     print("done      torque is off, the daemon has ended")
     return DONE
+
+
+def _show_motions(client: Client, folder: str, until: float | None) -> None:
+    robot = client.call("GetRobot")["robot"]
+    motions = load_motions(robot)
+    _show(client, folder, robot, motions)
+    if until is None:
+        _stay(folder, client, motions)
+    else:
+        _play_until(client, folder, motions, until)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
@@ -197,6 +216,25 @@ def _show(client: Client, folder: str, robot: Mapping[str, Any], motions: Motion
     _play(client, folder, next(iter(motions)), motions)
     _refusal(client, robot)
     _latency(client)
+
+
+def _walk(client: Client, folder: str, seconds: float | None) -> None:
+    """Let the trained policy drive, by the verb that drives any robot. Raises Rejected: it ended early."""
+    arm_robot(client)
+    time.sleep(LETTING_GO)
+    client.call("ReleaseLease")
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", folder, "policy", "run"]
+    command += [str(Path(robots.__file__).with_name(f"{WALKER}.walk.onnx")), "--command", SPEED]
+    command += [] if seconds is None else ["--seconds", str(seconds)]
+    print(f"walks     by its policy, commanded {SPEED} (m/s forward, m/s left, rad/s)")
+    policy = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_end_with_us)
+    try:
+        if policy.wait() != 0:
+            raise Rejected("the policy ended early; on a busy machine it has no time for every period")
+    finally:
+        if policy.poll() is None:
+            policy.send_signal(signal.SIGINT)
+            policy.wait(5.0)
 
 
 def arm_robot(client: Client) -> list[Any]:

@@ -62,7 +62,7 @@ class BatchCore:
         if count < 1:
             raise ValueError(f"{count} environments: at least one is needed")
         self.task = task_of(task)
-        self.shaping = shaping or ActionShaping()
+        self.shaping = shaping or self.task.shaping
         period = self.shaping.period
         described = randomised_robot(robot, randomise, identified)
         ranges = self.task.ranges(described.ranges)
@@ -84,7 +84,8 @@ class BatchCore:
         self._phases = self.task.phases(period)
         self._phase = np.zeros((count, PHASE))
         self._action = np.zeros((count, n))
-        self.command = np.zeros((count, COMMAND))
+        self.command = np.zeros((count, COMMAND))  # of the episode
+        self._asked = np.zeros((count, COMMAND))  # now
         self._steps = np.zeros(count, np.int64)
         self.rngs: list[np.random.Generator] = [np.random.default_rng() for _ in range(count)]
 
@@ -119,7 +120,7 @@ class BatchCore:
         if (size != size).any():  # NaN, before any robot receives it
             raise ValueError(f"robots {np.flatnonzero(size != size)}: an action is not all numbers: reset")
         reading = self.body.advance(target, self.rngs)
-        reward, terms = self._judge.reward(reading, target, self.command, self._phase)
+        reward, terms = self._judge.reward(reading, target, self._asked, self._phase)
         fallen = self._judge.fallen(reading)
         if np.count_nonzero(self.body.diverged):
             fallen |= self.body.diverged
@@ -151,9 +152,11 @@ class BatchCore:
 
     def _observe(self) -> Observations:
         return self._observer.observe(
-            self.body.reading, self._action, self._shaper.target, self.command, self._phase
+            self.body.reading, self._action, self._shaper.target, self._asked, self._phase
         )
 
     def _turn(self) -> None:
-        """The phase that each robot's steps have brought it to."""
+        """The phase and the share of its command that each robot's steps have brought it to."""
+        share = np.asarray(self.task.share(self._steps, self.shaping.period))
+        np.multiply(self.command, share[..., None], self._asked)
         np.take(self._phases, self._steps % len(self._phases), axis=0, out=self._phase, mode="clip")

@@ -32,7 +32,7 @@ def actor_for(policy: AnyPolicy, robot: PolicyRobot, default: Floats) -> PolicyA
     """Return the actor on a robot whose pose is `default` (n,), rad. Raises InvalidInput: it does not fit."""
     if isinstance(policy, Policy):
         require_fit(policy.card, robot)
-        return TrainedActor(policy, task_for(policy).phases(policy.card.shaping.period))
+        return TrainedActor(policy, task_for(policy))
     ticks = robot.rate_hz * policy.card.period
     if not (ticks >= 1.0 - CLOSE and abs(ticks - round(ticks)) <= CLOSE * ticks):
         possible = ", ".join(f"{robot.rate_hz / count:g}" for count in range(1, 5))

@@ -87,7 +87,7 @@ class RobotEnv(gymnasium.Env):
             raise ValueError(f"randomise {randomise!r} with backend {backend!r}: it is of simulations alone")
         self.render_mode = render_mode
         self.task = task_of(task)
-        self.shaping = shaping or ActionShaping()
+        self.shaping = shaping or self.task.shaping
         described = randomised_robot(robot, randomise, identified)
         ranges = self.task.ranges(described.ranges)
         self.plant = plant = plant_of(
@@ -103,7 +103,8 @@ class RobotEnv(gymnasium.Env):
         self._judge = RewardFunction(self.task, plant)
         self._noise = ReadingNoise(ranges.noise, len(plant.default))
         self._phases = self.task.phases(self.shaping.period)
-        self._command = np.zeros(3)
+        self._command = np.zeros(3)  # of the episode
+        self._asked = np.zeros(3)  # now
         self._phase = self._phases[0]
         self._steps = 0
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.shaping.period)}
@@ -128,6 +129,7 @@ class RobotEnv(gymnasium.Env):
         self.shaper.reset()
         self._steps = 0
         self._phase = self._phases[0]
+        self._asked = self._command * self.task.share(0, self.shaping.period)
         reading = self.body.reset(rng)
         observation = self._observe(reading, np.zeros(len(self.plant.default)))
         return observation, {"command": tuple(self._command.tolist())}
@@ -141,7 +143,7 @@ class RobotEnv(gymnasium.Env):
         if size != size:  # NaN, before the body receives it
             raise ValueError(f"the action {action} is not all numbers: reset, and look at the policy")
         reading = self.body.advance(target, velocity)
-        reward, terms, fallen = self._judge.verdict(reading, target, self._command, self._phase)
+        reward, terms, fallen = self._judge.verdict(reading, target, self._asked, self._phase)
         if self.body.diverged:
             fallen = True
             terms["diverged"] = True
@@ -149,6 +151,7 @@ class RobotEnv(gymnasium.Env):
             terms |= self.body.step_info
         self._steps += 1
         self._phase = self._phases[self._steps % len(self._phases)]
+        self._asked = self._command * self.task.share(self._steps, self.shaping.period)
         return self._observe(reading, action), reward, fallen, self._steps >= self.episode_steps, terms
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -169,7 +172,7 @@ class RobotEnv(gymnasium.Env):
     def _observe(self, reading: BodyReading, action: NDArray[Any]) -> NDArray[np.float32]:
         if not self._noise.silent:
             self._noise.add(reading, self._rngs)
-        return self._observer.observe(reading, action, self.shaper.target, self._command, self._phase)
+        return self._observer.observe(reading, action, self.shaper.target, self._asked, self._phase)
 
 
 def spaces_of(plant: Plant) -> tuple[spaces.Box, spaces.Box]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.task.action_shaping import ActionShaper
+from twind.learn.task.learning_tasks import LearningTask
 from twind.learn.task.observation import BodyReading, ObservationBuilder
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats
@@ -82,28 +83,35 @@ class ActionSource(Protocol):
 class TrainedActor:
     """A policy of `twindctl train`, in the shape that it was trained in."""
 
-    def __init__(self, policy: ActionSource, phases: Floats) -> None:
-        """`phases`: (k, 4) of the steps, again and again."""
+    def __init__(self, policy: ActionSource, task: LearningTask) -> None:
+        """`task`: its phases and the ramp of its command begin anew with each start from rest."""
         card = policy.card
         default = np.array(card.default)
         self.joints = card.joints
         self.period = card.shaping.period
         self.shaper = ActionShaper(card.limits, default, card.shaping)
         self._policy = policy
-        self._phases = phases
+        self._task = task
+        self._phases = task.phases(self.period)
+        self._first: int | None = None  # step of the first action since it was at rest
         self._observer = ObservationBuilder(ObservationLayout(card.joints), default)
         self._action = np.zeros(len(card.joints), np.float32)
 
     def begin(self, goal: Floats | None = None) -> None:
         """Begin at rest; the last action is that whose target is `goal`."""
         self.shaper.reset(goal)
+        self._first = None
         away = np.zeros(len(self.joints)) if goal is None else goal - self.shaper.default
         self._action = np.clip(away / self.shaper.shaping.reach, -1.0, 1.0).astype(np.float32)
 
     def act(self, reading: BodyReading, command: Floats, step: int) -> Action | str:
         """Return the action for a reading, in -1..1."""
-        phase = self._phases[step % len(self._phases)]
-        seen = self._observer.observe(reading, self._action, self.shaper.target, command, phase)
+        if self._first is None:
+            self._first = step
+        since = step - self._first
+        phase = self._phases[since % len(self._phases)]
+        asked = command * self._task.share(since, self.period)
+        seen = self._observer.observe(reading, self._action, self.shaper.target, asked, phase)
         finite = np.isfinite(seen)
         if not finite.all():
             entry = self._observer.layout.names[int(np.argmin(finite))]

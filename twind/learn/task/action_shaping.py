@@ -10,13 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.robot.arrays import Bools, Floats, frozen
+from twind.robot.arrays import Floats, frozen
 from twind.robot.joint_limits import JointLimits
 
 PERIOD = 0.02  # s, of a policy
-# With B = BEND / s, B asinh(s x / B) is below the fastest speed that stops within x in whole periods, for any
-# way x and smoothing s up to 0.5 (speeds in changes of one period, ways in what such a speed makes in one).
-BEND = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +32,6 @@ class ActionShaping:
         shares = (self.smoothing, self.velocity_share, self.acceleration_share)
         if not all(0.0 < share <= 1.0 for share in shares):
             raise ValueError(f"smoothing and shares {shares} must be above 0 and at most 1")
-        if self.smoothing > 0.5:
-            raise ValueError(f"smoothing {self.smoothing} is above 0.5: it could not always brake in time")
         if not (self.period > 0.0 and self.reach > 0.0 and self.margin >= 0.0):
             raise ValueError(f"period {self.period} s, reach {self.reach} and margin {self.margin} rad")
 
@@ -44,9 +39,9 @@ class ActionShaping:
 class ActionShaper:
     """The targets of one robot, or of `shape` robots: arrays (…, n), in joint order.
 
-    Each period a target goes `smoothing` of a short way to its goal (a low-pass with one pole), and of a long
-    way what can still be braked in whole periods. Every goal lies within the limits, and so does every place
-    where a target could come to rest.
+    Each period a target goes `smoothing` of the way to its goal (a low-pass with one pole; 1: all of it), but
+    never faster than it can brake in whole periods. Every goal lies within the limits, and so does every
+    place where a target could come to rest.
     """
 
     def __init__(
@@ -63,20 +58,21 @@ class ActionShaper:
         self.default = frozen(default)
         self.lower = frozen(np.maximum(least, default - shaping.reach))  # rad, (n,), of goals
         self.upper = frozen(np.minimum(most, default + shaping.reach))
-        # Inside, places are counted from the default pose in a unit in which the speed for a way x is, per
-        # period, smoothing * asinh(x).
-        bend = BEND / shaping.smoothing**2
-        unit = _most_change(limits, shaping) * shaping.period * bend
+        # Inside, speeds are counted in the most that one changes in a period, ways in what such a speed makes
+        # in a period. From speed v, n periods of v, v - 1, v - 2 ... cover the way n v - n (n - 1) / 2.
+        unit = limits.acceleration * shaping.acceleration_share * shaping.period**2
         self._unit = frozen(unit)
         self._per_second = frozen(unit / shaping.period)
         self._reach = frozen(shaping.reach / unit)
-        self._least, self._most = frozen((self.lower - default) / unit), frozen((self.upper - default) / unit)
-        n = len(default)
-        self._less = frozen(np.full(n, -1.0 / bend))
-        self._more = frozen(np.full(n, 1.0 / bend))
-        self.target = np.broadcast_to(default, (*shape, n)).copy()  # rad, at the end of the period
-        self.velocity = np.zeros((*shape, n))  # rad/s, through the period
-        self._place, self._speed, self._work = (np.zeros((*shape, n)) for _ in range(3))
+        self._least = frozen((self.lower - default) / unit)
+        self._most = frozen((self.upper - default) / unit)
+        self._fastest = frozen(limits.velocity * shaping.velocity_share * shaping.period / unit)
+        self.target = np.broadcast_to(default, (*shape, len(default))).copy()  # rad, at the end of the period
+        self.velocity = np.zeros_like(self.target)  # rad/s, through the period
+        zeros = np.zeros_like(self.target)
+        self._place = zeros.copy()
+        self._speed = zeros.copy()
+        self._way, self._count, self._eased, self._work = (zeros.copy() for _ in range(4))
 
     def reset(self, target: Floats | None = None, at: Any = ...) -> None:
         """Begin at rest on `target` (…, n), the default pose if None; `at`: of these of several robots."""
@@ -105,41 +101,35 @@ class ActionShaper:
         """
         place = self._place
         speed = self._speed
+        way = self._way
         work = self._work
-        work[...] = action
-        np.multiply(work, self._reach, work)
-        np.maximum(work, self._least, out=work)  # in two: cheaper than `clip`
-        np.minimum(work, self._most, out=work)
-        np.subtract(work, place, work)
-        np.arcsinh(work, work)
-        np.multiply(work, self.shaping.smoothing, work)
+        way[...] = action
+        np.multiply(way, self._reach, way)
+        np.maximum(way, self._least, out=way)  # in two: cheaper than `clip`
+        np.minimum(way, self._most, out=way)
+        np.subtract(way, place, way)
+        np.abs(way, work)
+        count = self._count
+        np.multiply(work, 2.0, count)
+        np.add(count, 0.25, count)
+        np.sqrt(count, count)
+        np.subtract(count, 0.5, count)
+        np.ceil(count, count)
+        np.maximum(count, 1.0, out=count)
+        np.multiply(work, self.shaping.smoothing, self._eased)
+        np.divide(work, count, work)
+        np.multiply(count, 0.5, count)
+        np.add(work, count, work)
+        np.subtract(work, 0.5, work)  # the fastest that is at rest at the goal
+        np.minimum(work, self._eased, out=work)
+        np.minimum(work, self._fastest, out=work)
+        np.copysign(work, way, work)
         np.subtract(work, speed, work)
-        np.maximum(work, self._less, out=work)
-        np.minimum(work, self._more, out=work)
+        np.maximum(work, -1.0, out=work)
+        np.minimum(work, 1.0, out=work)
         np.add(speed, work, speed)
         np.add(place, speed, place)
         np.multiply(place, self._unit, work)
         np.add(work, self.default, self.target)
         np.multiply(speed, self._per_second, self.velocity)
         return self.target, self.velocity
-
-
-def _most_change(limits: JointLimits, shaping: ActionShaping) -> Floats:
-    """Return the most that velocity changes in one period, rad/s, (n,).
-
-    Its share of the acceleration limit; less where the longest way within the limits would become too fast.
-    """
-    most = limits.velocity * shaping.velocity_share
-    way = (limits.upper - limits.lower) * shaping.smoothing**2 / (BEND * shaping.period)
-
-    def slow(change: Floats) -> Bools:
-        found: Bools = change * BEND / shaping.smoothing * np.arcsinh(way / change) <= most
-        return found
-
-    whole = limits.acceleration * shaping.acceleration_share * shaping.period
-    share = np.zeros(len(whole))
-    step = 0.5
-    while step > 1e-6:  # bisection: the speed grows with the share
-        share = np.where(slow(whole * (share + step)), share + step, share)
-        step *= 0.5
-    return np.where(slow(whole), whole, whole * share)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twind.learn.randomise.randomisation_ranges import SAME, ZERO, PushRanges, RandomisationRanges, Span
+from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.observation_layout import COMMAND
 from twind.robot.arrays import Floats, frozen
 
@@ -24,7 +25,7 @@ class RewardWeights:
     upright: float = 0.0  # cosine of the tilt
     gait: float = 0.0  # kernel of how far the feet are from where the phase wants them
     energy: float = 0.0  # mean square of the torque, as a share of the most: what heats the motors
-    pose: float = 0.0  # mean square of the way from the default pose, rad²
+    pose: float = 0.0  # mean square of the way from the default pose (`imitates`: from the gait), rad²
     motion: float = 0.0  # mean square of the joints' velocities, rad²/s²
 
 
@@ -43,6 +44,9 @@ class LearningTask:
     pushes: PushRanges | None = None
     # x, each joint's position gain, over whatever the ranges draw of it.
     stiffness: Span = SAME
+    ramp: float = 0.0  # s in which the command of an episode grows from zero
+    imitates: bool = False  # the pose is judged against the gait of the walking engine, not the default pose
+    shaping: ActionShaping = field(default_factory=ActionShaping)
 
     def ranges(self, given: RandomisationRanges) -> RandomisationRanges:
         """`given`, with this task's own start and pushes where it says nothing of them, and its stiffness."""
@@ -67,6 +71,10 @@ class LearningTask:
         turn = 2.0 * np.pi * np.arange(count) / count
         feet = (turn, turn + np.pi) if self.stride else (turn, turn)
         return frozen(np.stack([each(foot) for foot in feet for each in (np.sin, np.cos)], axis=1))
+
+    def share(self, steps: Any, period: float) -> Any:
+        """Return the share of the command that is asked for after `steps` control steps."""
+        return np.minimum(1.0, steps * period / self.ramp) if self.ramp else 1.0
 
     def steps(self, period: float) -> int:
         """Number of control steps of an episode."""
@@ -98,11 +106,29 @@ HUMANOID = LearningTask(
     stride=0.6,
     start={"start_joints": (-0.03, 0.03), "start_tilt": (-0.02, 0.02)},
 )
-TASKS: Mapping[str, LearningTask] = {task.name: task for task in (STAND, HUMANOID)}
+# The engine's gait at 0.15 m/s needs nearly all that the legs of h24-standing can accelerate.
+WALK = LearningTask(
+    name="Walk",
+    weights=RewardWeights(
+        alive=0.5, velocity=1.0, turn=0.3, upright=0.3, energy=-0.2, pose=-100.0, motion=-0.001
+    ),
+    command=((0.0, 0.17), (-0.02, 0.02), (-0.2, 0.2)),
+    stride=1.4,
+    ramp=3.2,
+    start={
+        "start_joints": (-0.03, 0.03),
+        "start_tilt": (-0.02, 0.02),
+        "action_delay": (0.01, 0.025),  # s; a loop of 100 Hz takes 16 ms, measured over the bus
+    },
+    pushes=PushRanges(every=(2.0, 5.0), speed=(0.02, 0.08), lasting=(0.1, 0.2)),
+    imitates=True,
+    shaping=ActionShaping(reach=0.7, smoothing=1.0, velocity_share=0.95, acceleration_share=0.9),
+)
+TASKS: Mapping[str, LearningTask] = {task.name: task for task in (STAND, HUMANOID, WALK)}
 
 
 def task_of(name: str) -> LearningTask:
-    """Return a task by its name, `Stand` or `Humanoid`.
+    """Return a task by its name: `Stand`, `Humanoid`, `Walk`.
 
     Raises KeyError with the known names where there is none such.
     """

@@ -4,6 +4,9 @@ They are arithmetic on columns (`observation.columns`), floats of one robot or a
 """
 
 from collections.abc import Callable
+from functools import cached_property
+from importlib.util import find_spec
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -32,7 +35,9 @@ class RewardFunction:
         n = len(plant.default)
         self._task = task
         self._low = LOW * plant.height
-        self._origin = np.concatenate([plant.default, np.zeros(n)])
+        self._origin = np.zeros((*shape, 2 * n))
+        self._origin[..., :n] = plant.default
+        self._plant = plant
         # Scaled so that the sum of squares is the mean square.
         soft = 0.5 * sum(task.stiffness)  # values drawn around it cannot be measured from outside
         self._stiffness = soft * plant.stiffness / np.sqrt(n)
@@ -56,13 +61,28 @@ class RewardFunction:
     def per_step(self, command: Floats, phases: Floats) -> Callable[[BodyReading, Floats, int], float]:
         """Make the reward of one robot for a reading, the target (n,) that led to it, and the step's number.
 
-        `phases`: (k, 4) of the steps, again and again.
+        `command` grows as the task has it; `phases`: (k, 4) of the steps, again and again. NaN where the gait
+        that is imitated cannot be had, for want of the extra walk.
         """
+        if self._task.imitates and find_spec("mink") is None:
+            return lambda *_: nan
+        _ = self._reference  # it takes seconds: now, not in a step
+        period = self._task.shaping.period
 
         def reward(reading: BodyReading, target: Floats, step: int) -> float:
-            return float(self.reward(reading, target, command, phases[step % len(phases)])[0])
+            asked = command * self._task.share(step, period)
+            return float(self.reward(reading, target, asked, phases[step % len(phases)])[0])
 
         return reward
+
+    @cached_property
+    def _reference(self) -> Any:
+        """The gait that is imitated, or None. Worked out when the first reward is: it takes seconds."""
+        if not self._task.imitates:
+            return None
+        from twind.learn.task.gait_reference import GaitReference  # needs the extra walk
+
+        return GaitReference(self._plant.binding.robot, self._task.stride, self._task.shaping.period)
 
     def fallen(self, reading: BodyReading) -> Column:
         """The base is tilted too far, or too low: bool, or (…,)."""
@@ -84,6 +104,8 @@ class RewardFunction:
         weigh = self._task.weights
         moving = self._task.stride > 0.0
         forward, left, turn = columns(command)
+        if self._reference is not None:
+            self._origin[..., : self._joints.shape[-1] // 2] = self._reference.positions(phase, command)
         pose, motion, torque = columns(self._squares(reading, target))
         ahead = c[10] - forward
         aside = c[11] - left

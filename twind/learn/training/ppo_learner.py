@@ -12,8 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from twind.config.robot_file import load_robot
 from twind.learn.batch.batch_core import BatchCore
 from twind.learn.policy.policy_file import NetworkLayer, PolicyCard, save
+from twind.learn.task.learning_tasks import task_of
+from twind.learn.task.plant_model import plant_of
 from twind.learn.training.training_settings import TrainingSettings
 
 FORMAT = "twind-checkpoint/1"
@@ -105,8 +108,19 @@ class PpoLearner:
         self.model.ep_success_buffer = deque(maxlen=RECENT)
         if state is not None:
             self._restore(state)
+        elif task_of(settings.task).imitates:
+            self._imitate()
         # What is drawn from here on depends on seed and steps alone, and repeats nothing drawn before.
         self.model.set_random_seed(_seed(settings.seed, self.steps))
+
+    def _imitate(self) -> None:
+        """Begin as the walking engine's gait, with balance by the ankles."""
+        from twind.learn.task.gait_reference import GaitTeacher  # needs the extra walk
+        from twind.learn.training.behaviour_cloning import clone
+
+        task = task_of(self.settings.task)
+        plant = plant_of(load_robot(self.settings.robot), period=task.shaping.period)
+        clone(self.model, GaitTeacher(task, plant).act, self.settings.seed)
 
     @property
     def steps(self) -> int:
@@ -189,10 +203,8 @@ class PpoLearner:
 
     @property
     def _longest(self) -> int:
-        from twind.learn.task.action_shaping import ActionShaping
-        from twind.learn.task.learning_tasks import task_of
-
-        return task_of(self.settings.task).steps(ActionShaping().period)
+        task = task_of(self.settings.task)
+        return task.steps(task.shaping.period)
 
 
 def _seed(seed: int, steps: int) -> int:

@@ -21,7 +21,7 @@ from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 group = "learn"
 
-NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib")
+NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib", "mink")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
 FIGURES: tuple[tuple[str, Any, str, str], ...] = (
     (
@@ -46,7 +46,9 @@ FIGURES: tuple[tuple[str, Any, str, str], ...] = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl train`."""
-    parser.add_argument("task", metavar="TASK", nargs="?", help="stand or humanoid; with --resume not needed")
+    parser.add_argument(
+        "task", metavar="TASK", nargs="?", help="stand, walk or humanoid; with --resume not needed"
+    )
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default: h24)")
     parser.add_argument(
         "--profile",
@@ -119,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
 
     given = _given(options)
     if options.resume is None and options.task is None:
-        raise UsageError("name a TASK, stand or humanoid, or a folder with --resume")
+        raise UsageError("name a TASK, stand, walk or humanoid, or a folder with --resume")
     try:
         if options.resume is not None:
             if not options.resume.is_dir():

@@ -78,6 +78,19 @@ class TrainingSettings:
 DEFAULTS: Mapping[str, TrainingSettings] = {
     "Stand": TrainingSettings("Stand"),
     "Humanoid": TrainingSettings("Humanoid", steps=2_000_000, evaluate_every=100_000, gamma=0.99),
+    "Walk": TrainingSettings(
+        "Walk",
+        robot="h24-standing",
+        profile="walk",
+        steps=2_000_000,
+        envs=16,
+        batch=1024,
+        learning_rate=2e-4,
+        gamma=0.99,
+        std=0.06,
+        hidden=(128, 128),
+        evaluate_every=200_000,
+    ),
 }
 
 
