@@ -14,6 +14,7 @@ from twind.robot.arrays import Floats
 from twind.robot.fall_settings import FallReaction, FallSettings, FallState
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
+from twind.robot.trajectory import Trajectory
 from twind.twin.mujoco_physics import MujocoPhysics
 from twind.virtual.robot_ground_truth import RobotGroundTruth
 
@@ -125,6 +126,24 @@ class FallRig(WalkingRig):
             if self.trips:
                 return False
         return True
+
+    def squat(self, down: Mapping[str, float], seconds: float) -> bool:
+        """Move both legs to `down`, rad by joint of a leg, and back; False: a fall was detected.
+
+        The ways take `seconds` each, longer where the limits need it.
+        """
+        stance = self.engine.stance
+        low = stance.copy()
+        for joint, angle in down.items():
+            for side in "lr":
+                low[self.names.index(f"{side}_{joint}")] = angle
+        rows = np.array([low, stance])
+        rest = np.zeros_like(rows)
+        way = Trajectory(np.array([1.0, 2.0]) * seconds, rows, np.ones(len(stance), np.bool_), rest)
+        ticket = self.submit(way, more=True, policy="retime")
+        while not any(not reply.continues for reply in self.replies(ticket)):
+            self.ticks(1)
+        return not self.trips
 
     def push(self, impulse: float, direction: float, seconds: float = 2.0) -> Fall:
         """Push the base by `impulse` N·s towards `direction`, rad from forward to the left; watch it.

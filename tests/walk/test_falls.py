@@ -7,6 +7,7 @@ from math import pi
 import pytest
 
 from tests.support.fall_rig import FallRig
+from tests.support.hand_rig import Hands
 from twind import link
 from twind.robot.fall_settings import FallReaction, FallState
 from twind.robot.finding import ReasonCode
@@ -48,6 +49,27 @@ def test_a_push_that_the_stance_bears_is_no_fall(holding: FallRig) -> None:
     assert not fall.fell
     assert holding.state is FallState.UPRIGHT
     assert holding.trips == []
+
+
+def test_a_robot_without_torque_is_carried_lying_without_an_event_and_armed_only_upright() -> None:
+    with closing(FallRig(FallReaction.HOLD)) as rig:
+        rig.connect()
+        rig.call(link.AcquireLease)
+        assert rig.body is not None
+        turned = [0.0]
+        hands: object = Hands(rig.body, "torso", lambda time: (0.1, turned[0], 0.0))
+        rig.body.crane = hands  # type: ignore[assignment]
+        rig.seconds(0.3)
+        turned[0] = 1.0
+        rig.seconds(1.0)
+        assert rig.trips == []
+        refused = rig.call(link.Arm)
+        assert "FALLING" in str(refused.parameters)
+        turned[0] = 0.0
+        rig.seconds(1.5)
+        assert rig.trips == []
+        rig.lease()
+        assert rig.call(link.Arm).error is None
 
 
 def test_without_the_section_nothing_is_detected() -> None:
