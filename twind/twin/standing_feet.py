@@ -5,13 +5,14 @@ times and a path.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from math import nan
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
@@ -190,7 +191,7 @@ def inside(points: Floats, place: Floats) -> float:
     """
     if not (np.isfinite(points).all() and np.isfinite(place).all()):
         return nan
-    one, other = np.triu_indices(len(points), 1)
+    one, other = _pairs(len(points))
     along = points[other] - points[one]
     length = np.hypot(along[:, 0], along[:, 1])
     apart = length > 1e-9
@@ -199,6 +200,13 @@ def inside(points: Floats, place: Floats) -> float:
     normal = np.stack([along[apart, 1], -along[apart, 0]], axis=1) / length[apart, None]
     normal = np.concatenate([normal, -normal])
     return float(((points @ normal.T).max(axis=0) - normal @ place).min())
+
+
+@cache
+def _pairs(count: int) -> tuple[Ints, Ints]:
+    """Return the places of all pairs among `count`; not to be changed."""
+    one, other = np.triu_indices(count, 1)
+    return one, other
 
 
 def _nothing_below(found: tuple[int, Floats, float]) -> float:
