@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from twind.client import MotionFailed
+from twind.client import MotionFailed, Refused
 from twind.exceptions import InvalidInput
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
@@ -20,6 +20,7 @@ RATE = 100.0  # Hz
 FALLEN = 0.6  # rad of tilt from which no step helps
 NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
+LATCHED = (ReasonCode.FAULT_LATCHED, ReasonCode.ESTOP_LATCHED)  # the daemon reacts: no e-stop of this program
 RECENT = 0.05  # s: an older reading of the IMU does not balance
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
 FASTEST = np.array([0.12, 0.03, 0.25])
@@ -66,7 +67,8 @@ def velocity(forward: float, left: float, turn: float) -> Floats:
 def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> WalkOutcome:
     """Walk until `command` returns None and the robot stands.
 
-    Raises MotionFailed: it fell, and was stopped by an e-stop; else as `GoalStream.send`.
+    Raises Refused: a fault or an e-stop was latched, such as for a fall that the daemon detected;
+    MotionFailed: it fell, and was stopped by an e-stop; else as `GoalStream.send`.
     """
     goals = np.array([joint.goal for joint in robot.joints.values()])
     if not (np.abs(goals - engine.stance) <= NEAR).all():
@@ -79,6 +81,9 @@ def run_walk(robot: WalkingRobot, engine: WalkingEngine, command: Command) -> Wa
             ending = wanted is None
             if ending and engine.standing:
                 break
+            refusal = stream.report.refusal
+            if isinstance(refusal, Refused) and any(each["code"] in LATCHED for each in refusal.findings):
+                raise refusal
             inertial = robot.state.message.inertial
             tilt = 0.0 if inertial is None else max(map(abs, tilt_of(inertial.quaternion)))
             if tilt > FALLEN:
