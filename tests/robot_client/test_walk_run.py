@@ -48,7 +48,8 @@ class StandInStream:
         self.report.sent += 1
         if self._robot.now >= self._robot.refuses_from:
             self.report.refused += 1
-            self.report.refusal = Refused("io.twind.Control.Refused", {"findings": []})
+            found = [{"code": self._robot.code, "message": ""}]
+            self.report.refusal = Refused("io.twind.Control.Refused", {"findings": found})
 
 
 class StandInRobot:
@@ -62,6 +63,7 @@ class StandInRobot:
         self.goals: Any = self.engine.stance
         self.now = 0.0
         self.refuses_from = math.inf
+        self.code = "VEL_LIMIT"  # of its refusals
         self.stopped: list[str] = []
         self.moved: list[Mapping[str, float]] = []
         self._imu = imu
@@ -139,6 +141,17 @@ def test_a_robot_that_refuses_goals_is_sent_no_more() -> None:
     with pytest.raises(Refused):
         robot.walk()
     assert robot.now <= 1.5 + (MOST_REFUSED + 2) * PERIOD
+
+
+@pytest.mark.parametrize("code", ["FAULT_LATCHED", "ESTOP_LATCHED"])
+def test_a_latch_ends_the_walk_without_an_e_stop_which_would_replace_the_reaction(code: str) -> None:
+    robot = StandInRobot(lambda now: reading(LYING if now > 1.5 else UPRIGHT))
+    robot.code = code
+    robot.refuses_from = 1.5
+    with pytest.raises(Refused):
+        robot.walk()
+    assert robot.stopped == []
+    assert robot.now == pytest.approx(1.5 + PERIOD)
 
 
 def test_a_robot_whose_imu_falls_silent_stands_and_says_so() -> None:

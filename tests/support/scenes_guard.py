@@ -1,12 +1,16 @@
 """Situations that lead to each code of what is judged in every tick."""
 
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tests.support.daemon_rig import Rig
-from tests.support.scene_rig import faults, leads_to, move
+from tests.support.fall_rig import FallRig
+from tests.support.scene_rig import SCENES, Told, faults, leads_to, move, reported_codes
 from twind import link
+from twind.robot.fall_settings import FallReaction
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard import FINE
@@ -222,3 +226,13 @@ def a_tick_breaks(made: Rig) -> None:
     made.ticks(1)
     made.loop.parts.guard.judge = judge  # type: ignore[method-assign]
     made.ticks(1)
+
+
+def a_robot_is_pushed_over(_: Path) -> Told:
+    with closing(FallRig(FallReaction.HOLD)) as made:
+        made.stand()
+        made.push(4.0, 0.0, 0.3)
+        return reported_codes(made)
+
+
+SCENES[ReasonCode.FALLING] = a_robot_is_pushed_over

@@ -18,6 +18,7 @@ from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import buses
 from twind.config.collision_config import clearance
 from twind.config.config_reader import ConfigReader, ConfigStruct, Name, Text, file_error
+from twind.config.fall_config import FallKeys, fall_of
 from twind.config.imu_config import imu_of
 from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
@@ -96,6 +97,7 @@ class RobotKeys(ConfigStruct, kw_only=True):
     motions: Text = "motions"
     """folder | | folder of `twindctl play NAME`"""
     sensors: ConfigReader
+    fall: FallKeys | None = None
     power: PowerKeys
     stop_button: StopButtonKeys | None = None
     todo: tuple[str, ...] = ()
@@ -146,6 +148,8 @@ def read_robot(path: Path) -> RobotFile:
         reason = "a robot on its feet has contact forces that the offset does not know: fixed or gantry only"
         raise top.section("loop").refuse("compensate_gravity", reason)
     gate = given.gate
+    poses = _poses(given.poses, joints)
+    imu = imu_of(top, wires, joints)
     return RobotFile(
         name=given.name,
         path=path.absolute(),
@@ -161,7 +165,7 @@ def read_robot(path: Path) -> RobotFile:
         joints=joints,
         passive=given.passive,
         legs=legs,
-        poses=_poses(given.poses, joints),
+        poses=poses,
         gate=GateSettings(
             gate.on_velocity or "reject",
             clearance(given.collision, given.support),
@@ -170,7 +174,8 @@ def read_robot(path: Path) -> RobotFile:
         ),
         motions=path.absolute().parent / given.motions,
         transmissions=driven,
-        imu=imu_of(top, wires, joints),
+        imu=imu,
+        fall=fall_of(top, given.fall, given.support, inertial=imu is not None, poses=poses),
         relay=relay_of(top, given.power.relay, given.loop.rate_hz),
         stop_button=button_of(top, given.stop_button),
         todo=given.todo,

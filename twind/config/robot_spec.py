@@ -10,6 +10,7 @@ from twind.config.collision_config import Clearance
 from twind.config.homing_config import HomingSettings, JointEndstops
 from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.power_config import ButtonSpec, RelaySpec
+from twind.robot.fall_settings import FallSettings
 from twind.robot.transmission import Transmission
 
 
@@ -203,6 +204,7 @@ class RobotFile:
     transmissions: tuple[TransmissionSpec, ...] = ()
     compensate_gravity: bool = False  # goals have an offset against gravity
     imu: ImuSpec | None = None
+    fall: FallSettings | None = None  # None: falls are not detected
     relay: RelaySpec | None = None  # of the motors' supply
     stop_button: ButtonSpec | None = None
     todo: tuple[str, ...] = ()  # keys of the file that are not settled yet

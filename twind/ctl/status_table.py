@@ -59,6 +59,8 @@ def status_lines(status: StatusMessage) -> list[str]:
         lines.append(f"relay    {status['supply_relay']}")
     if status.get("stop_button") is not None:
         lines.append(f"button   {status['stop_button']}")
+    if status.get("fall") is not None:
+        lines.append(f"balance  {status['fall']}")
     lines += gap_lines(status.get("gap"))
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]

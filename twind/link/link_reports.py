@@ -127,6 +127,7 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
     supply_relay: str | None = None  # open, closed, tripped, failed, unknown; None: there is none
     stop_button: str | None = None  # released, pressed, unplugged, unknown; None: there is none
+    fall: str | None = None  # upright, falling, fallen, unknown; None: falls are not detected
     verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is read
 
 

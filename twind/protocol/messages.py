@@ -165,4 +165,5 @@ class StatusMessage(TypedDict):
     bodiless: bool | None
     supply_relay: str | None
     stop_button: str | None
+    fall: str | None
     gap: GapMessage | None

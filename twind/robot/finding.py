@@ -81,6 +81,7 @@ class ReasonCode(StrEnum):
     TX_BACKLOG = "TX_BACKLOG"
     CAN_BUS_STATE = "CAN_BUS_STATE"
     MIRROR_DRIFT = "MIRROR_DRIFT"
+    FALLING = "FALLING"
     INTERNAL = "INTERNAL"
     TIME_GAP = "TIME_GAP"  # the machine was suspended, or the daemon stopped, for longer than a watchdog
     SOCKETS_GONE = "SOCKETS_GONE"  # clients cannot connect: no client could stop a motion

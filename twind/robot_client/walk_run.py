@@ -7,12 +7,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from twind.client import MotionFailed
+from twind.client import MotionFailed, Refused
 from twind.exceptions import InvalidInput
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
-from twind.robot_client.goal_stream import GoalStream
+from twind.robot_client.goal_stream import GoalStream, StreamReport
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_message import ImuReading
 from twind.walk.balance import tilt_of
@@ -22,6 +22,7 @@ RATE = 100.0  # Hz
 FALLEN = 0.6  # rad of tilt from which no step helps
 NEAR = 0.05  # rad: joints this near to the stance need no motion to it
 MOST_ELAPSED = 0.03  # s that the gait goes on at once after missed periods
+LATCHED = (ReasonCode.FAULT_LATCHED, ReasonCode.ESTOP_LATCHED)  # the daemon reacts: no e-stop of this program
 RECENT = 0.05  # s: an older reading of the IMU does not balance
 MOST_REFUSED = 3  # goals of a walk; a stopped robot refuses each
 # Velocities at which h24-standing walked without a refusal: forward, left, m/s; turn, rad/s.
@@ -73,8 +74,8 @@ def run_walk(
 
     A command too fast, or an IMU that falls silent, ends the walk: it stands first. More than `MOST_REFUSED`
     refusals, as after a stop or an e-stop, end the goals at once. Raises InvalidInput: too fast, no goals or
-    no IMU; MotionFailed: it fell, and was stopped by an e-stop, or the IMU fell silent; else as
-    `GoalStream.send`.
+    no IMU; Refused: as above, or a latched fault, such as a fall that the daemon detected; MotionFailed: it
+    fell, and was stopped by an e-stop, or the IMU fell silent; else as `GoalStream.send`.
     """
     longest = math.inf if seconds is None else seconds
     velocity(command(0.0) or STILL)
@@ -92,6 +93,7 @@ def run_walk(
     now = before = 0.0
     with robot.stream(rate=RATE, strict=False) as stream:
         for now in stream:
+            _raise_latched(stream.report)
             inertial = _inertial(robot)
             if inertial is not None and not max(map(abs, tilt_of(inertial.quaternion))) <= FALLEN:
                 robot.estop(reason="fell while walking")
@@ -106,8 +108,6 @@ def run_walk(
                 wanted = None
             if wanted is None and engine.standing:
                 break
-            if stream.report.refused > MOST_REFUSED and stream.report.refusal is not None:
-                raise stream.report.refusal
             stream.send(
                 engine.advance(
                     min(max(now - before, stream.period), MOST_ELAPSED),
@@ -120,6 +120,16 @@ def run_walk(
     if failure is not None:
         raise failure
     return WalkOutcome(engine.steps, now, stream.report.refused, stream.report.late)
+
+
+def _raise_latched(report: StreamReport) -> None:
+    """Raise the refusal of a stopped robot: a latched fault or e-stop, else more than `MOST_REFUSED`."""
+    refusal = report.refusal
+    if refusal is None:
+        return
+    latched = isinstance(refusal, Refused) and any(each["code"] in LATCHED for each in refusal.findings)
+    if latched or report.refused > MOST_REFUSED:
+        raise refusal
 
 
 def _wanted(command: Command, now: float, longest: float) -> Floats | None:

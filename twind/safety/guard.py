@@ -18,6 +18,7 @@ from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
 from twind.safety.clearance_rules import LookaheadCollisionRules
 from twind.safety.device_rules import DeviceRules
+from twind.safety.fall_rules import FallRules
 from twind.safety.follow_bounds import follow_bounds
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.guard_types import (
@@ -73,13 +74,14 @@ class Guard:
         linked: Sequence[MappedTransmission] = (),
         at_rest: TorqueAtRest | None = None,
         load: Floats | None = None,
+        falls: FallRules | None = None,
     ) -> None:
         """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
 
         `support`: of the robot file. `ratings`: bounds of the actuators; without them supply, heat and load
         are not judged. `linked`: transmissions, whose actuators turn joints together. `at_rest`: torque that
         holds a pose; None: unknown (LEAD_LIMIT). `load` (n,): N·m, the largest that a joint holds at rest;
-        None: unknown (FOLLOW_ERR).
+        None: unknown (FOLLOW_ERR). `falls`: None: the robot file does not ask for fall detection.
         """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
@@ -105,7 +107,9 @@ class Guard:
             CurrentRules(rated, bounds),
             HeatRules(rated, bounds),
             VoltageRules(rated, bounds),
+            *((falls,) if falls is not None else ()),
         )
+        self.falls = falls
         self._holds = HoldRules(free, bounds)  # judges the results of the others
         self._present: set[Key] = set()  # present in the last tick, and reported then or before
         self._reported_at: dict[Key, float] = {}  # s, when each was last reported
@@ -156,10 +160,12 @@ class Guard:
         if not results:
             if self._present:
                 self._present.clear()
-            self.bars = ()
+            self.bars = () if self.falls is None else self.falls.bars
             self._holding = ()
             return FINE
         self.bars = tuple(one.finding for one in results if one.bars)
+        if self.falls is not None:
+            self.bars += self.falls.bars
         self._holding = tuple(one.finding for one in results if one.reaction and not one.transient)
         return self._answer(results, facts)
 

@@ -5,13 +5,14 @@ times and a path.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from math import nan
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
@@ -54,13 +55,30 @@ class StandingFeet:
         self._address = int(base.jntadr[0])
         self._qpos = int(model.jnt_qposadr[self._address])
         data.qpos[index(binding.qpos)] = binding.rest
-        self._turn(np.array([1.0, 0.0, 0.0, 0.0]))
+        self.turn(np.array([1.0, 0.0, 0.0, 0.0]))
         self._feet = self._lowest()
 
     @property
     def has_feet(self) -> bool:
         """True if the robot has feet to stand on."""
         return bool(self._feet)
+
+    @property
+    def base(self) -> int:
+        """Body that carries the free joint."""
+        return self._base
+
+    def sole_corners(self) -> list[tuple[int, Floats]]:
+        """Return each corner (3,) of a sole, m, in the frame of its body, and that body.
+
+        The rounding of a corner is left out: a rounded foot counts as smaller than it is.
+        """
+        found = []
+        for foot in self._feet:
+            heights = foot.corners @ foot.normal - foot.radius
+            low = foot.corners[heights <= heights.min() + TOUCHING]
+            found += [(foot.body, corner) for corner in low]
+        return found
 
     def soles(self) -> list[tuple[int, Floats]]:
         """Return for each foot its body and the middle (3,) of its sole, m, in that body's frame."""
@@ -76,7 +94,7 @@ class StandingFeet:
         """Put the lowest foot of the pose in `data` flat on the floor: the base is turned to match."""
         if not self._feet:
             return Stance((), nan)
-        self._turn(np.array([1.0, 0.0, 0.0, 0.0]))
+        self.turn(np.array([1.0, 0.0, 0.0, 0.0]))
         if not np.isfinite(self._data.xpos).all():
             return Stance((), nan)
         corners = [self._corners(foot) for foot in self._feet]
@@ -91,7 +109,7 @@ class StandingFeet:
         feet = tuple(self._feet[place].body for place in order if touching[place].any())
         rotation = _onto(up)
         mass = rotation @ self._data.subtree_com[self._base]
-        self._turn(_quaternion(rotation))
+        self.turn(_quaternion(rotation))
         return Stance(feet, inside((points @ rotation.T)[:, :2], mass[:2]))
 
     def _beneath(self, place: int, corners: list[Floats]) -> "tuple[int, Floats, float]":
@@ -105,7 +123,7 @@ class StandingFeet:
         others = [height for other, height in enumerate(least) if other != place]
         return place, up, min(others, default=np.inf) - least[place]
 
-    def _turn(self, quaternion: Floats) -> None:
+    def turn(self, quaternion: Floats) -> None:
         """Put the base at the origin with this orientation, at rest.
 
         Bodies and centre of mass are updated.
@@ -173,7 +191,7 @@ def inside(points: Floats, place: Floats) -> float:
     """
     if not (np.isfinite(points).all() and np.isfinite(place).all()):
         return nan
-    one, other = np.triu_indices(len(points), 1)
+    one, other = _pairs(len(points))
     along = points[other] - points[one]
     length = np.hypot(along[:, 0], along[:, 1])
     apart = length > 1e-9
@@ -182,6 +200,13 @@ def inside(points: Floats, place: Floats) -> float:
     normal = np.stack([along[apart, 1], -along[apart, 0]], axis=1) / length[apart, None]
     normal = np.concatenate([normal, -normal])
     return float(((points @ normal.T).max(axis=0) - normal @ place).min())
+
+
+@cache
+def _pairs(count: int) -> tuple[Ints, Ints]:
+    """Return the places of all pairs among `count`; not to be changed."""
+    one, other = np.triu_indices(count, 1)
+    return one, other
 
 
 def _nothing_below(found: tuple[int, Floats, float]) -> float:

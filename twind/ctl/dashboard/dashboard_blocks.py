@@ -8,6 +8,7 @@ from twind.ctl.dashboard.dashboard_state import Answer, DashboardNotice, Dashboa
 from twind.ctl.dashboard.styled_lines import Line, Span, cut, fitting, length, line, wrapped
 from twind.ctl.reasons import remedy
 from twind.ctl.status_table import LOST, gap_text
+from twind.robot.fall_settings import FallState
 
 STALE = 100.0  # ms, of an IMU's reading
 LABEL = 9  # columns of `loop     `
@@ -80,6 +81,8 @@ def header(view: DashboardState, width: int) -> Line:
     ]
     if status["inherited"]:
         said.append(("  ! torque was found on", "warn"))
+    if status.get("fall") in (FallState.FALLING, FallState.FALLEN):
+        said.append((f"  !! {status['fall']}", "alarm"))
     if view.lost:
         said.append((f"  ! {view.lost} news lost", "warn"))
     shown = cut(line(*said), width)

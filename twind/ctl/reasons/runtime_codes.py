@@ -119,6 +119,11 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         "The motion comes closer than `warn_m` (slower) or `block_m` (HOLD) to robot or world.",
         "choose another path: the message names the pair",
     ),
+    ReasonCode.FALLING: ReasonText(
+        "fault; HOLD, DAMP or SETTLE by `fall.reaction`; arming refused",
+        "The robot falls or has fallen. Arming is refused until it stands and its IMU is read.",
+        f"set it on its feet; {AGAIN}",
+    ),
     ReasonCode.STEP_LIMIT: ReasonText(
         "goal withheld, HOLD",
         "A goal is farther from the last one sent than the velocity limit allows in one tick.",

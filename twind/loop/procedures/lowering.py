@@ -13,6 +13,7 @@ from twind.loop.procedures.torque_switching import error_text
 from twind.motion.motion_layers import choose
 from twind.motion.settle import SPEED, settle
 from twind.motion.stop_profiles import still
+from twind.robot.arrays import Floats
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
@@ -40,6 +41,7 @@ class SettleProfile:
     way: float = WAY  # s for the motion, more where the limits need it
     within: float = SETTLE  # s from the take-over to torque off; a robot that stands freely is damped then
     whole: bool = False  # True: a robot that cannot be taken over completely keeps its torque
+    pose: str = ""  # of the robot file, in which torque goes off; "": the rest pose
 
 
 USUAL = SettleProfile()
@@ -54,6 +56,7 @@ def lower(
     requests more time (s) of a service manager that waits for the end of the daemon.
     """
     robot = context.robot
+    target = robot.bound.pose(profile.pose) if profile.pose else robot.rest
     until = context.clock.now() + profile.within
     for _ in range(WAYS):
         reference = context.executor.reference
@@ -62,7 +65,7 @@ def lower(
             break
         limp = context.torque.limp
         start = choose(limp, still(reference.position), reference)
-        there = np.where(limp, reference.position, robot.rest)
+        there = np.where(limp, reference.position, target)
         way = settle(start, there, robot.limits, profile.way, profile.speed)
         way = replace(way, commanded=~limp)
         refused = context.executor.submit("settle", way)
@@ -78,8 +81,8 @@ def lower(
             until = now + lasts + LATE if robot.carried else until
         yield from _confirm_begun(context)
         yield from _wait_for_end(context, until)
-        if _arrived(context):
-            return robot.carried or (yield from _rests(context, until))
+        if _arrived(context, target):
+            return robot.carried or (yield from _rests(context, target, until))
     if context.torque.soft_since is None:
         context.reports.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False
@@ -98,12 +101,12 @@ def _wait_for_end(context: ProcedureContext, until: float) -> Steps:
         now = yield
 
 
-def _arrived(context: ProcedureContext) -> bool:
-    """Check that the goals are at the rest pose, but for limp joints."""
+def _arrived(context: ProcedureContext, target: Floats) -> bool:
+    """Check that the goals are at the pose `target` (n,), but for limp joints."""
     reference = context.executor.reference
     if reference is None:
         return False
-    arrived = np.abs(reference.position - context.robot.rest) <= ARRIVED
+    arrived = np.abs(reference.position - target) <= ARRIVED
     return bool((arrived | context.torque.limp).all())
 
 
@@ -124,15 +127,15 @@ def _check_goals_taken(context: ProcedureContext) -> Generator[None, float, bool
     return bool((np.abs(held - robot.written)[held_joints] <= lag[held_joints]).all())
 
 
-def _rests(context: ProcedureContext, until: float) -> Generator[None, float, bool]:
-    """Wait until every joint that is held answers, is near its rest pose, and is slow for a while.
+def _rests(context: ProcedureContext, target: Floats, until: float) -> Generator[None, float, bool]:
+    """Wait until every joint that is held answers, is near `target` (n,), and is slow for a while.
 
     False if not by `until` (s).
     """
     now = quiet_since = context.clock.now()
     while now < until and context.torque.soft_since is None:
         state = context.robot.measured
-        near = (state.age <= SLOW_FOR) & (np.abs(state.position - context.robot.rest) <= NEAR)
+        near = (state.age <= SLOW_FOR) & (np.abs(state.position - target) <= NEAR)
         if not ((near & (np.abs(state.velocity) <= SLOW)) | context.torque.limp).all():
             quiet_since = now
         if now - quiet_since >= SLOW_FOR:

@@ -21,6 +21,7 @@ from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_
 from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
+from twind.robot.fall_settings import FallReaction
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.safety.state_machine import RobotEvent
@@ -28,6 +29,7 @@ from twind.twin.twin import Twin
 from twind_drivers.bus import BusError
 
 AWAITED = 1.5  # s that an ending daemon waits for a lost bus with torque of its own
+FOLD = 0.05  # s for the motion of a falling robot to its pose: the limits alone say how long it takes
 STOPS = MappingProxyType({"settle": Priority.ESTOP, "cut": Priority.CUT})  # by level
 
 
@@ -90,10 +92,10 @@ class TorqueRelease:
         except Exception as again:  # noqa: BLE001 - torque off does not depend on damping either
             fail(context, Finding(ReasonCode.INTERNAL, message=repr(again)))
 
-    def _release_reported(self, why: Finding) -> Steps:
+    def _release_reported(self, why: Finding, profile: SettleProfile = USUAL) -> Steps:
         """Release; report what could not be read back off."""
         try:
-            yield from self.release(why)
+            yield from self.release(why, profile)
         except BusError as error:
             say_unconfirmed(self._context, error)
 
@@ -129,9 +131,18 @@ class TorqueRelease:
         unknown = Finding(ReasonCode.FAULT_LATCHED, message="a fault")
         latched = next(iter(why or condition.latches.values()), unknown)
         condition.change_if(RobotEvent.SETTLE)
-        yield from self._release_reported(latched)
+        yield from self._release_reported(latched, self._profile(why))
         condition.change_if(RobotEvent.SETTLED)
         return None
+
+    def _profile(self, why: tuple[Finding, ...]) -> SettleProfile:
+        """Return how the robot is lowered for a fault: a falling one may have a pose of its own."""
+        if not any(finding.code is ReasonCode.FALLING for finding in why):
+            return USUAL
+        fall = self._context.robot.bound.file.fall
+        if fall is None or fall.reaction is not FallReaction.FOLD:
+            return USUAL
+        return SettleProfile(way=FOLD, pose=fall.pose)
 
     def shutdown(self, homing: HomingProcedure, now: float) -> Procedure:
         """Handle SIGTERM: lower the robot if this daemon has torque on, then end.

@@ -31,8 +31,11 @@ from twind.loop.tick.control_loop import Loop
 from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
+from twind.robot.fall_settings import FallSettings
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
+from twind.safety.capture_point import CapturePoint
+from twind.safety.fall_rules import FallRules
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
@@ -47,6 +50,8 @@ from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
 from twind.twin.dynamics import Dynamics
 from twind.twin.load_survey import worst_load
+from twind.twin.standing_feet import inside
+from twind.twin.support_geometry import SupportGeometry
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
@@ -129,7 +134,15 @@ def _guard(robot: BoundRobot, period: float) -> Guard:
         linked=binding.joint_map.linked,
         at_rest=_torque_at_rest(binding),
         load=worst_load(binding),
+        falls=_falls(robot.file.fall, binding),
     )
+
+
+def _falls(settings: FallSettings | None, binding: Binding) -> FallRules | None:
+    """Return the rule of falls; None: the robot file does not ask for it. Raises InvalidInput: no feet."""
+    if settings is None:
+        return None
+    return FallRules(settings, CapturePoint(SupportGeometry(binding).place, inside))
 
 
 def power(robot: RobotFile, rate_hz: float, virtual: Mapping[str, str]) -> PowerChild | None:

@@ -163,6 +163,7 @@ class StatePublisher:
             fault_bits=self._faults().tobytes(),
             supply_relay=self._supply.relay_text,
             stop_button=self._supply.button_text,
+            fall=None if self._parts.guard.falls is None else self._parts.guard.falls.state.value,
             verified=b"" if context.condition.mode is Mode.SIM else self._identity.verified.joints.tobytes(),
         )
 

@@ -1,0 +1,58 @@
+"""The capture point of a moving mass is that of its inverted pendulum."""
+
+from math import nan, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.robot.arrays import Floats
+from twind.robot.attitude import G
+from twind.robot.joint_state import Imu
+from twind.safety.capture_point import CapturePoint, SupportPoints
+
+HEIGHT = 0.3  # m
+FOOT = np.array([[x, y, 0.0] for x in (-0.1, 0.1) for y in (-0.05, 0.05)])
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+TICK = 0.01
+
+
+def forward_room(corners: Floats, place: Floats) -> float:
+    """Distance from the place to the front edge, m."""
+    return float(corners[:, 0].max() - place[0])
+
+
+def after(seconds: float, speed: float, place: float = 0.0) -> float:
+    """Margin of a mass that moves forward at `speed` for a time and is at `place` then."""
+    time = 0.0
+
+    def geometry(position: Floats, quaternion: Floats) -> SupportPoints:
+        mass = np.array([place + speed * (time - seconds), 0.0, HEIGHT])
+        return SupportPoints(mass, FOOT)
+
+    capture = CapturePoint(geometry, forward_room)
+    margin = nan
+    while time <= seconds + TICK / 2:
+        margin = capture.margin(np.zeros(1), Imu(time, np.zeros(3), np.zeros(3), UPRIGHT))
+        time += TICK
+    return margin
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-0.2, 0.2))
+def test_the_margin_is_that_of_the_pendulum(speed: float, place: float) -> None:
+    wanted = 0.1 - (place + speed * sqrt(HEIGHT / G))
+    assert after(0.3, speed, place) == pytest.approx(wanted, abs=2e-3)
+
+
+def test_the_first_reading_has_no_velocity() -> None:
+    assert after(0.0, 5.0) == pytest.approx(0.1)
+
+
+def test_an_unknown_place_is_an_unknown_margin_and_is_forgotten() -> None:
+    mass = np.array([nan, 0.0, HEIGHT])
+    capture = CapturePoint(lambda position, quaternion: SupportPoints(mass, FOOT), forward_room)
+    assert np.isnan(capture.margin(np.zeros(1), Imu(0.0, np.zeros(3), np.zeros(3), UPRIGHT)))
+    mass[0] = 0.0
+    found = capture.margin(np.zeros(1), Imu(TICK, np.zeros(3), np.zeros(3), UPRIGHT))
+    assert found == pytest.approx(0.1)
