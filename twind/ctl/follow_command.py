@@ -1,4 +1,4 @@
-"""Have a robot follow another one that is moved by hand, through its gate.
+"""Have a robot follow another that is moved by hand, through its gate.
 
 LEADER and FOLLOWER are folders of sockets, or instances as of -i. The leader is only read: leave it limp, in
 mode mirror, or in live before arming. The follower must be armed; it first moves slowly to the leader's pose.

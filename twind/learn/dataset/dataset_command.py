@@ -1,4 +1,4 @@
-"""Convert recordings to a LeRobotDataset for imitation learning.
+"""Convert recordings to a LeRobotDataset.
 
 LeRobot writes it: run this in the environment of LeRobot, with the package lerobot_robot_twind. Reads .mcap
 and .flight files. Episodes are those marked (`twindctl mark begin TASK`, `mark end --success`); a recording
