@@ -16,7 +16,7 @@ from xml.parsers import expat
 
 from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 MAX_MJCF = 8 * 1024 * 1024  # bytes of one file
 SMALLEST_ARENA = 1 << 20  # bytes; with 32 KiB a 24-joint humanoid ends the simulation by a stack overflow

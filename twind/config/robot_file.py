@@ -26,7 +26,7 @@ from twind.config.power_config import PowerKeys, StopButtonKeys, button_of, rela
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 FORMAT = "twind-robot/1"
 

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import yaml
 
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import Rejected, UsageError, observer, show
+from twind.config.config_reader import ConfigReader, Text
 from twind.config.identified_file import load_identified
 from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.robot_file import load_robot
-from twind.config.yaml_tree import ConfigError
+from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.identification.servo_parameters import interval
 
 HEADINGS = ("joint", "parameter", "value", "95 % from", "to", "prior", "")
@@ -75,10 +75,16 @@ def _change(first: ParameterEstimate | None, second: ParameterEstimate | None) -
 def _load(path: Path, options: argparse.Namespace) -> IdentifiedModel:
     """Return the model at `path`, of the robot of the options or the one that it names. Raises Rejected."""
     try:
-        name = options.robot or yaml.safe_load(path.read_text(encoding="utf-8"))["robot"]
+        name = options.robot or _robot_of(path)
         return load_identified(path, load_robot(name))
-    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError, ConfigError) as error:
+    except ConfigError as error:
         raise Rejected(f"{path}: no identified model: {error}") from None
+
+
+def _robot_of(path: Path) -> str:
+    """Return the robot that a file of identified parameters names. Raises ConfigError."""
+    name: str = ConfigReader(str(path), parse(read_text(path), str(path))).value("robot", Text)
+    return name
 
 
 def _of_daemon(options: argparse.Namespace) -> IdentifiedModel:
