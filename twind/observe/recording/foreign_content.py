@@ -23,7 +23,7 @@ def refuse_foreign_content(path: Path) -> Iterator[None]:
     try:
         yield
     except InvalidInput as error:
-        raise Rejected(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+        raise Rejected(f"{error.where or path}: {error.reason}") from None
     except FOREIGN as error:
         kind = type(error).__name__
         said = " ".join(str(error).split())[:200]
