@@ -53,7 +53,8 @@ def export(path: Path, out: Path, *, ros: bool = False) -> int:
     try:
         with open_plain(path) as file:
             flight = file.read(5) == b"twind"
-        return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
+        with refuse_foreign_content(path):
+            return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
@@ -68,9 +69,8 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
         raise Rejected(f"{path}: nothing was recorded yet")
     clocks = ClockPair(0.0, wall_offset(flight))
     briefing = flight.briefing
-    with refuse_foreign_content(path):
-        lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
-        files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
+    lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
+    files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
     file = RecordFile(out, _about(flight, clocks), files, lines[0].time_ns, ros=ros)
     try:
         for line in lines:
