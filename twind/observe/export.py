@@ -71,6 +71,8 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
     briefing = flight.briefing
     lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
     files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
+    if lines[0].time_ns < 0:
+        raise ValueError(f"its first message is of {lines[0].time_ns} ns since 1970: at least 0")
     file = RecordFile(out, _about(flight, clocks), files, lines[0].time_ns, ros=ros)
     try:
         for line in lines:
