@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from tests.support.model_files import DATA, copied_models, read_here
+from twind.bounded_process import ProcessBounds
 from twind.exceptions import InvalidInput
 from twind_calibration.model_import import import_model as entry
-from twind_calibration.model_import.bounded_process import ProcessBounds
 from twind_calibration.model_import.import_model import import_model
 
 LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'

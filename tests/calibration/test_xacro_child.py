@@ -7,9 +7,9 @@ import pytest
 import xacro
 
 from tests.support.model_files import copied_models, read_here
+from twind.bounded_process import ProcessBounds
 from twind.exceptions import InvalidInput
 from twind_calibration.model_import import xacro_expansion
-from twind_calibration.model_import.bounded_process import ProcessBounds
 from twind_calibration.model_import.package_paths import PackagePaths
 from twind_calibration.model_import.xacro_child import XacroExpansion
 from twind_calibration.model_import.xacro_expressions import evaluate

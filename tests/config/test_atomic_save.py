@@ -2,13 +2,15 @@
 
 import errno
 import os
+import resource
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from twind.config import atomic_save
-from twind.config.atomic_save import save_text
+from twind.config.atomic_save import lock_folder, save_text
 from twind.config.yaml_tree import ConfigError
 
 OLD = "old\n" * 500
@@ -183,3 +185,21 @@ def test_a_link_planted_in_the_folder_is_not_followed(tmp_path: Path) -> None:
 def test_a_folder_that_is_missing_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         save_text(tmp_path / "absent", "h24", NEW, 20)
+
+
+@pytest.mark.parametrize("how", ["text", "draft"])
+def test_a_disk_without_room_keeps_the_old_file_and_leaves_nothing_beside_it(
+    tmp_path: Path, how: str
+) -> None:
+    save_text(tmp_path, "robot", "old: 1\n", 5)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with lock_folder(tmp_path) as held:
+            save = held.save_draft if how == "draft" else partial(held.save_text, history=5)
+            with pytest.raises(OSError, match="File too large"):
+                save("robot", "x" * 10_000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.yaml"]
+    assert (tmp_path / "robot.yaml").read_text() == "old: 1\n"

@@ -16,8 +16,8 @@ from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import RobotFile, load_robot, read_robot
 from twind.config.yaml_tree import MAX_BYTES, ConfigError
 from twind.exceptions import InvalidInput
+from twind.plain_file import read_plain
 from twind.protocol import CONTROL, load
-from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads
 from twind.virtual.virtual_robot_spec import calibration, make_spec
 

@@ -267,7 +267,7 @@ def test_a_virtual_robot_does_not_start_with_it(tmp_path: Path, capsys: pytest.C
     assert 'h24.xml:15:11: option timestep: "nan"' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ['<option unknown="1"/>', '<option timestep="0.002" foo="nan"/>'])
+@pytest.mark.parametrize("option", ['<option unknown="1"/>', '<option timestep="0.002" foo="x"/>'])
 def test_an_unknown_mujoco_attribute_is_refused_without_a_traceback(
     tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,12 +1,13 @@
 """The robot file: what is described is there, what is wrong is refused at its line."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.support.small_robot_file import SMALL, read, write
-from twind.config.robot_file import built_in_robots, load_robot
+from twind.config.robot_file import built_in_robots, load_robot, read_robot
 from twind.config.yaml_tree import ConfigError
 
 
@@ -264,3 +265,21 @@ def test_a_path_is_a_path_and_a_name_never_leaves_its_folder(tmp_path: Path) -> 
     assert load_robot(str(write(tmp_path, SMALL))).name == "arm-2"
     with pytest.raises(ConfigError, match="cannot be read"):
         load_robot("../h24", [tmp_path])
+
+
+@pytest.mark.parametrize("key", ["model", "buses", "types", "defaults", "joints", "poses", "name", "format"])
+@pytest.mark.parametrize("misspelt", [True, False])
+def test_a_section_that_is_misspelt_or_missing_is_refused_with_its_place(
+    tmp_path: Path, key: str, misspelt: bool
+) -> None:
+    built_in = load_robot("pan-tilt").path
+    for model in built_in.parent.glob("*.xml"):
+        (tmp_path / model.name).write_text(model.read_text())
+    gone = re.sub(rf"^{key}:.*\n(?: .*\n|\n)*", "", built_in.read_text(), flags=re.MULTILINE)
+    wrong = re.sub(rf"^{key}:", f"{key}x:", built_in.read_text(), flags=re.MULTILINE)
+    (tmp_path / "odd.yaml").write_text(wrong if misspelt else gone)
+    reason = (
+        f"unknown key; nearest: {key}" if misspelt and key != "format" else "required|needs|not described"
+    )
+    with pytest.raises(ConfigError, match=rf"odd\.yaml:\d+:\d+: .*({reason})"):
+        read_robot(tmp_path / "odd.yaml")

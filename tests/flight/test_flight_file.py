@@ -15,6 +15,7 @@ from twind.briefing import Briefing, JointInfo
 from twind.exceptions import InvalidInput
 from twind.flight import EntryKind, FlightContents, FlightEntry, PackedFlight, about, load, pack, save
 from twind.flight import flight_file as file_module
+from twind.flight.flight_records import LAST
 
 BRIEFING = Briefing(
     version="1",
@@ -39,7 +40,7 @@ CONTENTS = FlightContents(
 entries = st.lists(
     st.builds(
         FlightEntry,
-        st.floats(allow_nan=False),
+        st.floats(0.0, LAST),
         st.sampled_from(EntryKind),
         st.integers(0, 255),
         st.binary(max_size=200),
@@ -126,7 +127,7 @@ def test_a_file_of_another_kind_is_refused_and_one_that_cannot_be_read_is_an_os_
         load(tmp_path / "other")
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "none")
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(InvalidInput, match="is a folder, not a file"):
         load(tmp_path)
 
 

@@ -1,6 +1,8 @@
 """The spool: in order, once, within its bounds, whatever is appended, sent, refused or cut off by a crash."""
 
+import resource
 import shutil
+import signal
 import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -236,3 +238,86 @@ def test_a_folder_that_cannot_be_made_is_an_error_of_the_system(tmp_path: Path) 
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError):
         Spool(tmp_path / "file" / "spool", WIDE, 0.0, 0.0)
+
+
+FOREIGN_ROWS = {
+    "headers that are no JSON": "1, 1.0, 1.0, 'none', 1, NULL, x'00'",
+    "headers that are a list": "1, 1.0, 1.0, '[1]', 1, NULL, x'00'",
+    "headers that are no UTF-8": "1, 1.0, 1.0, CAST(x'ff7b' AS TEXT), 1, NULL, x'00'",
+    "a time that is text": "1, 1.0, 'x', '{}', 1, NULL, x'00'",
+    "a time that is infinite": "1, 1.0, 9e999, '{}', 1, 'dead', x'00'",
+    "a run that is text": "'x', 1.0, 1.0, '{}', 1, NULL, x'00'",
+    "a count that is text": "1, 1.0, 1.0, '{}', 'many', 'dead', x'00'",
+    "a body that is a number": "1, 1.0, 1.0, '{}', 1, NULL, 7",
+    "a reason that is bytes": "1, 1.0, 1.0, '{}', 1, x'ff', x'00'",
+}
+FOREIGN_TABLES = {
+    "a run that is text": "UPDATE tally SET run = 'x'",
+    "a run without a successor": "UPDATE tally SET run = 9223372036854775807",
+    "a count that is text": "UPDATE tally SET sent = 'x'",
+    "a name that is bytes": "UPDATE tally SET stream = x'ff'",
+    "a sequence without a successor": "UPDATE sqlite_sequence SET seq = 9223372036854775807",
+    "other columns": "DROP TABLE message; CREATE TABLE message (a)",
+}
+
+
+def changed_by(folder: Path, script: str) -> None:
+    with Spool(folder, WIDE, 0.0, 0.0) as spool:
+        spool.append(carrying("ours"), 0.0, 0.0)
+    base = sqlite3.connect(folder / FILE)
+    base.executescript(script)
+    base.close()
+
+
+@pytest.mark.parametrize("what", FOREIGN_ROWS)
+def test_a_row_that_no_streamer_wrote_is_set_aside_and_the_others_are_sent(what: str) -> None:
+    row = (
+        f"INSERT INTO message (run, made, wall, headers, samples, reason, body) VALUES ({FOREIGN_ROWS[what]})"
+    )
+    with folder() as place:
+        changed_by(place, row)
+        assert dead_letters(place) == []
+        with Spool(place, WIDE, 1.0, 1.0) as spool:
+            assert "1 rows that no streamer wrote are in its table `aside`" in spool.set_aside
+            kept = spool.oldest()
+            assert kept is not None and kept.message.body == b"ours"
+            assert spool.oldest(kept.sequence) is None
+            assert (spool.tally.waiting, spool.tally.dead) == (1, 0)
+        base = sqlite3.connect(place / FILE)
+        assert base.execute("SELECT count(*) FROM aside").fetchone() == (1,)
+        base.close()
+
+
+@pytest.mark.parametrize("what", FOREIGN_TABLES)
+def test_a_spool_of_another_program_is_kept_beside_a_new_one(what: str) -> None:
+    with folder() as place:
+        changed_by(place, FOREIGN_TABLES[what])
+        with Spool(place, WIDE, 1.0, 1.0) as spool:
+            assert "kept beside a new one" in spool.set_aside and (place / BROKEN).exists()
+            spool.append(carrying("new"), 1.0, 1.0)
+
+
+@pytest.mark.parametrize("room", [4096, 40_000])
+def test_a_spool_on_a_full_disk_refuses_a_message_and_takes_the_next_when_there_is_room(room: int) -> None:
+    with folder() as place, Spool(place, WIDE, 0.0, 0.0) as spool:
+        spool.append(carrying("first"), 0.0, 0.0)
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+            with pytest.raises(sqlite3.Error):
+                spool.append(carrying("x" * 100_000), 0.0, 0.0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+            signal.signal(signal.SIGXFSZ, ignored)
+        assert spool.tally.waiting == 1
+        spool.append(carrying("second"), 0.0, 0.0)
+        assert spool.tally.waiting == 2
+
+
+def test_a_step_of_the_wall_clock_drops_no_message_of_this_run() -> None:
+    with folder() as place, Spool(place, SpoolLimits(1 << 20, 600.0), 0.0, 1.8e9) as spool:
+        spool.append(carrying("a"), 1.0, 1.8e9)
+        for wall in (1.8e9 + 3600.0, 1.8e9 - 3600.0, 0.0):
+            spool.expire(2.0, wall)
+        assert (spool.tally.waiting, spool.tally.dropped) == (1, 0)

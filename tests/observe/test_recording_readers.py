@@ -163,7 +163,7 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
         (tmp_path / "gone", "No such file"),
         (text, "neither an .mcap nor a .flight file"),
         (empty, "no message is in it: it ends at byte 8"),
-        (tmp_path, "Is a directory"),
+        (tmp_path, "is a folder, not a file"),
     ):
         with pytest.raises(Rejected, match=why):
             open_recording(path)

@@ -15,7 +15,7 @@ from typing import Any
 
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 from twind.protocol.strict_json import loads
 
 LARGEST = 4 << 20  # bytes

@@ -133,6 +133,10 @@ def _write(directory: int, name: str, data: bytes, rights: FileOwnership | None)
         os.fsync(fd)
         if os.pread(fd, len(data) + 1, 0) != data:
             raise file_error(name, "reads back other than it was written: check the disk")
+    except BaseException:
+        with contextlib.suppress(OSError):  # on a full disk its room is needed
+            os.unlink(name, dir_fd=directory)
+        raise
     finally:
         os.close(fd)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 from twind.robot.arrays import Floats
 from twind.robot.linkage_table import LinkageTable
 

@@ -1,4 +1,6 @@
-"""Bounds of the numbers in `<option>`, `<compiler>` and `<size>` of a model and of the files it includes.
+"""Bounds of the numbers of a model and of the files that it includes.
+
+All are finite. Those of `<option>`, `<compiler>` and `<size>`, and counts of copies, are within a range.
 
 Pure XML, MJCF or URDF: the compiled model is unknown here. MuJoCo takes a step of `nan`, `1e-300` or `0x10`.
 An unknown attribute, a wrong word and a missing file are left to MuJoCo, which reports them by line.
@@ -14,7 +16,7 @@ from xml.parsers import expat
 
 from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 MAX_MJCF = 8 * 1024 * 1024  # bytes of one file
 SMALLEST_ARENA = 1 << 20  # bytes; with 32 KiB a 24-joint humanoid ends the simulation by a stack overflow
@@ -111,24 +113,48 @@ BOUNDS: Mapping[str, Mapping[str, NumberBound]] = {
     "lengthrange": _LENGTHRANGE,  # stands below `compiler`
     "size": _SIZE,
 }
+# Counts that multiply what the file says. Their product is left to a trial (`model_trial.py`).
+COUNTS: Mapping[str, Mapping[str, NumberBound]] = {
+    "hfield": {"nrow": _whole(0, 4096), "ncol": _whole(0, 4096)},
+    "texture": {"width": _whole(0, 8192), "height": _whole(0, 49_152)},  # six squares of a cube
+    "replicate": {"count": _whole(1, 10_000)},
+    "composite": {"count": _whole(0, 1000, 3)},
+    "flexcomp": {"count": _whole(0, 1000, 3)},
+}
+_ALL = {**BOUNDS, **COUNTS}
+MAX_FILES = 100  # of one model
+MAX_ELEMENTS = 100_000
+MAX_DEPTH = 200
+_NO_NUMBER = re.compile(r"[-+]?(nan(\([^\s]*\))?|inf|infinity)", re.IGNORECASE)
 _FILES = ("include", "model")  # elements that name a further file of the model
 
 
 @dataclass(frozen=True, slots=True)
-class _XmlElement:
-    """The start of one XML element: its offset in bytes, and its attributes with references resolved."""
+class ModelElement:
+    """The start of one XML element: its place, and its attributes with references resolved.
 
+    `home`: the folder of the model that it belongs to.
+    """
+
+    file: Path
+    home: Path
     name: str
-    offset: int
+    offset: int  # bytes
+    mark: FilePosition
     attributes: Mapping[str, str]
 
+    def refused(self, message: str) -> ConfigError:
+        """Error at the place of this element."""
+        return ConfigError(str(self.file), self.mark, self.name, message)
 
-def require_sane_numbers(path: Path) -> None:
-    """Check the model at `path`, the files that it includes and the models that it attaches.
+
+def require_sane_numbers(path: Path) -> list[ModelElement]:
+    """Check the model at `path`, the files that it includes and the models that it attaches; their elements.
 
     Raises ConfigError: a number that is not finite or outside its bound, by file, line and column; a file
-    that is no XML, too large, or declares entities.
+    that is no XML, too large, or declares entities; too many files or elements.
     """
+    found: list[ModelElement] = []
     waiting = [(path, path.parent)]  # a file, and the folder of the model that it belongs to
     checked: set[tuple[str, str]] = set()
     while waiting:
@@ -137,15 +163,24 @@ def require_sane_numbers(path: Path) -> None:
         if key in checked:
             continue
         checked.add(key)
+        if len(checked) > MAX_FILES:
+            raise _file_refused(file, f"the model has more than {MAX_FILES} files: join them")
         text = _text(file)
-        for element in _elements(file, text):
-            _check(file, text, element)
-            found = _named(element, file, home)
-            if found is not None:
-                waiting.append((found, found.parent if element.name == "model" else home))
+        elements = _elements(file, home, text, MAX_ELEMENTS - len(found))
+        found += elements
+        for element in elements:
+            _check(text, element)
+            other = _named(element)
+            if other is not None:
+                waiting.append((other, other.parent if element.name == "model" else home))
+    return found
 
 
-def _named(element: _XmlElement, file: Path, home: Path) -> Path | None:
+def _file_refused(file: Path, reason: str) -> ConfigError:
+    return ConfigError(str(file), FilePosition(0, 0), "", reason)
+
+
+def _named(element: ModelElement) -> Path | None:
     """The file that an element includes or attaches; None: it names none that exists.
 
     As MuJoCo looks for it: below the folder of the model, else below the folder of the including file.
@@ -153,8 +188,9 @@ def _named(element: _XmlElement, file: Path, home: Path) -> Path | None:
     if element.name not in _FILES or "file" not in element.attributes:
         return None
     name = element.attributes["file"]
+    places = (element.home / name, element.file.parent / name)
     # os.path.exists, unlike Path.exists, is False for a path that is too long
-    return next((path for path in (home / name, file.parent / name) if os.path.exists(path)), None)
+    return next((path for path in places if os.path.exists(path)), None)
 
 
 def _text(file: Path) -> bytes:
@@ -162,9 +198,9 @@ def _text(file: Path) -> bytes:
     try:
         data = read_plain(file, MAX_MJCF)
     except InvalidInput as error:
-        raise ConfigError(str(file), FilePosition(0, 0), "", error.reason) from None
+        raise _file_refused(file, error.reason) from None
     except OSError as error:
-        raise ConfigError(str(file), FilePosition(0, 0), "", f"cannot be read: {error.strerror}") from error
+        raise _file_refused(file, f"cannot be read: {error.strerror}") from error
     return _without_comments(data)
 
 
@@ -178,23 +214,35 @@ def _without_comments(data: bytes) -> bytes:
     return b"".join((*parts, data[at:]))
 
 
-def _elements(file: Path, text: bytes) -> list[_XmlElement]:
-    """Elements that hold numbers or name files.
+def _elements(file: Path, home: Path, text: bytes, most: int) -> list[ModelElement]:
+    """All elements of a file, at most `most`.
 
-    Raises ConfigError: no XML, or a declared entity, whose text can grow without bound.
+    Raises ConfigError: no XML, too many or too deep elements, or a declared entity, whose text can grow
+    without bound.
     """
-    found: list[_XmlElement] = []
+    found: list[ModelElement] = []
+    depth = 0
     parser = expat.ParserCreate("utf-8")  # MuJoCo ignores the encoding that a file declares
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        if name in BOUNDS or name in _FILES:
-            found.append(_XmlElement(name, parser.CurrentByteIndex, attributes))
+        nonlocal depth
+        depth += 1
+        mark = FilePosition(parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+        found.append(ModelElement(file, home, name, parser.CurrentByteIndex, mark, attributes))
+        if depth > MAX_DEPTH or len(found) > most:
+            bounds = f"{MAX_ELEMENTS} elements, {MAX_DEPTH} levels"
+            raise found[-1].refused(f"larger than a robot: at most {bounds}; shorten the model")
+
+    def end(_name: str) -> None:
+        nonlocal depth
+        depth -= 1
 
     def entity(name: str, *_rest: object) -> None:
         mark = _mark(text, parser.CurrentByteIndex)
         raise ConfigError(str(file), mark, "", f"entity {name!r} is declared: write its text out")
 
     parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.EntityDeclHandler = entity
     try:
         parser.Parse(text, True)
@@ -204,19 +252,34 @@ def _elements(file: Path, text: bytes) -> list[_XmlElement]:
     return found
 
 
-def _check(file: Path, text: bytes, element: _XmlElement) -> None:
-    """Raises ConfigError for the first number of an element that is outside its bound."""
-    for name, bound in BOUNDS.get(element.name, {}).items():
-        if name not in element.attributes:
-            continue
-        value = element.attributes[name]
-        wrong = _wrong(_in_bytes(value) if name == "memory" else value, bound)
+def _check(text: bytes, element: ModelElement) -> None:
+    """Raises ConfigError for the first number of an element that is not finite or outside its bound."""
+    known = _ALL.get(element.name, {})
+    for name, value in element.attributes.items():
+        bound = known.get(name)
+        if bound is not None:
+            wrong = _wrong(_in_bytes(value) if name == "memory" else value, bound)
+        else:
+            wrong = "is no finite number" if _not_finite(value) else ""
         if wrong:
             shown = ascii(value)[1:-1]  # in one line, whatever is in it
             shown = shown if len(shown) <= 40 else shown[:37] + "..."
-            message = f'"{shown}" {wrong}: write {bound}, or remove the attribute'
+            remedy = f"write {bound or 'finite numbers'}, or remove the attribute"
             mark = _mark(text, _offset(text, element.offset, name))
-            raise ConfigError(str(file), mark, f"{element.name} {name}", message)
+            message = f'"{shown}" {wrong}: {remedy}'
+            raise ConfigError(str(element.file), mark, f"{element.name} {name}", message)
+
+
+def _not_finite(value: str) -> bool:
+    """Return whether a value begins with numbers, one of which is not finite. No name is `nan`."""
+    for word in value.split():
+        if _NO_NUMBER.fullmatch(word):
+            return True
+        if not _DECIMAL.fullmatch(word):
+            return False
+        if not math.isfinite(float(word)):
+            return True
+    return False
 
 
 def _wrong(value: str, bound: NumberBound) -> str:

@@ -22,11 +22,12 @@ from twind.config.fall_config import FallKeys, fall_of
 from twind.config.imu_config import imu_of
 from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
+from twind.config.model_trial import require_readable_model
 from twind.config.power_config import PowerKeys, StopButtonKeys, button_of, relay_of
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 FORMAT = "twind-robot/1"
 
@@ -194,7 +195,7 @@ def _model(section: ConfigReader, given: ModelKeys, path: Path) -> tuple[Path, s
         raise section.refuse("mjcf", f"{mjcf}: {error.reason}") from None
     except (OSError, ValueError) as error:
         raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
-    require_sane_numbers(mjcf)
+    require_readable_model(mjcf, require_sane_numbers(mjcf))
     return mjcf, text
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from twind.exceptions import InvalidInput, TwindError
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 16

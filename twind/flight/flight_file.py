@@ -9,22 +9,43 @@ import os
 import struct
 import zlib
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight.flight_records import NO_BUS, FlightContents, PackedFlight, broken, unusable
+from twind.flight.flight_records import LAST, NO_BUS, FlightContents, PackedFlight, broken, unusable
+from twind.plain_file import open_plain
 
 MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
 HEAD_MOST = 1 << 20  # bytes of a head
 SECTIONS = {"briefing", "entries", *(f"kept {bus}" for bus in range(NO_BUS))}
 
 MAGIC = b"twind flight 1\n\0"
+SECOND = 1_000_000_000  # ns
 HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
 _LEVEL = 3  # of zlib: a tenth smaller at the next levels, for twice the time
-_FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: input with endless nesting
+_FOREIGN = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)  # the last: endless nesting
+
+
+class FlightMeta(msgspec.Struct):
+    """Keys of `meta` that readers rely on. Others may stand beside them."""
+
+    buses: tuple[str, ...] = ()  # as entries number them
+    wall_ns: Annotated[int, msgspec.Meta(ge=0, le=LAST * SECOND)] = 0  # when the two clocks were read
+    monotonic: float = 0.0  # s
+    reason: str = ""
+    code: str = ""
+    robot: str = ""
+    individual: str | None = None
+    mode: str | None = None
+    state: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.monotonic <= LAST:  # NaN passes a bound of msgspec
+            raise ValueError(f"monotonic: {self.monotonic:g} is outside 0 to {LAST} s")
 
 
 class _FlightHeader(msgspec.Struct):
@@ -98,20 +119,24 @@ def settle(folder: Path) -> None:
 
 def about(path: Path | str) -> dict[str, object]:
     """Return the `meta` of a flight file alone, which takes no time. Raises as `load`."""
-    with open(path, "rb") as file:
-        _require_magic(str(path), file.read(len(MAGIC)))
-        start = file.read(HEAD.size)
-        size = HEAD.unpack(start)[0] if len(start) == HEAD.size else 0
-        return _open(str(path), start + file.read(min(size, HEAD_MOST)))[0].meta
+    with open_plain(path) as file:
+        return _read_head(str(path), file).meta
 
 
 def load(path: Path | str) -> LoadedFlight:
     """Read a flight file. Raises InvalidInput (cut, damaged, or another format), OSError (not readable)."""
     name = str(path)
-    with open(path, "rb") as file:
-        _require_magic(name, file.read(len(MAGIC)))
-        data = file.read()
-    head, sections = _open(name, data)
+    with open_plain(path) as file:
+        head = _read_head(name, file)
+        if any(size < 0 for _, size, _ in head.sections):
+            raise broken(name, "a section of it has a negative size")
+        size = sum(size for _, size, _ in head.sections)
+        behind = os.fstat(file.fileno()).st_size - file.tell() - size
+        if behind > 0:
+            raise broken(name, f"{behind} bytes lie behind its end")
+        if size > MOST:
+            raise broken(name, f"its sections claim {size} bytes: at most {MOST}")
+        sections = file.read(size)
     raw = _unpack(name, sections, head.sections)
     try:
         briefing = msgspec.msgpack.decode(raw.pop("briefing"), type=Briefing)
@@ -122,27 +147,27 @@ def load(path: Path | str) -> LoadedFlight:
     return LoadedFlight(head.meta, briefing, PackedFlight(kept, entries).parse(name))
 
 
-def _require_magic(path: str, found: bytes) -> None:
-    if found != MAGIC:
+def _read_head(path: str, file: BufferedReader) -> _FlightHeader:
+    """Read the head alone. Raises InvalidInput."""
+    if file.read(len(MAGIC)) != MAGIC:
         raise unusable(path, "is no flight file of this version", "`twindctl dump` writes one")
-
-
-def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
-    """Return the head, and the bytes after it."""
-    size, crc = HEAD.unpack_from(data) if len(data) >= HEAD.size else (1, 0)
-    head = data[HEAD.size : HEAD.size + size]
+    start = file.read(HEAD.size)
+    size, crc = HEAD.unpack(start) if len(start) == HEAD.size else (1, 0)
     if size > HEAD_MOST:
         raise broken(path, f"its head claims {size} bytes: at most {HEAD_MOST}")
-    if len(head) != size or zlib.crc32(head) != crc:
+    data = file.read(size)
+    if len(data) != size or zlib.crc32(data) != crc:
         raise broken(path, "its head is cut or damaged")
     try:
-        return msgspec.msgpack.decode(head, type=_FlightHeader), data[HEAD.size + size :]
+        head = msgspec.msgpack.decode(data, type=_FlightHeader)
+        msgspec.convert(head.meta, FlightMeta)
     except _FOREIGN as error:
         raise broken(path, f"its head has another format ({error})") from None
+    return head
 
 
 def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
-    """Return the sections by name. Raises InvalidInput: cut, damaged, or with bytes after them."""
+    """Return the sections by name. Raises InvalidInput: cut or damaged."""
     at = 0
     raw = dict[str, bytes]()
     room = MOST
@@ -150,7 +175,7 @@ def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dic
         if name not in SECTIONS or name in raw:
             raise broken(path, f"{name[:40]!r} is no section of it, or there twice")
         part = zlib.decompressobj()
-        if not (0 <= unpacked <= room and size >= 0):
+        if not 0 <= unpacked <= room:
             raise broken(path, f"its section {name} claims {unpacked} bytes: {room} are left of {MOST}")
         room -= unpacked
         try:
@@ -160,6 +185,4 @@ def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dic
         if not part.eof or part.unused_data or len(raw[name]) != unpacked:
             raise broken(path, f"its section {name} is cut")
         at += size
-    if at != len(data):
-        raise broken(path, f"{len(data) - at} bytes lie behind its end")
     return raw

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from twind.exceptions import InvalidInput
 
+LAST = 6_000_000_000  # s: no clock of a recording is later (the year 2160)
 NO_BUS = 255  # `FlightEntry.bus` of an entry without a bus
 RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
 HEAD = RECORD.size
@@ -94,6 +95,8 @@ def _parse(path: str, data: bytes) -> Iterator[FlightEntry]:
             kind = EntryKind(mark & ~(MORE | ON))
         except (struct.error, ValueError):
             raise broken(path, f"byte {at} of its records makes no sense") from None
+        if not 0.0 <= time <= LAST:
+            raise broken(path, f"byte {at} of its records has the time {time:g} s")
         at += HEAD + size
         if at > len(data):
             raise broken(path, f"its last record lacks {at - len(data)} bytes")

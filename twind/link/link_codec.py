@@ -10,6 +10,9 @@ from twind.robot.trajectory import Trajectory
 
 DATAGRAM = 1 << 17  # bytes: largest datagram of the link
 
+# text that is none, endless nesting: msgspec has no error of its own for them
+_NO_MESSAGE = (UnicodeDecodeError, RecursionError)
+
 _encoder = msgspec.msgpack.Encoder()
 _inward = msgspec.msgpack.Decoder(Inward)
 _outward = msgspec.msgpack.Decoder(Outward)
@@ -22,13 +25,19 @@ def encode(message: Inward | Outward) -> bytes:
 
 def decode_command(data: bytes) -> Inward:
     """Decode a datagram from the front. Raises msgspec.DecodeError."""
-    command: Inward = _inward.decode(data)
+    try:
+        command: Inward = _inward.decode(data)
+    except _NO_MESSAGE as error:
+        raise msgspec.DecodeError(str(error)) from None
     return command
 
 
 def decode_news(data: bytes) -> Outward:
     """Decode a datagram from the loop. Raises msgspec.DecodeError."""
-    news: Outward = _outward.decode(data)
+    try:
+        news: Outward = _outward.decode(data)
+    except _NO_MESSAGE as error:
+        raise msgspec.DecodeError(str(error)) from None
     return news
 
 

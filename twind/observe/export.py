@@ -18,11 +18,13 @@ from twind.flight import NO_BUS, EntryKind, FlightEntry, LoadedFlight, load
 from twind.link import Tick
 from twind.observe.recording.flight_monitor_messages import answers, news, wire
 from twind.observe.recording.flight_reader import wall_offset
+from twind.observe.recording.foreign_content import refuse_foreign_content
 from twind.observe.recording.recording_topics import WIRE
 from twind.observe.recover import recover
 from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
 from twind.observe.writing.record_file import RecordFile
 from twind.observe.writing.record_schemas import attachments, clock_words
+from twind.plain_file import open_plain
 
 group = "record"
 
@@ -49,9 +51,10 @@ def run(options: argparse.Namespace) -> int:
 def export(path: Path, out: Path, *, ros: bool = False) -> int:
     """Write `out`, for `ros2 bag` where `ros`; the number of messages in it. Raises Rejected."""
     try:
-        with open(path, "rb") as file:
+        with open_plain(path) as file:
             flight = file.read(5) == b"twind"
-        return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
+        with refuse_foreign_content(path):
+            return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
@@ -65,9 +68,11 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
     if not flight.contents.entries:
         raise Rejected(f"{path}: nothing was recorded yet")
     clocks = ClockPair(0.0, wall_offset(flight))
-    lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
     briefing = flight.briefing
+    lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
     files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
+    if lines[0].time_ns < 0:
+        raise ValueError(f"its first message is of {lines[0].time_ns} ns since 1970: at least 0")
     file = RecordFile(out, _about(flight, clocks), files, lines[0].time_ns, ros=ros)
     try:
         for line in lines:

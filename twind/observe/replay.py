@@ -79,9 +79,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--last {options.last:g}: seconds of the recording, more than 0")
     if options.view:
         return _view(options)
-    flight = _load(Path(options.file))
+    path = Path(options.file)
+    flight = _load(path)
     robot = None if options.robot is None else Path(options.robot)
-    return _report(options, flight, _play(flight, robot, options.last, realtime=options.realtime))
+    return _report(options, flight, _play(path, flight, robot, options.last, realtime=options.realtime))
 
 
 def _load(path: Path) -> "LoadedFlight":
@@ -102,29 +103,41 @@ def _load(path: Path) -> "LoadedFlight":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "LoadedFlight", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
+def script_of(path: Path, flight: "LoadedFlight", last: float) -> "ReplayScript":
+    """Return what is played of a flight file. Raises OperationFailed, Rejected: it has no such content."""
+    from twind.observe.recording.foreign_content import refuse_foreign_content
+    from twind.observe.replaying.replay_script import score
+
+    with refuse_foreign_content(path):
+        _require_serial(flight)
+        return score(flight, last)
+
+
+def _play(
+    path: Path, flight: "LoadedFlight", robot: Path | None, last: float, *, realtime: bool
+) -> "ReplayResult":
     """Raises Rejected."""
+    from twind.observe.recording.foreign_content import refuse_foreign_content
     from twind.observe.replaying.replay_client import ReplayClient
     from twind.observe.replaying.replay_daemon import ReplayDaemon
     from twind.observe.replaying.replay_files import lay_out
     from twind.observe.replaying.replay_ports import ReplayPorts
-    from twind.observe.replaying.replay_script import score
     from twind.observe.replaying.replay_servos import ReplayPosition
     from twind_drivers.clock import MonotonicClock
 
     clock = MonotonicClock()
     try:
-        asked = score(flight, last)
+        asked = script_of(path, flight, last)
         passage = ReplayPosition(asked.begin)
         with contextlib.ExitStack() as stack:
             short = None if len(tempfile.gettempdir()) < LONGEST else "/tmp"  # a socket's path is 107 bytes
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-", dir=short)))
-            _require_serial(flight)
             files = lay_out(flight.briefing, folder, robot)
             places = folder / "ports", folder / "run"
             for place in places:
                 place.mkdir()
-            buses = list(_buses(flight, asked, passage, clock.now))
+            with refuse_foreign_content(path):
+                buses = list(_buses(flight, asked, passage, clock.now))
             links = {name: places[0] / str(place) for place, name in enumerate(files.buses)}
             ports = stack.enter_context(ReplayPorts(buses, links, clock, realtime=realtime))
             daemon = stack.enter_context(ReplayDaemon(files, asked.mode, links, places[1], realtime=realtime))

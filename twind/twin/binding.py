@@ -27,6 +27,7 @@ from twind.robot.transmission import MappedTransmission
 from twind.twin.identified_model import apply_identified, with_present_stiffness
 from twind.twin.imu_model import feel, mount, require_site
 from twind.twin.joint_range import JointRange, reaches, turn_begin
+from twind.twin.model_bounds import require_sane_model
 from twind.twin.pinning import free_joints, pin
 from twind.twin.transmission_range import strength
 
@@ -129,7 +130,10 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
             require_site(spec, robot, robot.imu.site)
             feel(spec, robot.imu.site)
         model = spec.compile()
+        require_sane_model(model, robot.mjcf_path)
         return spec, model, None if robot.imu is None else mount(model, robot.imu)
+    except InvalidInput:
+        raise
     except ValueError as error:  # errors of the parser and the compiler
         raise InvalidInput(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
 

@@ -12,7 +12,7 @@ from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration
 from twind.config.yaml_tree import ConfigError, read_text
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots

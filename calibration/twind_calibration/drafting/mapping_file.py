@@ -30,7 +30,7 @@ from msgspec import Struct, ValidationError, convert
 
 from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 from twind.protocol.strict_json import loads
 from twind_calibration.drafting.robot_draft import BUS_FACTS, JOINT_FACTS, FactSet, RobotDraft
 

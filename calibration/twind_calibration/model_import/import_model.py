@@ -11,8 +11,8 @@ from typing import Any
 
 import msgspec
 
+from twind.bounded_process import ProcessBounds, call_module
 from twind.command_line.extras import how_to_add
-from twind_calibration.model_import.bounded_process import ProcessBounds, call_module
 from twind_calibration.model_import.imported_model import ImportedModel, import_refused
 
 BOUNDS = ProcessBounds(seconds=120, memory=4096, output=64)

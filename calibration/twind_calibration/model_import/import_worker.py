@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
+from twind.bounded_process import read_request, refusal
 from twind.exceptions import InvalidInput
-from twind_calibration.model_import.bounded_process import read_request, refusal
 from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.model_reading import read_model
 

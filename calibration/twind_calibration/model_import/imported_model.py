@@ -5,14 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from twind.bounded_process import MAX_MESSAGE, refused_in_one_line
 from twind.exceptions import InvalidInput
-
-MAX_MESSAGE = 600  # characters of one message
 
 
 def import_refused(reason: str, *, where: str = "") -> InvalidInput:
     """Return the error of a model that cannot be imported: one line, `file:line:column: reason; remedy`."""
-    return InvalidInput(" ".join(reason.split())[:MAX_MESSAGE], where=where)
+    return refused_in_one_line(reason, where=where)
 
 
 @dataclass(frozen=True, slots=True)

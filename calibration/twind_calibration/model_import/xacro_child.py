@@ -19,8 +19,8 @@ from xml.parsers.expat import ErrorString, ExpatError
 import xacro
 import yaml  # noqa: F401 - `load_yaml` finds it loaded
 
+from twind.bounded_process import read_request, refusal
 from twind.exceptions import InvalidInput
-from twind_calibration.model_import.bounded_process import read_request, refusal
 from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.package_paths import PackagePaths
 from twind_calibration.model_import.xacro_expressions import evaluate

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
+from twind.bounded_process import ProcessBounds, call_module
 from twind.command_line.extras import how_to_add
-from twind_calibration.model_import.bounded_process import ProcessBounds, call_module
 from twind_calibration.model_import.imported_model import import_refused
 from twind_calibration.model_import.package_paths import SEARCH_PATHS, PackagePaths
 from twind_calibration.model_import.xml_tree import XmlElement, parse_xml

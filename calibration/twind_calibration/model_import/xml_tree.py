@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from twind.exceptions import InvalidInput
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 from twind_calibration.model_import.imported_model import import_refused
 
 MAX_BYTES = 8 << 20

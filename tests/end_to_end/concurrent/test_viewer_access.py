@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from socket import SHUT_WR, create_connection
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -192,3 +193,27 @@ def test_the_channel_of_the_page_passes_the_same_door_and_closes_on_what_is_no_m
             channel.send(wrong)
             with pytest.raises(ConnectionClosed):
                 drain(channel)
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 3\r\n\r\nabc",
+        b"PUT /x HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"\x16\x03\x01\x02\x00\r\n\r\n",
+        b"GET /\xff HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"GET / HTTP/1.0\r\n\r\n",
+        b"",
+    ],
+)
+def test_a_request_that_is_no_get_of_the_page_is_refused_without_a_traceback(
+    site: ViewerSite, request_bytes: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with create_connection(("127.0.0.1", urlsplit(site.url).port), timeout=5.0) as end:
+        end.sendall(request_bytes)
+        if not request_bytes:
+            end.shutdown(SHUT_WR)
+        answer = b"".join(iter(lambda: end.recv(4096), b""))
+    assert answer.startswith(b"HTTP/1.1 403") or request_bytes in (b"", b"GET / HTTP/1.0\r\n\r\n")
+    assert asked(site)[0] == 200
+    assert "".join(capfd.readouterr()) == ""

@@ -1,4 +1,4 @@
-"""`make fuzz [N=…] [SEED=…] [WHAT=wire|frames|files] [FIRST=…]`: N inputs of each kind, from a printed seed.
+"""`make fuzz [N=…] [SEED=…] [WHAT=wire|frames|files|recordings] [FIRST=…]`: N inputs of each kind.
 
 An input that breaks something is printed with the number that makes it again: `SEED=… FIRST=… N=1`.
 """
@@ -13,15 +13,16 @@ from random import Random
 from tests.proof.fuzz import wire
 from tests.proof.fuzz.files import Files
 from tests.proof.fuzz.frames import Frames
+from tests.proof.fuzz.recordings import Recordings
 
-USUAL = {"wire": 20_000, "frames": 2_000, "files": 300}  # some seconds of each
+USUAL = {"wire": 20_000, "frames": 2_000, "files": 300, "recordings": 200}  # some seconds of each
 
 
 def run(what: str, seed: int, first: int, count: int) -> int:
     """Inputs `first` .. `first + count` of a kind. Prints what it did; the number of failures (1 at most)."""
     begun = time.monotonic()
     number = first
-    files = Files() if what == "files" else None
+    files = Files() if what == "files" else Recordings() if what == "recordings" else None
     frames = Frames() if what == "frames" else None
     one: Callable[[Random], object] = files.one if files else frames.one if frames else wire.one
     done = 0

@@ -33,6 +33,13 @@ CREATE TABLE IF NOT EXISTS message (
 CREATE TABLE IF NOT EXISTS tally (stream TEXT NOT NULL, run INTEGER NOT NULL, sent INTEGER NOT NULL,
     dropped INTEGER NOT NULL);
 """
+# What `_is_ours` looks at: texts as bytes, since a text may be none, and of the body its type alone.
+LOOKED_AT = (
+    "sequence, run, made, wall, typeof(headers), CAST(headers AS BLOB), samples, typeof(reason), "
+    "CAST(reason AS BLOB), typeof(body)"
+)
+LAST = 1 << 62  # of sequence numbers and runs
+LATEST = 1e11  # s, of a clock
 KEPT = "sequence, headers, samples, reason, wall, body"
 
 
@@ -84,7 +91,7 @@ class Spool:
             except sqlite3.DatabaseError as error:
                 if isinstance(error, sqlite3.OperationalError):
                     raise  # full, or not permitted: the file itself may be good
-                self.set_aside = str(error)
+                self.set_aside = f"a spool that cannot be read ({error}) is kept beside a new one"
                 _set_aside(folder)
                 self._open()
             self.expire(now, wall)
@@ -97,7 +104,18 @@ class Spool:
         self._base.execute("PRAGMA journal_mode=WAL")
         self._base.execute("PRAGMA journal_size_limit=4194304")
         self._base.executescript(SCHEMA)
+        self._require_own_tables()
         with self._all_or_nothing(synced=True):
+            foreign = [
+                (row[0],)
+                for row in self._base.execute(f"SELECT {LOOKED_AT} FROM message")
+                if not _is_ours(row)
+            ]
+            if foreign:
+                self._base.execute("CREATE TABLE IF NOT EXISTS aside AS SELECT * FROM message WHERE 0")
+                self._base.executemany("INSERT INTO aside SELECT * FROM message WHERE sequence = ?", foreign)
+                self._base.executemany("DELETE FROM message WHERE sequence = ?", foreign)
+                self.set_aside = f"{len(foreign)} rows that no streamer wrote are in its table `aside` now"
             if self._base.execute("SELECT 1 FROM tally").fetchone() is None:
                 self._base.execute("INSERT INTO tally VALUES (?, 0, 0, 0)", (uuid.uuid4().hex[:16],))
             self._base.execute("UPDATE tally SET run = run + 1")
@@ -106,6 +124,18 @@ class Spool:
         stream, sent, dropped = self._rows("SELECT stream, sent, dropped FROM tally")[0]
         waiting = int(self._fetch_one("SELECT count(*) FROM message WHERE reason IS NULL"))
         self.tally = SpoolCounts(stream, sent, dropped, waiting, dead, bodies)
+
+    def _require_own_tables(self) -> None:
+        """Raises sqlite3.DatabaseError: tables or counts of another program."""
+        columns = {row[1] for row in self._base.execute("PRAGMA table_info(message)")}
+        counts = self._rows("SELECT run, sent, dropped FROM tally")
+        counts += self._rows("SELECT max(seq), 0, 0 FROM sqlite_sequence WHERE name = 'message'")
+        whole = all(
+            type(each) is int and 0 <= each < LAST for row in counts for each in row if each is not None
+        )
+        names = all(type(name) is str for (name,) in self._rows("SELECT stream FROM tally"))
+        if not (whole and names) or columns != {"made", "run", *KEPT.split(", ")}:
+            raise sqlite3.DatabaseError("its tables are not those of a spool")
 
     def __enter__(self) -> "Spool":
         return self
@@ -233,10 +263,31 @@ def dead_letters(folder: Path) -> list[SpooledMessage]:
     """Return the dead letters of a spool, also of one in use. Raises sqlite3.Error where there is none."""
     base = sqlite3.connect(f"{(folder / FILE).absolute().as_uri()}?mode=ro", uri=True)
     try:
-        rows = base.execute(f"SELECT {KEPT} FROM message WHERE reason IS NOT NULL ORDER BY sequence")
-        return [_decode_row(row) for row in rows]
+        looked_at = base.execute(
+            f"SELECT {LOOKED_AT} FROM message WHERE reason IS NOT NULL ORDER BY sequence"
+        )
+        numbers = [row[0] for row in looked_at if _is_ours(row)]
+        one = f"SELECT {KEPT} FROM message WHERE sequence = ?"
+        return [_decode_row(row) for number in numbers for row in base.execute(one, (number,))]
     finally:
         base.close()
+
+
+def _is_ours(row: tuple[Any, ...]) -> bool:
+    """Return whether a streamer can have written a row, given as LOOKED_AT."""
+    sequence, run, made, wall, is_text, headers, samples, has_reason, reason, is_body = row
+    if not all(type(each) is int and 0 <= each < LAST for each in (sequence, run, samples)):
+        return False
+    if not all(type(each) is float and abs(each) <= LATEST for each in (made, wall)):
+        return False
+    if (is_text, is_body) != ("text", "blob") or has_reason not in ("text", "null"):
+        return False
+    try:
+        found = json.loads(headers.decode())
+        str(reason or b"", "utf-8")
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and all(isinstance(each, str) for each in found.values())
 
 
 def _decode_row(row: tuple[int, str, int, str | None, float, bytes]) -> SpooledMessage:

@@ -124,9 +124,7 @@ def _stream(options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint) -
     with catch_stop_signals() as stop:
         course = StreamRunner(options, spool, endpoint, stop)
         if spool.set_aside:
-            course.tell(
-                f"{spool.folder}: a spool that cannot be read ({spool.set_aside}) is kept beside a new one"
-            )
+            course.tell(f"{spool.folder}: {spool.set_aside}")
         if options.token_file and _readable_by_others(options.url):
             course.tell(f"{options.url}: without https every host on the path can read the token")
         if options.dead_again:

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 from twind.command_line.verb import Rejected
+from twind.exceptions import InvalidInput
 from twind.observe.recording.recording_columns import RobotRecording
+from twind.plain_file import open_plain
 
 __all__ = ["RobotRecording", "open_recording"]
 
@@ -15,8 +17,10 @@ def open_recording(path: Path | str) -> RobotRecording:
     """
     path = Path(path)
     try:
-        with open(path, "rb") as file:
+        with open_plain(path) as file:
             head = file.read(5)
+    except InvalidInput as error:
+        raise Rejected(str(error)) from None
     except OSError as error:
         raise Rejected(f"{path}: {error.strerror}") from None
     if head == b"\x89MCAP":

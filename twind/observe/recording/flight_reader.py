@@ -10,6 +10,7 @@ from twind.exceptions import InvalidInput
 from twind.flight import LoadedFlight, load
 from twind.link import Tick
 from twind.observe.recording.flight_monitor_messages import answers, news
+from twind.observe.recording.foreign_content import refuse_foreign_content
 from twind.observe.recording.mcap_reader import hops, slow
 from twind.observe.recording.recording_columns import (
     Floats,
@@ -30,15 +31,16 @@ def read(path: Path) -> RobotRecording:
         flight = load(path)
     except (InvalidInput, OSError) as error:
         raise Rejected(str(error)) from None
-    ticks = [each for each in news(flight) if isinstance(each, Tick)]
     entries = flight.contents.entries
     if not entries:
         raise Rejected(f"{path}: nothing was recorded yet")
-    begin = ticks[0].time if ticks else entries[0].time
-    topics: dict[str, list[RecordedMessage]] = {}
-    for answer in answers(flight):
-        topics.setdefault(answer["topic"], []).append(RecordedMessage(answer["time"] - begin, answer))
-    return _recording(path, flight, ticks, begin, topics)
+    with refuse_foreign_content(path):
+        ticks = [each for each in news(flight) if isinstance(each, Tick)]
+        begin = ticks[0].time if ticks else entries[0].time
+        topics: dict[str, list[RecordedMessage]] = {}
+        for answer in answers(flight):
+            topics.setdefault(answer["topic"], []).append(RecordedMessage(answer["time"] - begin, answer))
+        return _recording(path, flight, ticks, begin, topics)
 
 
 def wall_offset(flight: LoadedFlight) -> int:

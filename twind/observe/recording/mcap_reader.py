@@ -1,7 +1,6 @@
 """An .mcap file as columns: our own recordings, and as far as it goes any with JointState messages."""
 
 import json
-import struct
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from mcap.records import Attachment, Message
 from numpy.typing import NDArray
 
 from twind.command_line.verb import Rejected
-from twind.exceptions import InvalidInput
+from twind.observe.recording.foreign_content import refuse_foreign_content
 from twind.observe.recording.joint_rows import JointRows
 from twind.observe.recording.mcap_record_scanner import McapContent, McapRecordScanner
 from twind.observe.recording.recording_columns import (
@@ -46,8 +45,6 @@ from twind.ros.imu_message import imu_numbers
 
 SECOND = 1e9  # ns
 SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES})
-# what comes of a file that is not as ours are
-FOREIGN = (struct.error, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 
 
@@ -62,24 +59,16 @@ def read(path: Path) -> RobotRecording:
     """The recording in an .mcap file. Raises Rejected."""
     file = McapRecordScanner(path)
     taken = _McapContents(file)
-    try:
-        for each in file.contents():
-            taken.take(each)
-    except (InvalidInput, OSError) as error:
-        raise Rejected(f"{path}: {error}") from None
-    except FOREIGN as error:
-        raise Rejected(f"{path}: {_broken(error)}") from None
+    with refuse_foreign_content(path):
+        try:
+            for each in file.contents():
+                taken.take(each)
+        except OSError as error:
+            raise Rejected(f"{path}: {error}") from None
     if taken.start is None:
         raise Rejected(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
-    try:
+    with refuse_foreign_content(path):
         return _recording(path, taken, taken.start)
-    except FOREIGN as error:
-        raise Rejected(f"{path}: {_broken(error)}") from None
-
-
-def _broken(error: Exception) -> str:
-    kind = type(error).__name__
-    return f"a message on our topics, or a JointState, is not in our format ({kind}: {error})"
 
 
 class _ImuRows:
@@ -111,7 +100,7 @@ class _McapContents:
         self.start: int | None = None  # ns, of the first message
 
     def take(self, each: McapContent) -> None:
-        """Store one message, attachment or metadata record. Raises InvalidInput, or one of FOREIGN."""
+        """Store one message, attachment or metadata record. Raises as foreign content does."""
         if isinstance(each, Message):
             topic = self.file.channels[each.channel_id].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)

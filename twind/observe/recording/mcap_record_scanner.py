@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Metadata, Schema
 
 from twind.exceptions import InvalidInput
+from twind.plain_file import open_plain
 
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST = 64 << 20  # bytes of a record, and of the content of a chunk
@@ -46,7 +47,7 @@ class McapRecordScanner:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.size = os.stat(path).st_size
+        self.size = 0
         self.profile = ""
         self.library = ""
         self.cut = ""
@@ -59,7 +60,8 @@ class McapRecordScanner:
 
     def contents(self) -> Iterator[McapContent]:
         """All that is whole, in the order of the file. Raises InvalidInput, OSError."""
-        with open(self.path, "rb") as file:
+        with open_plain(self.path) as file:
+            self.size = os.fstat(file.fileno()).st_size
             if file.read(len(MAGIC)) != MAGIC:
                 reason = "is no MCAP file: it does not begin with the bytes of one"
                 raise InvalidInput(reason, where=str(self.path))
@@ -138,10 +140,10 @@ class _RecordBytes(BytesIO):
     """Bytes of one record. A read of more than there are raises struct.error."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        data = super().read(size)
-        if size is not None and len(data) < size:
-            raise struct.error(f"{size} bytes, of which {len(data)} are there")
-        return data
+        there = len(self.getbuffer()) - self.tell()
+        if size is not None and size > there:
+            raise struct.error(f"{size} bytes, of which {there} are there")
+        return super().read(size)
 
 
 def _message(data: bytes, at: int, end: int) -> Message:

@@ -15,6 +15,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import OperationFailed
+from twind.observe.recording.foreign_content import FOREIGN
 from twind.observe.replaying.replay_script import VIEW
 
 SETTINGS = ("rate_hz", "log_level")  # of the daemon's parameters, those that a replay takes over
@@ -39,7 +40,7 @@ def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> Repl
     """
     try:
         return _laid_out(briefing, folder, robot)
-    except (OSError, ValueError) as error:  # names that are too long, hold a NUL, or are file and folder
+    except (OSError, *FOREIGN) as error:  # names that are too long, hold a NUL, or are file and folder
         raise OperationFailed(f"its files cannot be laid out: {error}") from None
 
 

@@ -10,6 +10,7 @@ The page gets a script and a style of its own here, and a WebSocket that viser d
 import contextlib
 import hmac
 import io
+import logging
 import os
 import secrets
 from collections.abc import Awaitable, Callable, Iterator
@@ -34,6 +35,8 @@ POLICY = (
     "ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
+GET = b"GET "
+NO_GET = b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 
 Handler = Callable[[Any], Awaitable[None]]
 
@@ -57,7 +60,7 @@ class ViewerAccess:
         if upgrade and (upgrade != ["websocket"] or not origins):
             return "a WebSocket without the Origin of this page"
         first = path.partition("?")[0].split("/")[1:2]
-        if not hmac.compare_digest("".join(first).encode(), self.secret.encode()):
+        if not hmac.compare_digest("".join(first).encode(errors="surrogateescape"), self.secret.encode()):
             return "the address lacks its secret: use the one that was printed"
         return None
 
@@ -155,6 +158,33 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
             server.stop()
 
 
+def _answering(connection: Any) -> Any:
+    """Return a class of connections that answers 403 to what is no GET; websockets closes it unanswered."""
+
+    class ViewerConnection(connection):  # type: ignore[misc]  # a class of an optional package
+        """Connection of one browser."""
+
+        begun = False
+
+        def data_received(self, data: bytes) -> None:
+            """Take bytes of the peer."""
+            if not self.begun and not data.startswith(GET[: len(data)]):
+                self.transport.write(NO_GET)
+                self.transport.close()
+            elif not self.transport.is_closing():
+                super().data_received(data)
+            self.begun = True
+
+    return ViewerConnection
+
+
+def _log() -> logging.Logger:
+    """Return a log without failed handshakes: any program of this machine can cause them."""
+    log = logging.Logger("twind viewer", logging.WARNING)
+    log.addFilter(lambda record: record.msg != "opening handshake failed")
+    return log
+
+
 @contextlib.contextmanager
 def _guarded(door: ViewerAccess, channel: PageChannel) -> Iterator[list[bool]]:
     """While viser starts, what it serves goes through the door; one entry for each time it did."""
@@ -170,6 +200,8 @@ def _guarded(door: ViewerAccess, channel: PageChannel) -> Iterator[list[bool]]:
             host,
             port,
             process_request=door.guard(process_request),
+            create_connection=_answering(websockets.ServerConnection),
+            logger=_log(),
             ping_interval=PING,
             ping_timeout=GONE,
             **options,

@@ -1,6 +1,7 @@
 """A Python module in a process of its own: a request as JSON goes in, an answer as JSON comes out.
 
-Time, memory and output are bounded. Standard library only, since the child that expands xacro loads it too.
+Time, memory and output are bounded, and a library that crashes there leaves the process that asks unharmed.
+Standard library only, since the child that expands xacro loads it too.
 """
 
 import json
@@ -14,7 +15,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twind.exceptions import InvalidInput
-from twind_calibration.model_import.imported_model import import_refused
+
+MAX_MESSAGE = 600  # characters of one message
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +29,10 @@ class ProcessBounds:
 
     def apply(self) -> None:
         """Set the bounds for this process. It writes no core file."""
-        resource.setrlimit(resource.RLIMIT_CPU, (self.seconds, self.seconds + 1))
-        resource.setrlimit(resource.RLIMIT_AS, (self.memory << 20, self.memory << 20))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (self.output << 20, self.output << 20))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        _lower(resource.RLIMIT_CPU, self.seconds, self.seconds + 1)
+        _lower(resource.RLIMIT_AS, self.memory << 20, self.memory << 20)
+        _lower(resource.RLIMIT_FSIZE, self.output << 20, self.output << 20)
+        _lower(resource.RLIMIT_CORE, 0, 0)
 
 
 def call_module(
@@ -60,12 +62,14 @@ def call_module(
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            raise import_refused(f"takes more than {bounds.seconds} s; make it smaller", where=file) from None
+            raise refused_in_one_line(
+                f"takes more than {bounds.seconds} s; make it smaller", where=file
+            ) from None
         if done.returncode == 0:
             answer.seek(0)
             return _checked(json.loads(answer.read()))
         errors.seek(0)
-        raise import_refused(_reason(done.returncode, bounds, errors.read(1 << 20)), where=file)
+        raise refused_in_one_line(_reason(done.returncode, bounds, errors.read(1 << 20)), where=file)
 
 
 def read_request() -> Any:
@@ -80,9 +84,22 @@ def refusal(error: InvalidInput) -> dict[str, Any]:
     return {"refused": {"reason": error.reason, "where": error.where}}
 
 
+def _lower(kind: int, soft: int, hard: int) -> None:
+    """Set a limit of this process; one that is lower already stays."""
+    most = resource.getrlimit(kind)[1]
+    if most != resource.RLIM_INFINITY:
+        hard = min(hard, most)
+    resource.setrlimit(kind, (min(soft, hard), hard))
+
+
+def refused_in_one_line(reason: str, *, where: str) -> InvalidInput:
+    """Return the error about the file or place `where`: one line of bounded length."""
+    return InvalidInput(" ".join(reason.split())[:MAX_MESSAGE], where=where)
+
+
 def _checked(answer: Any) -> Any:
     if "refused" in answer:
-        raise import_refused(answer["refused"]["reason"], where=answer["refused"]["where"])
+        raise refused_in_one_line(answer["refused"]["reason"], where=answer["refused"]["where"])
     return answer
 
 
@@ -94,4 +111,4 @@ def _reason(code: int, bounds: ProcessBounds, errors: bytes) -> str:
     if code == -signal.SIGXFSZ or b"File too large" in errors:
         return f"grows to more than {bounds.output} MiB; make it smaller"
     lines = errors.decode(errors="replace").strip().splitlines() or ["no message"]
-    return f"the import ended with code {code}: {lines[-1][:200]}; please report it"
+    return f"the process that reads it ended with code {code}: {lines[-1][:200]}; please report it"

@@ -5,6 +5,7 @@ Standard library only; independent of file formats.
 
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
 
 from twind.exceptions import InvalidInput
@@ -18,11 +19,8 @@ _KINDS = {
 }
 
 
-def read_plain(path: Path, most: int) -> bytes:
-    """All of a file of at most `most` bytes.
-
-    Raises InvalidInput (no file, or a larger one), OSError, ValueError (a path with a NUL).
-    """
+def open_plain(path: Path | str) -> BufferedReader:
+    """Open a regular file for reading. Raises InvalidInput (no file), OSError, ValueError (NUL in a path)."""
     # Without O_NONBLOCK, opening a pipe waits for a writer. The type of the open file is checked,
     # since another file may take the name meanwhile.
     fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
@@ -30,10 +28,19 @@ def read_plain(path: Path, most: int) -> bytes:
         kind = stat.S_IFMT(os.fstat(fd).st_mode)
         if kind != stat.S_IFREG:
             raise InvalidInput(f"is {_KINDS.get(kind, 'something else')}, not a file", where=str(path))
-        with open(fd, "rb", closefd=False) as file:
-            data = file.read(most + 1)
-    finally:
+        return open(fd, "rb")
+    except BaseException:
         os.close(fd)
+        raise
+
+
+def read_plain(path: Path, most: int) -> bytes:
+    """All of a file of at most `most` bytes.
+
+    Raises InvalidInput (no file, or a larger one), OSError, ValueError (a path with a NUL).
+    """
+    with open_plain(path) as file:
+        data = file.read(most + 1)
     if len(data) > most:
         raise InvalidInput(f"larger than {_size(most)}: not a file of ours", where=str(path))
     return data

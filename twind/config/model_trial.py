@@ -1,0 +1,87 @@
+"""Trial of a robot's model: MuJoCo compiles it once in a process with bounds of time and memory.
+
+A model that only has bodies of primitive shapes costs what its text costs, and needs no trial. Meshes, height
+fields, pictures, elements that make copies, and muscles do not say what they cost; decoders may crash.
+"""
+
+import os
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from twind.bounded_process import ProcessBounds, call_module
+from twind.config.model_numbers import ModelElement
+from twind.config.yaml_tree import ConfigError, FilePosition
+from twind.exceptions import InvalidInput
+
+BOUNDS = ProcessBounds(seconds=20, memory=3072, output=1)
+MAX_FILE = 64 << 20  # bytes of a mesh, height field or picture
+MAX_ALL = 256 << 20  # bytes of all of them
+MAX_PLAIN = 5000  # elements of a model without a trial
+WORKER = "twind.twin.model_trial_worker"
+
+_COSTLY = frozenset(
+    ("mesh", "hfield", "skin", "replicate", "composite", "flexcomp", "flex", "attach", "model", "plugin")
+)
+_COSTLY |= {"muscle", "lengthrange"}
+_FOLDERS = ("meshdir", "texturedir", "assetdir")
+
+
+def require_readable_model(path: Path, elements: Sequence[ModelElement]) -> None:
+    """Require that the model at `path` can be compiled within `BOUNDS`; `elements`: all that it has.
+
+    Raises ConfigError: it cannot, or it names a file that is none or too large.
+    """
+    files = _require_files(elements)
+    if not files and len(elements) <= MAX_PLAIN and not any(each.name in _COSTLY for each in elements):
+        return
+    try:
+        call_module(WORKER, {"path": str(path)}, BOUNDS, file=str(path))
+    except InvalidInput as error:
+        raise ConfigError(error.where or str(path), FilePosition(0, 0), "", error.reason) from None
+
+
+def _require_files(elements: Sequence[ModelElement]) -> bool:
+    """Check the files that elements name; return whether there are any. Raises ConfigError."""
+    folders = {
+        value
+        for each in elements
+        if each.name == "compiler"
+        for key, value in each.attributes.items()
+        if key in _FOLDERS
+    }
+    sizes: dict[str, int] = {}
+    for element in elements:
+        for name in _names(element):
+            for path in _places(element, name, folders):
+                sizes[os.path.realpath(path)] = _size(element, path)
+                if sum(sizes.values()) > MAX_ALL:
+                    raise element.refused(
+                        f"the files of the model are larger than {MAX_ALL >> 20} MiB: decimate them"
+                    )
+    return bool(sizes)
+
+
+def _names(element: ModelElement) -> Iterator[str]:
+    """Yield the file names in an element; included files are checked already."""
+    if element.name not in ("include", "model"):
+        yield from (value for key, value in element.attributes.items() if key.startswith("file") and value)
+
+
+def _places(element: ModelElement, name: str, folders: set[str]) -> Iterator[Path]:
+    """Yield where MuJoCo may find a file, as far as there is one."""
+    for home in {element.home, element.file.parent}:
+        for folder in {"", *folders}:
+            for each in {name, os.path.basename(name)}:  # `strippath`
+                path = home / folder / each
+                if os.path.exists(path):
+                    yield path
+
+
+def _size(element: ModelElement, path: Path) -> int:
+    found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode):
+        raise element.refused(f"{path} is no file: name a regular one")
+    if found.st_size > MAX_FILE:
+        raise element.refused(f"{path} is larger than {MAX_FILE >> 20} MiB: decimate it")
+    return found.st_size
