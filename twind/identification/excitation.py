@@ -52,7 +52,7 @@ def excite(start: float, bounds: ExcitationBounds, amplitude: float, shift: floa
         place = middle + share * reach
         parts.append(_ramp(here, place))
         here = place
-    parts += [_move(here, start, bounds), _hold(start)]
+    parts += [_hold(here), _move(here, start, bounds), _hold(start)]
     return np.concatenate(parts)
 
 
@@ -65,7 +65,7 @@ def _move(start: float, end: float, bounds: ExcitationBounds) -> Floats:
     way = abs(end - start)
     fast = 1.875 * way / (SHARE * bounds.velocity)
     hard = np.sqrt(5.774 * way / (SHARE * bounds.acceleration))
-    count = max(2, int(np.ceil(max(fast, hard) * RATE)))
+    count = max(10, int(np.ceil(max(fast, hard) * RATE)))  # of few points, speeds between them are too high
     share = np.arange(1, count + 1) / count
     return start + (end - start) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 

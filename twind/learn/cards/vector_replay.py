@@ -10,7 +10,7 @@ from twind.exceptions import InvalidInput
 from twind.learn.cards.card_actor import CardPolicy
 from twind.learn.cards.interface_card import VectorSpec
 from twind.learn.policy.onnx_session import Rows
-from twind.protocol.plain_file import read_plain
+from twind.plain_file import read_plain
 
 LARGEST = 8 << 20  # bytes of a file, and of its arrays together
 MOST_STEPS = 10_000
