@@ -1,11 +1,13 @@
 """Situations that lead to each code of what is judged in every tick."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tests.support.contact_rig import ContactRig
 from tests.support.daemon_rig import Rig
-from tests.support.scene_rig import faults, leads_to, move
+from tests.support.scene_rig import SCENES, Told, faults, leads_to, move, reported_codes
 from twind import link
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
@@ -222,3 +224,18 @@ def a_tick_breaks(made: Rig) -> None:
     made.ticks(1)
     made.loop.parts.guard.judge = judge  # type: ignore[method-assign]
     made.ticks(1)
+
+
+def a_hand_holds_the_elbow(_: Path) -> Told:
+    rig = ContactRig()
+    try:
+        rig.arm()
+        rig.press("r_elbow", 1.5)
+        rig.seconds(0.3)
+        return reported_codes(rig)
+    finally:
+        rig.close()
+
+
+SCENES[ReasonCode.CONTACT] = a_hand_holds_the_elbow
+SCENES[ReasonCode.CONTACT_HOLD] = a_hand_holds_the_elbow

@@ -17,6 +17,7 @@ from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
 from twind.safety.clearance_rules import LookaheadCollisionRules
+from twind.safety.contact_rules import ContactRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.follow_bounds import follow_bounds
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
@@ -73,13 +74,14 @@ class Guard:
         linked: Sequence[MappedTransmission] = (),
         at_rest: TorqueAtRest | None = None,
         load: Floats | None = None,
+        contact: ContactRules | None = None,
     ) -> None:
         """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
 
         `support`: of the robot file. `ratings`: bounds of the actuators; without them supply, heat and load
         are not judged. `linked`: transmissions, whose actuators turn joints together. `at_rest`: torque that
         holds a pose; None: unknown (LEAD_LIMIT). `load` (n,): N·m, the largest that a joint holds at rest;
-        None: unknown (FOLLOW_ERR).
+        None: unknown (FOLLOW_ERR). `contact`: None for a robot without observer of external torque.
         """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
@@ -99,6 +101,7 @@ class Guard:
             readings,
             tracking,
             *leads,
+            *((contact,) if contact is not None else ()),
             BusRules(buses, bounds),
             LineRules(buses, lines, free, bounds),
             DeviceRules(rated.leg, free, bounds, on_can),

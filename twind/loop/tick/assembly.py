@@ -33,6 +33,7 @@ from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
+from twind.safety.contact_rules import ContactRules
 from twind.safety.follow_bounds import follow_bounds
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
@@ -48,6 +49,7 @@ from twind.twin.clearance_bound import REACH
 from twind.twin.collision_model import CollisionModel
 from twind.twin.dynamics import Dynamics
 from twind.twin.load_survey import worst_load
+from twind.twin.torque_observer import has_observer, limbs, observer_of
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
@@ -113,6 +115,7 @@ def build(
         power=power,
         outlook=_outlook(binding, period),
         compensation=gravity_compensation(robot.file, binding),
+        observer=observer_of(binding, period),
     )
     return Loop(parts, mode)
 
@@ -130,7 +133,17 @@ def _guard(robot: BoundRobot, period: float) -> Guard:
         linked=binding.joint_map.linked,
         at_rest=_torque_at_rest(binding),
         load=worst_load(binding),
+        contact=_contact(binding),
     )
+
+
+def _contact(binding: Binding) -> ContactRules | None:
+    """Return the rules on torque from outside; None: the robot has no observer."""
+    if not has_observer(binding):
+        return None
+    hold = binding.robot.gate.contact_hold_nm
+    bound = np.array([hold.get(name, np.inf) for name in binding.robot.names])
+    return ContactRules(bound, limbs(binding))
 
 
 def power(robot: RobotFile, rate_hz: float, virtual: Mapping[str, str]) -> PowerChild | None:
