@@ -27,7 +27,7 @@ def moved(observer: ExternalTorqueObserver, pressed: Floats, seconds: float, swi
     simulation.model.dof_frictionloss[:] = 0.0
     for tick in range(round(seconds / PERIOD)):
         simulation.step(BINDING.rest + swing * np.sin(2.0 * tick * PERIOD))
-        observer.update(simulation.state(tick * PERIOD))
+        observer.update(simulation.state(tick * PERIOD), held=False)
 
 
 @settings(max_examples=8, deadline=None)
@@ -60,7 +60,7 @@ def test_joint_without_effort_and_silent_joint_leave_no_estimate() -> None:
     simulation = Simulation(BINDING, PERIOD)
     for tick, changes in enumerate(({"effort": np.full(24, np.nan)}, {"heard": np.zeros(24, np.bool_)})):
         state: JointState = simulation.state(0.1 + tick * PERIOD)
-        observer.update(replace(state, **changes))
+        observer.update(replace(state, **changes), held=False)
         assert observer.external is None
 
 

@@ -21,31 +21,31 @@ class ContactRules:
         self._bound = hold_nm
         self._limbs = limbs
         self._beyond = np.zeros(len(hold_nm), np.int64)
-        self._touched = np.zeros(len(hold_nm), np.bool_)
+        self.touched = np.zeros(len(hold_nm), np.bool_)  # (n,), the joints in contact
 
     def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
         """Return CONTACT of each joint while it lasts, and CONTACT_HOLD while the robot must stand still."""
         external = facts.external
         if external is None:
-            self._touched[:] = False
+            self.touched[:] = False
             self._beyond[:] = 0
             return NOTHING
         size = np.abs(external.torque)
         share = size / external.deviation
-        over = share > np.where(self._touched, END, BEGIN)
+        over = share > np.where(self.touched, END, BEGIN)
         stopping = (size - external.deviation > self._bound) & facts.torque_held
         if not (some(over) or some(stopping)):
-            self._touched[:] = False
+            self.touched[:] = False
             self._beyond[:] = 0
             return NOTHING
         self._beyond = np.where(over, self._beyond + 1, 0)
-        self._touched = over & (self._beyond >= TICKS)
+        self.touched = over & (self._beyond >= TICKS)
         torque = external.torque
         found = [
             self._stop(facts, joint, float(torque[joint])) for joint in np.flatnonzero(stopping).tolist()
         ]
         return found + [
-            self._touch(joint, float(torque[joint])) for joint in np.flatnonzero(self._touched).tolist()
+            self._touch(joint, float(torque[joint])) for joint in np.flatnonzero(self.touched).tolist()
         ]
 
     def _stop(self, facts: GuardInput, joint: int, torque: float) -> RuleResult:

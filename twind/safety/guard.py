@@ -90,6 +90,7 @@ class Guard:
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._free = free
         self._linked = linked
+        self.contact = contact  # rules on torque from outside
         self._at_rest = at_rest
         self._load = load
         self._goals, readings, tracking, *leads = self._limited(limits, rated)

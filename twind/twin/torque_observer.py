@@ -23,6 +23,7 @@ MEMORY = 2.0  # s, of the noise of a joint
 SLOW = 0.05  # rad/s: two steps of a velocity register; slower, the direction of friction is open
 STUCK = 0.7  # of a friction whose direction is open: between even and certain
 MODEL = 0.03  # share of the model's torque that identified masses leave open
+HALF = 0.5  # share of the correction for goals in steps that is open
 LEAST = 0.02  # N·m, standard deviation: a step of a current register and cogging
 UNKNOWN = 0.5  # share of a friction that was not identified
 OUTLIER = 3.0  # noise of a joint is measured without values beyond so many deviations
@@ -74,6 +75,10 @@ class ExternalTorqueObserver:
         self._stribeck, stribeck_sd = _column(binding, "stribeck_nm", zero)
         self._load, _ = _column(binding, "load_friction_per_nm", zero)
         self._loaded = bool(self._load.any())
+        # A goal is a step of each period. The servo is read just before the next: its torque is then below
+        # the mean by what its stiffness makes of half of a step.
+        stiffness, _ = _column(binding, "stiffness_nm_per_rad", binding.ratings.stiffness)
+        self._stairs = np.nan_to_num(HALF * period * stiffness)
         self._variance = dry_sd**2 + stribeck_sd**2 + LEAST**2
         self._torque = zero
         self._noise = np.zeros(len(modelled))  # (N·m)², of the raw residual
@@ -86,8 +91,11 @@ class ExternalTorqueObserver:
         self._torque = np.zeros(len(self._dry))
         self.external = None
 
-    def update(self, measured: JointState) -> None:
-        """Take a reading. After a gap, or where a joint is silent or has no effort, there is no estimate."""
+    def update(self, measured: JointState, *, held: bool) -> None:
+        """Take a reading. `held`: servos follow a goal of each period.
+
+        After a gap, or where a joint is silent or has no effort, there is no estimate.
+        """
         last = self._last
         if last is measured or not every(measured.heard):
             self._last = self.external = None
@@ -101,6 +109,8 @@ class ExternalTorqueObserver:
         needed = self._needed(measured, last, elapsed)
         speed = 0.5 * (measured.velocity + last.velocity)
         motor = 0.5 * (measured.effort + last.effort)
+        stairs = self._stairs * speed if held else 0.0
+        motor = motor + stairs
         sign = np.tanh(speed / SLOW)
         friction = self._dry + self._stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
         if self._loaded:
@@ -111,7 +121,7 @@ class ExternalTorqueObserver:
             return
         self._torque = self._torque + self._gain * off
         open_ = friction * (1.0 - np.abs(sign))  # N·m that static friction may hold either way
-        systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2
+        systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2 + (HALF * stairs) ** 2
         squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
         self._noise += self._forget * (squared - self._noise)
         deviation = np.sqrt(systematic + self._smoothing * self._noise)

@@ -107,7 +107,7 @@ class Loop:
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
         if self.robot.observer is not None:
-            self.robot.observer.update(self.robot.measured)
+            self.robot.observer.update(self.robot.measured, held=live and self.torque.armed)
         left = goal if self.hardware.left or not live else None
         self.robot.written = self.robot.written if left is None else left
         read = self.clock.now()
