@@ -7,7 +7,7 @@ from twind.robot.arrays import Floats
 
 @dataclass(frozen=True, slots=True)
 class ExternalTorque:
-    """Estimate of one tick. Arrays are (n,), in joint order, read-only."""
+    """Estimate of one tick. Arrays are (n,), in joint order, and new in each tick."""
 
     torque: Floats  # N·m
     deviation: Floats  # N·m, one standard deviation

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind.robot.arrays import Floats, some
+from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, hold
 
@@ -21,6 +21,7 @@ class ContactRules:
         self._bound = hold_nm
         self._limbs = limbs
         self._beyond = np.zeros(len(hold_nm), np.int64)
+        self._active = False  # a joint was beyond its threshold in the last tick
         self.touched = np.zeros(len(hold_nm), np.bool_)  # (n,), the joints in contact
 
     def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
@@ -29,15 +30,15 @@ class ContactRules:
         if external is None:
             self.touched[:] = False
             self._beyond[:] = 0
+            self._active = False
             return NOTHING
         size = np.abs(external.torque)
-        share = size / external.deviation
-        over = share > np.where(self.touched, END, BEGIN)
-        stopping = (size - external.deviation > self._bound) & facts.torque_held
-        if not (some(over) or some(stopping)):
-            self.touched[:] = False
-            self._beyond[:] = 0
+        deviation = external.deviation
+        if not self._active and every(size <= np.minimum(BEGIN * deviation, self._bound + deviation)):
             return NOTHING
+        over = size > np.where(self.touched, END, BEGIN) * deviation
+        stopping = (size - deviation > self._bound) & facts.torque_held
+        self._active = some(over)
         self._beyond = np.where(over, self._beyond + 1, 0)
         self.touched = over & (self._beyond >= TICKS)
         torque = external.torque

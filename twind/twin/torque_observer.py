@@ -11,7 +11,7 @@ import copy
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Floats, every, frozen
+from twind.robot.arrays import Floats, every
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.joint_state import JointState
 from twind.twin.binding import Binding
@@ -125,16 +125,17 @@ class ExternalTorqueObserver:
         squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
         self._noise += self._forget * (squared - self._noise)
         deviation = np.sqrt(systematic + self._smoothing * self._noise)
-        self.external = ExternalTorque(frozen(self._torque), frozen(deviation))
+        self.external = ExternalTorque(self._torque, deviation)
 
     def _needed(self, measured: JointState, last: JointState, elapsed: float) -> Floats:
-        """Return the torque (n,) of the motion between two readings, without friction."""
+        """Return the torque (n,) between two readings, without friction; valid until the next call."""
         data = self._data
         data.qpos[self._place] = measured.position
         data.qvel[self._speed] = 0.5 * (measured.velocity + last.velocity)
         data.qacc[self._speed] = (measured.velocity - last.velocity) / elapsed
         mujoco.mj_inverse(self._model, data)
-        return np.array(data.qfrc_inverse[self._speed])
+        needed: Floats = data.qfrc_inverse[self._speed]
+        return needed
 
 
 def _column(binding: Binding, parameter: str, default: Floats) -> tuple[Floats, Floats]:
