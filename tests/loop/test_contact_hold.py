@@ -12,7 +12,6 @@ from twind.robot.arrays import Floats
 from twind.robot.modes import Motion
 
 PRESS = 0.4  # s
-BLANK = 1.0  # s between two presses
 STILL = 0.05  # rad/s: two steps of a velocity register
 
 
@@ -42,11 +41,12 @@ def touched(rig: ContactRig, joint: int) -> bool:
 
 
 def pressed(rig: ContactRig, rng: np.random.Generator, torque: float) -> Press:
-    """Press one joint in a dance at a random time; the robot holds at 0.2 N·m."""
+    """Press one joint in a dance at a random time; the robot holds at 0.3 N·m."""
     joint = int(rng.integers(len(rig.names)))
     rig.lease()
     rig.dance(6.0, int(rng.integers(1 << 31)))
     rig.seconds(float(rng.uniform(0.5, 4.0)))
+    assert rig.loop.executor.motion is Motion.ACTIVE, rig.events()[-2:]
     rig.news.clear()
     rig.press(rig.names[joint], torque * float(rng.choice([-1.0, 1.0])))
     found, held, rested = np.inf, np.inf, np.inf
@@ -59,15 +59,16 @@ def pressed(rig: ContactRig, rng: np.random.Generator, torque: float) -> Press:
             held = now - found
         if held < np.inf and rested == np.inf and np.abs(rig.loop.robot.measured.velocity).max() < STILL:
             rested = now - found
-    rig.press(rig.names[joint], 0.0)
-    rig.seconds(BLANK)
     return Press(torque, found, held, rested)
 
 
 def presses(count: int, torques: list[float], hold_nm: float, seed: int) -> list[Press]:
     rng = np.random.default_rng(seed)
-    with dancing(hold_nm) as rig:
-        return [pressed(rig, rng, torques[at % len(torques)]) for at in range(count)]
+    made = []
+    for at in range(count):
+        with dancing(hold_nm) as rig:  # a new robot: 5 N·m are more than a servo holds (OVERCURRENT)
+            made.append(pressed(rig, rng, torques[at % len(torques)]))
+    return made
 
 
 def summary(made: list[Press]) -> str:
@@ -82,9 +83,9 @@ def summary(made: list[Press]) -> str:
     return "\n".join(rows)
 
 
-@pytest.mark.parametrize(("count", "seed"), [(3, 1), pytest.param(200, 2, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(("count", "seed"), [(3, 1), pytest.param(80, 2, marks=pytest.mark.campaign)])
 def test_press_is_found_and_holds_the_robot(count: int, seed: int) -> None:
-    made = presses(count, [2.0] if count < 10 else [0.5, 1.0, 2.0, 5.0], 0.2, seed)
+    made = presses(count, [2.0] if count < 10 else [0.5, 1.0, 2.0, 5.0], 0.3, seed)
     print(summary(made))
     strong = [each for each in made if each.torque >= 2.0]
     assert np.mean([each.found < np.inf for each in strong]) >= 0.95, summary(made)

@@ -57,10 +57,10 @@ class ContactRig(WholeBodyRig):
         body.xfrc_applied[model.dof_bodyid[dof], 3:] = torque * body.xaxis[model.dof_jntid[dof]]
 
     def dance(self, seconds: float, seed: int) -> int:
-        """Submit a motion of all joints at up to 40 % of their speeds; return its ticket."""
+        """Submit a motion of all joints around the rest pose; return its ticket."""
         rng = np.random.default_rng(seed)
         limits = self.loop.robot.limits
-        start = self.loop.executor.reference.position
+        start = self.loop.robot.rest
         time = np.arange(1.0, seconds + 0.5)
         sideways = np.array([name.endswith(("_roll", "hip_yaw")) for name in self.names])
         room = 0.4 * np.minimum(start - limits.lower, limits.upper - start)
