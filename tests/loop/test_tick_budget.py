@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.contact_rig import ContactRig
 from tests.support.daemon_rig import Rig
 from tests.support.tick_calls import TickCalls, count_calls
 from twind.loop.tick.assembly import gravity_compensation
@@ -24,6 +25,7 @@ BUDGET = {
     "moving": TickCalls(374, 269),
     "moving, compensated": TickCalls(403, 283),
 }
+OBSERVER = TickCalls(10, 8)  # more with an observer of external torque; measured 8.7 and 7.4
 SLACK = 0.03  # share: rounds of different length meet differently
 MOTION = 5.0  # s
 
@@ -69,3 +71,21 @@ def test_a_tick_makes_as_many_calls_as_recorded(rig: Rig, phase: str) -> None:
         assert count >= (1 - 2 * SLACK) * budget, (
             f"{phase}: {count:.0f} {kind} calls, lower the budget {budget}"
         )
+
+
+def test_observer_of_external_torque_adds_few_calls() -> None:
+    rig = ContactRig()
+    try:
+        rig.arm()
+        rig.lease()
+        rig.dance(MOTION, 0)
+        rig.seconds(0.5)
+        observed, _ = count_calls(rig)
+        assert not rig.events("CONTACT")
+        rig.loop.robot.observer = None
+        bare, most = count_calls(rig)
+        assert rig.loop.executor.motion is Motion.ACTIVE
+    finally:
+        rig.close()
+    assert observed.python - bare.python <= OBSERVER.python, most
+    assert observed.c - bare.c <= OBSERVER.c, most

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.support.contact_rig import ContactRig
 from tests.support.daemon_rig import Rig
 from tests.support.fall_rig import FallRig
 from tests.support.scene_rig import SCENES, Told, faults, leads_to, move, reported_codes
@@ -236,3 +237,18 @@ def a_robot_is_pushed_over(_: Path) -> Told:
 
 
 SCENES[ReasonCode.FALLING] = a_robot_is_pushed_over
+
+
+def a_hand_holds_the_elbow(_: Path) -> Told:
+    rig = ContactRig()
+    try:
+        rig.arm()
+        rig.press("r_elbow", 1.5)
+        rig.seconds(0.3)
+        return reported_codes(rig)
+    finally:
+        rig.close()
+
+
+SCENES[ReasonCode.CONTACT] = a_hand_holds_the_elbow
+SCENES[ReasonCode.CONTACT_HOLD] = a_hand_holds_the_elbow

@@ -100,6 +100,11 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     calibration = load_calibration(path, robot) if path is not None else None
     for each in measured:
         robot = replace(robot, identified=load_identified(each, robot))
+    if robot.gate.contact_hold_nm and robot.identified is None:
+        raise InvalidInput(
+            f"gate.contact.hold_nm of {robot.name} needs an identified model, and {overlay} is missing: run "
+            "`twindctl identify`, or remove the key"
+        )
     files[str(robot.path)] = robot.text_sha256
     files[str(robot.mjcf_path)] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
     files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}

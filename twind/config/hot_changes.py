@@ -127,6 +127,8 @@ def robot_difference(old: RobotFile, new: RobotFile) -> ConfigDifference:
 def _gate_difference(old: RobotFile, new: RobotFile) -> tuple[dict[str, Any], set[str]]:
     hot: dict[str, Any] = {}
     cold = {"collision"} if not same(old.gate.collision, new.gate.collision) else set()
+    if old.gate.contact_hold_nm != new.gate.contact_hold_nm:
+        cold.add("gate.contact.hold_nm")
     for name in ("on_velocity", "on_torque"):
         before = getattr(old.gate, name)
         after = getattr(new.gate, name)

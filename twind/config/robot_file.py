@@ -6,12 +6,13 @@ identity stand in the calibration file). Refuses by name what this version canno
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import Meta
 
 from twind.config.actuator_types import TypeSpec
@@ -55,7 +56,15 @@ class LoopKeys(ConfigStruct):
     """`true` | | goals get an [offset against gravity](safety.md#gravity); support fixed or gantry"""
 
 
-class GateKeys(ConfigStruct):
+class ContactKeys(ConfigStruct):
+    """Section `gate.contact`."""
+
+    hold_nm: dict[str, Annotated[float, Meta(gt=0.0, le=1000.0)]] = msgspec.field(default_factory=dict)
+    """N·m by joint | none | torque from outside that [holds the robot](contact.md); needs an identified
+    model, support fixed or gantry"""
+
+
+class GateKeys(ConfigStruct, kw_only=True):
     """Section `gate`."""
 
     on_velocity: Literal["", "reject", "retime"] = ""
@@ -65,6 +74,7 @@ class GateKeys(ConfigStruct):
     ] = "reject"
     on_torque: Literal["warn", "reject"] = "warn"
     """a path beyond a joint's torque"""
+    contact: ContactKeys
 
 
 class RobotKeys(ConfigStruct, kw_only=True):
@@ -149,6 +159,7 @@ def read_robot(path: Path) -> RobotFile:
         reason = "a robot on its feet has contact forces that the offset does not know: fixed or gantry only"
         raise top.section("loop").refuse("compensate_gravity", reason)
     gate = given.gate
+    _require_contact(top, gate.contact.hold_nm, given.support, names)
     poses = _poses(given.poses, joints)
     imu = imu_of(top, wires, joints)
     return RobotFile(
@@ -171,6 +182,7 @@ def read_robot(path: Path) -> RobotFile:
             gate.on_velocity or "reject",
             clearance(given.collision, given.support),
             gate.on_torque,
+            contact_hold_nm=gate.contact.hold_nm,
             request_may_retime=not gate.on_velocity,
         ),
         motions=path.absolute().parent / given.motions,
@@ -214,6 +226,16 @@ def _require_legs(top: ConfigReader, legs: tuple[str, ...], names: tuple[str, ..
             raise top.refuse("legs", f"no joint {name!r}" + (f"; nearest: {near[0]}" if near else ""))
     if len(set(legs)) != len(legs):
         raise top.refuse("legs", "a name stands there twice")
+
+
+def _require_contact(
+    top: ConfigReader, hold: Mapping[str, float], support: str, names: Sequence[str]
+) -> None:
+    section = top.section("gate").section("contact")
+    section.section("hold_nm").require_known(names)
+    if hold and support == "free":
+        reason = "the forces at the feet of a free robot are unknown to the observer: fixed or gantry only"
+        raise section.refuse("hold_nm", reason)
 
 
 def _poses(section: ConfigReader, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:

@@ -130,6 +130,7 @@ class GateSettings:
         default_factory=Clearance
     )  # how close bodies may come (SELF_COLLISION, KEEP_OUT, LOOKAHEAD_COLLISION)
     on_torque: str = "warn"  # or `reject`: more torque than a joint can give (TORQUE_INFEASIBLE)
+    contact_hold_nm: Mapping[str, float] = field(default_factory=dict)  # N·m by joint (CONTACT_HOLD)
     request_may_retime: bool = False  # the file does not say `on_velocity`: a request may choose `retime`
 
 

@@ -67,6 +67,8 @@ class JointSnapshot(msgspec.Struct):
     calibrated: bool
     verified: bool | None
     faults: list[str]
+    external_nm: float | None
+    external_sd_nm: float | None
 
 
 class StateCache:
@@ -228,6 +230,8 @@ class StateCache:
         known = [(joint.name, joint.bus, joint.id, joint.calibrated) for joint in self.briefing.joints]
         names, buses, ids, calibrated = zip(*known, strict=True) if known else ((), (), (), ())
         temperature, voltage, torque, verified, faults = columns
+        count = len(known)
+        external = _floats(tick.external) if tick.external else [None] * (2 * count)
         rows = zip(
             names,
             buses,
@@ -245,6 +249,8 @@ class StateCache:
             calibrated,
             verified,
             faults,
+            external[:count],
+            external[count:],
             strict=True,
         )
         return encode(list(starmap(JointSnapshot, rows)))

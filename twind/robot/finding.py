@@ -76,6 +76,8 @@ class ReasonCode(StrEnum):
     OVERTEMP = "OVERTEMP"
     VOLTAGE = "VOLTAGE"
     LOOKAHEAD_COLLISION = "LOOKAHEAD_COLLISION"
+    CONTACT = "CONTACT"  # torque from outside, reported only
+    CONTACT_HOLD = "CONTACT_HOLD"  # torque from outside beyond `gate.contact.hold_nm`
     STEP_LIMIT = "STEP_LIMIT"
     WIRE_CLAMP = "WIRE_CLAMP"
     TX_BACKLOG = "TX_BACKLOG"

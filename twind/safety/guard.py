@@ -17,6 +17,7 @@ from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
 from twind.safety.can_line_rules import LineRules
 from twind.safety.clearance_rules import LookaheadCollisionRules
+from twind.safety.contact_rules import ContactRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.fall_rules import FallRules
 from twind.safety.follow_bounds import follow_bounds
@@ -75,6 +76,7 @@ class Guard:
         at_rest: TorqueAtRest | None = None,
         load: Floats | None = None,
         falls: FallRules | None = None,
+        contact: ContactRules | None = None,
     ) -> None:
         """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
 
@@ -82,6 +84,7 @@ class Guard:
         are not judged. `linked`: transmissions, whose actuators turn joints together. `at_rest`: torque that
         holds a pose; None: unknown (LEAD_LIMIT). `load` (n,): N·m, the largest that a joint holds at rest;
         None: unknown (FOLLOW_ERR). `falls`: None: the robot file does not ask for fall detection.
+        `contact`: None for a robot without observer of external torque.
         """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
@@ -90,6 +93,7 @@ class Guard:
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._free = free
         self._linked = linked
+        self.contact = contact  # rules on torque from outside
         self._at_rest = at_rest
         self._load = load
         self._goals, readings, tracking, *leads = self._limited(limits, rated)
@@ -101,6 +105,7 @@ class Guard:
             readings,
             tracking,
             *leads,
+            *((contact,) if contact is not None else ()),
             BusRules(buses, bounds),
             LineRules(buses, lines, free, bounds),
             DeviceRules(rated.leg, free, bounds, on_can),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.external_torque import ExternalTorque
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode, Motion, RobotState
@@ -184,6 +185,7 @@ class GuardInput:
     # (n,) share of the current limit, NaN unknown; None: unknown for all joints (OVERCURRENT)
     load: Floats | None = None
     limp: Bools | None = None  # joints that stay without torque by request while the others hold; None: none
+    external: ExternalTorque | None = None  # (CONTACT, CONTACT_HOLD); None: not observed
     suspended: float = 0.0  # s that the machine has slept since it started (TIME_GAP)
     # torque of this daemon holds the robot: a fault of it is a fault of the robot
     torque_held: bool = field(init=False)

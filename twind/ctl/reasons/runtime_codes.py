@@ -124,6 +124,16 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         "The robot falls or has fallen. Arming is refused until it stands and its IMU is read.",
         f"set it on its feet; {AGAIN}",
     ),
+    ReasonCode.CONTACT: ReasonText(
+        "warning",
+        "A hand, a load or an obstacle turns a joint: [torque](contact.md) that an identified model lacks.",
+        "none; if nothing touches the robot, identify it again",
+    ),
+    ReasonCode.CONTACT_HOLD: ReasonText(
+        "HOLD",
+        "Torque from outside exceeds `gate.contact.hold_nm` of the joint; new motions wait until it is gone.",
+        "release the joint; if nothing touches the robot, raise the bound or identify again",
+    ),
     ReasonCode.STEP_LIMIT: ReasonText(
         "goal withheld, HOLD",
         "A goal is farther from the last one sent than the velocity limit allows in one tick.",

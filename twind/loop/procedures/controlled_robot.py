@@ -18,6 +18,7 @@ from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_map import JointMap
 from twind.robot.joint_state import JointState
+from twind.twin.torque_observer import ExternalTorqueObserver
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +51,16 @@ class ControlledRobot:
         outlook: CollisionLookahead | None,
         simulated: JointState,
         compensation: GravityCompensation | None = None,
+        observer: ExternalTorqueObserver | None = None,
     ) -> None:
         """`outlook`: None where no two bodies can collide; `simulated`: where the simulation begins.
 
-        `compensation`: None where goals have no offset.
+        `compensation`: None where goals have no offset; `observer`: None without an identified model.
         """
         self.description = description
         self.outlook = outlook
         self.compensation = compensation
+        self.observer = observer
         self.measured = _never_read(len(description.joints), simulated.time)
         self.simulated = simulated
         self.written: Floats | None = None  # the last goal that was sent, rad (n,)

@@ -35,6 +35,7 @@ from twind.robot.fall_settings import FallSettings
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.safety.capture_point import CapturePoint
+from twind.safety.contact_rules import ContactRules
 from twind.safety.fall_rules import FallRules
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
@@ -52,6 +53,7 @@ from twind.twin.dynamics import Dynamics
 from twind.twin.load_survey import worst_load
 from twind.twin.standing_feet import inside
 from twind.twin.support_geometry import SupportGeometry
+from twind.twin.torque_observer import has_observer, limbs, observer_of
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
@@ -117,6 +119,7 @@ def build(
         power=power,
         outlook=_outlook(binding, period),
         compensation=gravity_compensation(robot.file, binding, guard),
+        observer=observer_of(binding, period),
     )
     return Loop(parts, mode)
 
@@ -135,6 +138,7 @@ def _guard(robot: BoundRobot, period: float) -> Guard:
         at_rest=_torque_at_rest(binding),
         load=worst_load(binding),
         falls=_falls(robot.file.fall, binding),
+        contact=_contact(binding),
     )
 
 
@@ -143,6 +147,15 @@ def _falls(settings: FallSettings | None, binding: Binding) -> FallRules | None:
     if settings is None:
         return None
     return FallRules(settings, CapturePoint(SupportGeometry(binding).place, inside))
+
+
+def _contact(binding: Binding) -> ContactRules | None:
+    """Return the rules on torque from outside; None: the robot has no observer."""
+    if not has_observer(binding):
+        return None
+    hold = binding.robot.gate.contact_hold_nm
+    bound = np.array([hold.get(name, np.inf) for name in binding.robot.names])
+    return ContactRules(bound, limbs(binding))
 
 
 def power(robot: RobotFile, rate_hz: float, virtual: Mapping[str, str]) -> PowerChild | None:

@@ -52,7 +52,7 @@ class Loop:
         self.procedures = ProcedureRunner(lambda: self.condition.cause)
         simulated = parts.twin.update(None, None, parts.clock.now())
         described = RobotInForce.of(parts.bound, parts.period)
-        self.robot = ControlledRobot(described, parts.outlook, simulated, parts.compensation)
+        self.robot = ControlledRobot(described, parts.outlook, simulated, parts.compensation, parts.observer)
         self.torque = TorqueState(len(described.joints))
         self.parts = parts
         self.figures = LoopFigures(parts.period, parts.realtime)
@@ -106,6 +106,8 @@ class Loop:
             reference = self._compensated(self.robot.compensation, reference)
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
+        if self.robot.observer is not None:
+            self.robot.observer.update(self.robot.measured, held=live and self.torque.armed)
         left = goal if self.hardware.left or not live else None
         self.robot.written = self.robot.written if left is None else left
         read = self.clock.now()

@@ -65,6 +65,7 @@ def facts(
         outlook=context.robot.outlook.look(context.executor) if context.robot.outlook is not None else None,
         load=readings.loads(now),
         limp=context.torque.limp if context.torque.partial else None,
+        external=None if context.robot.observer is None else context.robot.observer.external,
         suspended=context.clock.suspended(),
     )
 

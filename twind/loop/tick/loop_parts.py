@@ -21,6 +21,7 @@ from twind.safety.guard import Guard
 from twind.safety.lease import Lease
 from twind.telemetry.command_latency import CommandLatencyTracer
 from twind.telemetry.timing_monitor import TimingMonitor
+from twind.twin.torque_observer import ExternalTorqueObserver
 from twind.twin.twin import Twin
 from twind_drivers.clock import Clock
 
@@ -48,4 +49,5 @@ class LoopParts:
     rewire: Callable[[BoundRobot], Enabler] | None = None
     power: PowerChild | None = None  # None: the robot has neither supply relay nor stop button
     compensation: GravityCompensation | None = None  # None: goals have no offset against gravity
+    observer: ExternalTorqueObserver | None = None  # of external torque; None: no identified model
     outlook: CollisionLookahead | None = None  # None: no two bodies of the model can collide

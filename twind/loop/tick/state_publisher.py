@@ -16,6 +16,7 @@ from twind.loop.procedures.supply_control import SupplyControl
 from twind.loop.procedures.torque_readback import torque_inherited, torque_known
 from twind.loop.tick.loop_figures import LoopFigures, buckets
 from twind.loop.tick.loop_parts import LoopParts
+from twind.robot.external_torque import ExternalTorque
 from twind.robot.finding import Finding
 from twind.robot.joint_state import Imu
 from twind.robot.modes import Mode
@@ -87,6 +88,7 @@ class StatePublisher:
             heard=state.heard.tobytes(),
             goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
             simulated=context.robot.simulated.position.tobytes(),
+            external=b"" if context.robot.observer is None else _force(context.robot.observer.external),
             read=read,
             raw=raw.ticks.tobytes(),
             raw_effort=raw.effort.tobytes(),
@@ -213,6 +215,11 @@ class StatePublisher:
             warning=port.warning or None,
             late_reply_ms=None if (late := port.late_reply) is None else late[1] * 1e3,
         )
+
+
+def _force(external: ExternalTorque | None) -> bytes:
+    """Return torque and deviation as `Tick.external`."""
+    return b"" if external is None else np.concatenate((external.torque, external.deviation)).tobytes()
 
 
 def _packed(imu: Imu) -> bytes:

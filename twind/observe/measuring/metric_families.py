@@ -28,6 +28,7 @@ JOINT = (
     ("position_radians", "radians", "position", 1.0, "Measured position; in mode sim the simulated one."),
     ("velocity_radians_per_second", "radians_per_second", "velocity", 1.0, "Measured velocity."),
     ("effort_newton_meters", "newton_meters", "effort", 1.0, "Measured effort."),
+    ("external_newton_meters", "newton_meters", "external_nm", 1.0, "Torque from outside, estimated."),
     ("goal_radians", "radians", "goal", 1.0, "Commanded position; absent while nothing is commanded."),
     ("simulated_radians", "radians", "simulated", 1.0, "Position of the simulation."),
     ("temperature_celsius", "celsius", "temperature", 1.0, "Temperature of the actuator."),

@@ -1,0 +1,64 @@
+"""Contacts begin and end with hysteresis, and hold the robot only beyond the bound of the joint."""
+
+import numpy as np
+import pytest
+
+from tests.support.guard_rig import LIMITS, N, facts
+from twind.robot.external_torque import ExternalTorque
+from twind.robot.finding import ReasonCode
+from twind.safety.contact_rules import BEGIN, END, ContactRules
+from twind.safety.guard import Guard, Reaction
+
+SD = 0.1
+HOLD = 1.0
+BOUND = np.array([HOLD, np.inf, HOLD])
+
+
+def external_of(*torque: float) -> ExternalTorque:
+    return ExternalTorque(np.array(torque), np.full(N, SD))
+
+
+def codes(rules: ContactRules, *torque: float) -> set[tuple[ReasonCode, int | None]]:
+    found = rules.judge(facts(external=external_of(*torque)))
+    return {(one.finding.code, one.finding.joint) for one in found}
+
+
+@pytest.fixture
+def rules() -> ContactRules:
+    return ContactRules(BOUND, ["arm"] * N)
+
+
+def test_contact_begins_in_the_second_tick_and_lasts_until_its_lower_threshold(rules: ContactRules) -> None:
+    contact = {(ReasonCode.CONTACT, 1)}
+    assert codes(rules, 0.0, BEGIN * SD * 1.01, 0.0) == set()
+    assert codes(rules, 0.0, BEGIN * SD * 1.01, 0.0) == contact
+    assert codes(rules, 0.0, END * SD * 1.01, 0.0) == contact
+    assert codes(rules, 0.0, END * SD * 0.99, 0.0) == set()
+    assert codes(rules, 0.0, END * SD * 1.01, 0.0) == set()
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("beyond", "held"), [(-1e-6, False), (1e-6, True)])
+def test_robot_is_held_where_torque_less_its_uncertainty_exceeds_the_bound(
+    sign: float, beyond: float, held: bool
+) -> None:
+    guard = Guard(LIMITS, contact=ContactRules(BOUND, ["arm"] * N))
+    decision = guard.judge(facts(external=external_of(sign * (HOLD + SD + beyond), 0.0, 0.0)))
+    assert (decision.reaction is Reaction.HOLD) is held
+    assert held is any(one.code is ReasonCode.CONTACT_HOLD for one in decision.causes)
+    assert not decision.latches
+
+
+def test_joint_without_a_bound_holds_nothing(rules: ContactRules) -> None:
+    assert codes(rules, 0.0, 100.0, 0.0) == set()
+    assert codes(rules, 0.0, 100.0, 0.0) == {(ReasonCode.CONTACT, 1)}
+
+
+def test_robot_without_own_torque_is_not_held(rules: ContactRules) -> None:
+    assert not rules.judge(facts(external=external_of(9.0, 0.0, 0.0), torque_expected=False))
+
+
+def test_unknown_torque_ends_a_contact(rules: ContactRules) -> None:
+    codes(rules, 9.0, 0.0, 0.0)
+    assert not rules.judge(facts(external=None))
+    assert (ReasonCode.CONTACT, 0) not in codes(rules, 9.0, 0.0, 0.0)

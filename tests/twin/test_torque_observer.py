@@ -1,0 +1,69 @@
+"""The observer finds a torque from outside where the plant is as its model says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.contact_rig import identified
+from tests.support.daemon_rig import known_robot
+from twind.robot.arrays import Floats
+from twind.robot.joint_state import JointState
+from twind.twin.binding import bind
+from twind.twin.simulation import Simulation
+from twind.twin.torque_observer import ExternalTorqueObserver, limbs, observer_of
+
+PERIOD = 0.01
+H24 = known_robot("h24")
+BINDING = bind(identified(H24, dict.fromkeys(H24.names, 0.0)), None)
+
+
+def moved(observer: ExternalTorqueObserver, pressed: Floats, seconds: float, swing: float) -> None:
+    """Let the simulation of the model swing all joints while `pressed` (n,), N·m, acts on them."""
+    simulation = Simulation(BINDING, PERIOD)
+    simulation.data.qfrc_applied[BINDING.dof] = pressed
+    simulation.model.dof_frictionloss[:] = 0.0
+    for tick in range(round(seconds / PERIOD)):
+        simulation.step(BINDING.rest + swing * np.sin(2.0 * tick * PERIOD))
+        observer.update(simulation.state(tick * PERIOD), held=False)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    torque=st.floats(0.5, 2.0),
+    sign=st.sampled_from([-1.0, 1.0]),
+    joint=st.integers(0, len(H24.names) - 1),
+    swing=st.sampled_from([0.0, 0.1]),
+)
+def test_estimate_converges_to_the_applied_torque(
+    torque: float, sign: float, joint: int, swing: float
+) -> None:
+    observer = ExternalTorqueObserver(BINDING, PERIOD)
+    pressed = np.zeros(len(H24.names))
+    pressed[joint] = sign * torque
+    moved(observer, pressed, 1.5, swing)
+    assert observer.external is not None
+    assert observer.external.torque == pytest.approx(pressed, abs=0.06)
+
+
+def test_robot_without_identified_model_or_on_its_feet_has_no_observer() -> None:
+    assert observer_of(bind(H24, None), PERIOD) is None
+    free = replace(identified(H24, {}), support="free")
+    assert observer_of(bind(free, None), PERIOD) is None
+
+
+def test_joint_without_effort_and_silent_joint_leave_no_estimate() -> None:
+    observer = ExternalTorqueObserver(BINDING, PERIOD)
+    moved(observer, np.zeros(len(H24.names)), 0.1, 0.0)
+    simulation = Simulation(BINDING, PERIOD)
+    for tick, changes in enumerate(({"effort": np.full(24, np.nan)}, {"heard": np.zeros(24, np.bool_)})):
+        state: JointState = simulation.state(0.1 + tick * PERIOD)
+        observer.update(replace(state, **changes), held=False)
+        assert observer.external is None
+
+
+def test_limb_of_a_joint_is_the_body_where_its_chain_begins() -> None:
+    found = dict(zip(H24.names, limbs(BINDING), strict=True))
+    assert found["l_elbow"] == found["l_shoulder_pitch"] != found["r_elbow"]

@@ -1,0 +1,60 @@
+"""Rules CONTACT and CONTACT_HOLD: torque from outside that the model of the robot does not explain. Pure."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind.robot.arrays import Floats, every, some
+from twind.robot.finding import Finding, ReasonCode
+from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, hold
+
+BEGIN = 5.0  # standard deviations at which a contact begins ...
+END = 2.5  # ... and below which it ends
+TICKS = 2  # in a row that a contact takes to begin
+
+
+class ContactRules:
+    """Memory: the joints in contact, and for how many ticks each has been beyond its threshold."""
+
+    def __init__(self, hold_nm: Floats, limbs: Sequence[str]) -> None:
+        """`hold_nm` (n,): N·m of CONTACT_HOLD, inf: the joint holds nothing; `limbs` (n): for people."""
+        self._bound = hold_nm
+        self._limbs = limbs
+        self._beyond = np.zeros(len(hold_nm), np.int64)
+        self._active = False  # a joint was beyond its threshold in the last tick
+        self.touched = np.zeros(len(hold_nm), np.bool_)  # (n,), the joints in contact
+
+    def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
+        """Return CONTACT of each joint while it lasts, and CONTACT_HOLD while the robot must stand still."""
+        external = facts.external
+        if external is None:
+            self.touched[:] = False
+            self._beyond[:] = 0
+            self._active = False
+            return NOTHING
+        size = np.abs(external.torque)
+        deviation = external.deviation
+        if not self._active and every(size <= np.minimum(BEGIN * deviation, self._bound + deviation)):
+            return NOTHING
+        over = size > np.where(self.touched, END, BEGIN) * deviation
+        stopping = (size - deviation > self._bound) & facts.torque_held
+        self._active = some(over)
+        self._beyond = np.where(over, self._beyond + 1, 0)
+        self.touched = over & (self._beyond >= TICKS)
+        torque = external.torque
+        found = [
+            self._stop(facts, joint, float(torque[joint])) for joint in np.flatnonzero(stopping).tolist()
+        ]
+        return found + [
+            self._touch(joint, float(torque[joint])) for joint in np.flatnonzero(self.touched).tolist()
+        ]
+
+    def _stop(self, facts: GuardInput, joint: int, torque: float) -> RuleResult:
+        message = f"N·m from outside on {self._limbs[joint]}: holding until it is released"
+        bound = float(self._bound[joint])
+        finding = Finding(ReasonCode.CONTACT_HOLD, joint, value=torque, bound=bound, message=message)
+        return RuleResult(finding, hold(facts))
+
+    def _touch(self, joint: int, torque: float) -> RuleResult:
+        message = f"N·m from outside on {self._limbs[joint]}"
+        return RuleResult(Finding(ReasonCode.CONTACT, joint, value=torque, message=message), Reaction.NONE)

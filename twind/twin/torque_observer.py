@@ -1,0 +1,149 @@
+"""External torque of each joint: a momentum observer on the identified model. Loop's process.
+
+Inverse dynamics gives the torque of the measured motion; what current and friction do not explain comes from
+outside. The observer is a low-pass of first order: in it the differences of velocity add up to a momentum, so
+that no second derivative is used. Contacts, stops and loops of the model are off. Arrays are (n,), in joint
+order; torque is positive where a hand turns the joint to greater angles.
+"""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Floats, every
+from twind.robot.external_torque import ExternalTorque
+from twind.robot.joint_state import JointState
+from twind.twin.binding import Binding
+from twind.twin.mirror import index
+from twind.twin.servo_effects import STRIBECK_SPEED
+
+TIME = 0.015  # s, time constant: 95 % of a step within 45 ms
+MEMORY = 2.0  # s, of the noise of a joint
+SLOW = 0.05  # rad/s: two steps of a velocity register; slower, the direction of friction is open
+STUCK = 0.7  # of a friction whose direction is open: between even and certain
+MODEL = 0.03  # share of the model's torque that identified masses leave open
+HALF = 0.5  # share of the correction for goals in steps that is open
+LEAST = 0.02  # N·m, standard deviation: a step of a current register and cogging
+UNKNOWN = 0.5  # share of a friction that was not identified
+OUTLIER = 3.0  # noise of a joint is measured without values beyond so many deviations
+LONGEST = 3.5  # periods between two readings, beyond which the difference of velocity tells nothing
+
+
+def has_observer(binding: Binding) -> bool:
+    """Check for an identified model, and for a base that no unknown contact force of feet carries."""
+    return binding.robot.identified is not None and not binding.floating
+
+
+def limbs(binding: Binding) -> list[str]:
+    """Return for each joint the body at which its chain leaves the base or a body with several chains."""
+    model = binding.model
+    branches = np.bincount(model.body_parentid[1:], minlength=model.nbody)
+    found = []
+    for dof in binding.dof.tolist():
+        body = int(model.dof_bodyid[dof])
+        while (
+            (parent := int(model.body_parentid[body])) and branches[parent] < 2 and model.body_dofnum[parent]
+        ):
+            body = parent
+        found.append(model.body(body).name)
+    return found
+
+
+def observer_of(binding: Binding, period: float) -> "ExternalTorqueObserver | None":
+    """Return the observer of a robot; None: no identified model, or feet whose contact forces are unknown."""
+    return ExternalTorqueObserver(binding, period) if has_observer(binding) else None
+
+
+class ExternalTorqueObserver:
+    """Observer of one robot; `external` is its estimate after the last reading."""
+
+    def __init__(self, binding: Binding, period: float) -> None:
+        """`period`: s, between two readings."""
+        self._model = copy.copy(binding.model)
+        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self._data = mujoco.MjData(self._model)
+        self._place = index(binding.qpos)
+        self._speed = index(binding.dof)
+        self._longest = LONGEST * period
+        self._gain = 1.0 - float(np.exp(-period / TIME))
+        self._forget = period / MEMORY
+        self._smoothing = self._gain / (2.0 - self._gain)  # variance of the filtered, of that of the raw
+        modelled = self._model.dof_frictionloss[binding.dof]
+        self._dry, dry_sd = _column(binding, "friction_nm", modelled)
+        zero = np.zeros(len(modelled))
+        self._stribeck, stribeck_sd = _column(binding, "stribeck_nm", zero)
+        self._load, _ = _column(binding, "load_friction_per_nm", zero)
+        self._loaded = bool(self._load.any())
+        # A goal is a step of each period. The servo is read just before the next: its torque is then below
+        # the mean by what its stiffness makes of half of a step.
+        stiffness, _ = _column(binding, "stiffness_nm_per_rad", binding.ratings.stiffness)
+        self._stairs = np.nan_to_num(HALF * period * stiffness)
+        self._variance = dry_sd**2 + stribeck_sd**2 + LEAST**2
+        self._torque = zero
+        self._noise = np.zeros(len(modelled))  # (N·m)², of the raw residual
+        self._last: JointState | None = None
+        self.external: ExternalTorque | None = None
+
+    def reset(self) -> None:
+        """Begin anew: the next reading follows no other."""
+        self._last = None
+        self._torque = np.zeros(len(self._dry))
+        self.external = None
+
+    def update(self, measured: JointState, *, held: bool) -> None:
+        """Take a reading. `held`: servos follow a goal of each period.
+
+        After a gap, or where a joint is silent or has no effort, there is no estimate.
+        """
+        last = self._last
+        if last is measured or not every(measured.heard):
+            self._last = self.external = None
+            return
+        self._last = measured
+        if last is None:
+            return
+        elapsed = measured.time - last.time
+        if not 0.0 < elapsed <= self._longest:
+            return
+        needed = self._needed(measured, last, elapsed)
+        speed = 0.5 * (measured.velocity + last.velocity)
+        motor = 0.5 * (measured.effort + last.effort)
+        stairs = self._stairs * speed if held else 0.0
+        motor = motor + stairs
+        sign = np.tanh(speed / SLOW)
+        friction = self._dry + self._stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
+        if self._loaded:
+            friction += self._load * (np.abs(motor) + np.abs(needed)) ** 2
+        off = needed - motor + friction * sign - self._torque
+        if not np.isfinite(off.dot(off)):
+            self.reset()
+            return
+        self._torque = self._torque + self._gain * off
+        open_ = friction * (1.0 - np.abs(sign))  # N·m that static friction may hold either way
+        systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2 + (HALF * stairs) ** 2
+        squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
+        self._noise += self._forget * (squared - self._noise)
+        deviation = np.sqrt(systematic + self._smoothing * self._noise)
+        self.external = ExternalTorque(self._torque, deviation)
+
+    def _needed(self, measured: JointState, last: JointState, elapsed: float) -> Floats:
+        """Return the torque (n,) between two readings, without friction; valid until the next call."""
+        data = self._data
+        data.qpos[self._place] = measured.position
+        data.qvel[self._speed] = 0.5 * (measured.velocity + last.velocity)
+        data.qacc[self._speed] = (measured.velocity - last.velocity) / elapsed
+        mujoco.mj_inverse(self._model, data)
+        needed: Floats = data.qfrc_inverse[self._speed]
+        return needed
+
+
+def _column(binding: Binding, parameter: str, default: Floats) -> tuple[Floats, Floats]:
+    """Return the values of an identified parameter and their standard deviations."""
+    value = np.array(default)
+    deviation = UNKNOWN * value
+    for name, estimate in binding.robot.estimates(parameter).items():
+        at = binding.robot.names.index(name)
+        value[at] = estimate.value
+        deviation[at] = estimate.sd if estimate.determined else UNKNOWN * estimate.value
+    return value, deviation
