@@ -42,6 +42,7 @@ class GapMonitor:
         self._armed_since = math.inf  # s
         self._next = 0.0  # s, earliest time of a start
         self._reported = 0.0  # s, of the last report
+        self._reported_stop = False
 
     def tick(self, tick: link.Tick) -> None:
         """Pass a tick on, if its goals went to the robot."""
@@ -91,7 +92,10 @@ class GapMonitor:
 
     def _attach(self, starting: asyncio.Future[tuple[subprocess.Popen[bytes], socket.socket]]) -> None:
         """Take over a process that was started; after a failure it is tried again later."""
-        if starting.cancelled() or starting.exception() is not None:
+        if starting.cancelled():
+            return
+        if (error := starting.exception()) is not None:
+            self._report_stop(f"its process could not be started: {error}")
             return
         self.close()
         self._process, self._socket = starting.result()
@@ -107,13 +111,22 @@ class GapMonitor:
         except OSError:
             data = b""
         if not data:
+            self._report_stop("its process ended")
             self.close()
             return
         report = msgspec.json.decode(data)
         self._reported = self._front.now()
+        self._reported_stop = False
         self._front.world.gap = report["gap"]
         for grown in report["grown"]:
             self._warn(grown)
+
+    def _report_stop(self, reason: str) -> None:
+        """Log once why there are no figures; it is tried again."""
+        if not self._reported_stop:
+            self._reported_stop = True
+            text = f"no gap between robot and simulation is worked out: {reason}; next try in {AGAIN:g} s"
+            self._front.log.write("warning", EventCode.GAP_STOPPED, self._front.now(), message=text)
 
     def _warn(self, grown: dict[str, Any]) -> None:
         """Report a joint whose gap has grown, to the log and to subscribers of events."""

@@ -9,6 +9,8 @@ from twind.gap.gap_replay import PAST, SEGMENT, WINDOW, GapReplay, resample
 from twind.gap.motion_samples import MotionSamples, joined
 from twind.robot.arrays import Floats
 
+LONGEST_PAUSE = 0.5  # s without samples, as after a disarm: the window begins anew
+
 
 class SlidingGap:
     """The last `WINDOW` seconds of a robot, measured and simulated."""
@@ -25,6 +27,10 @@ class SlidingGap:
         """Take one sample: time, then goal, position, velocity, effort (n,) each. True: a second is full."""
         if self._rows and not row[0] > self._rows[-1][0]:
             return False
+        if self._rows and row[0] - self._rows[-1][0] > LONGEST_PAUSE:
+            self._rows.clear()
+            self._segments.clear()
+            self._begin = 0
         self._rows.append(row)
         if row[0] - self._rows[self._begin][0] < SEGMENT:
             return False

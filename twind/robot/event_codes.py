@@ -19,6 +19,7 @@ class EventCode(StrEnum):
     PORT_WARNING = "PORT_WARNING"  # a port works with a defect
     LATENCY_CALM = "LATENCY_CALM"  # a latency is below its bound again
     GAP_GROWN = "GAP_GROWN"  # a joint follows the model worse than when it was identified
+    GAP_STOPPED = "GAP_STOPPED"  # no process works out the gap
     MOTION = "MOTION"  # a trajectory ended; `phase` says how
     PACE = "PACE"  # the motion is slowed
     SETTLE = "SETTLE"  # the way to the rest pose did not go as planned

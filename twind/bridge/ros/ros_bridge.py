@@ -53,6 +53,7 @@ from twind.exceptions import OperationFailed
 
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
+DESCRIBE_AGAIN = 5.0  # s between two requests of the robot's description
 AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
@@ -147,7 +148,8 @@ class RosBridge:
             self.asked_of = self._news.lives
             self._ask_rights()
             if self._describer and self._news.there:
-                threading.Thread(target=self._describe, name="describe", daemon=True).start()
+                life = (self._news.lives,)
+                threading.Thread(target=self._describe, args=life, name="describe", daemon=True).start()
         if not self._joined:
             self._join()
         if self._readings.error_text:
@@ -279,15 +281,29 @@ class RosBridge:
             self._published_at = time
             self._publish_status()
 
-    def _describe(self) -> None:
-        """Request the robot of a new daemon, and publish its URDF and frames; in a thread of its own."""
-        try:
-            with self._observer() as client:
-                answer = client.call("GetRobot")
-            self._messages.description = describe(self._describer or "", answer)
-        except (ClientError, OperationFailed) as error:
-            self._tell(f"no /robot_description and no /tf: {error}")
-        self._publish_description()
+    def _describe(self, life: int) -> None:
+        """Request the robot of daemon number `life`, and publish its URDF and frames; in a thread of its own.
+
+        Until it succeeds there is no description: that of another robot would be worse than none.
+        """
+        self._messages.description = None
+        told = ""
+        while self._news.lives == life:
+            try:
+                with self._observer() as client:
+                    answer = client.call("GetRobot")
+                found = describe(self._describer or "", answer)
+            except Exception as error:  # noqa: BLE001  a thread that dies in silence would leave no description
+                if str(error) != told:
+                    told = str(error)
+                    self._tell(f"no /robot_description and no /tf: {error}; next try in {DESCRIBE_AGAIN:g} s")
+                if self._stop.wait(DESCRIBE_AGAIN):
+                    return
+                continue
+            if self._news.lives == life:
+                self._messages.description = found
+                self._publish_description()
+            return
 
     def _publish_description(self) -> None:
         description = self._messages.description
