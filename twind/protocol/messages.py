@@ -5,7 +5,7 @@ The IDL has units and meaning of the fields. None: unknown or absent.
 
 from __future__ import annotations
 
-from typing import NotRequired, TypedDict
+from typing import TypedDict
 
 
 class FindingMessage(TypedDict):
@@ -39,8 +39,8 @@ class JointMessage(TypedDict):
     calibrated: bool
     verified: bool | None
     faults: list[str]
-    external_nm: NotRequired[float | None]  # an older daemon sends none
-    external_sd_nm: NotRequired[float | None]
+    external_nm: float | None  # an older daemon sends neither
+    external_sd_nm: float | None
 
 
 class BusMessage(TypedDict):

@@ -12,13 +12,15 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from twind.bridge.commands.permission import denied
 from twind.bridge.commands.stop_queues import Outcome
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
+from twind.bridge.ros.description_request import DescriptionRequest
 from twind.bridge.ros.peer_bridges import PeerBridges
-from twind.bridge.ros.robot_model_messages import describe
+from twind.bridge.ros.robot_model_messages import RobotModelMessages, describe
 from twind.bridge.ros.ros_commands import RosCommands, error_text, result_line
 from twind.bridge.ros.ros_diagnostics import (
     Diagnostics,
@@ -53,7 +55,6 @@ from twind.exceptions import OperationFailed
 
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
-DESCRIBE_AGAIN = 5.0  # s between two requests of the robot's description
 AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
@@ -107,6 +108,14 @@ class RosBridge:
         )
         self._readings = RosSubscriber(self._observer, ("state",), self._reading, tell, stop, rate=rate)
         self._news = RosSubscriber(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
+        self._description = DescriptionRequest(
+            self._observer,
+            partial(describe, describer or ""),
+            self._take_description,
+            lambda: self._news.lives,
+            tell,
+            stop,
+        )
         self._joined = False
         self._wrong = ""  # with the graph
         self._denied = ""  # why this user may not command
@@ -148,8 +157,7 @@ class RosBridge:
             self.asked_of = self._news.lives
             self._ask_rights()
             if self._describer and self._news.there:
-                life = (self._news.lives,)
-                threading.Thread(target=self._describe, args=life, name="describe", daemon=True).start()
+                self._description.start(self._news.lives)
         if not self._joined:
             self._join()
         if self._readings.error_text:
@@ -281,29 +289,10 @@ class RosBridge:
             self._published_at = time
             self._publish_status()
 
-    def _describe(self, life: int) -> None:
-        """Request the robot of daemon number `life`, and publish its URDF and frames; in a thread of its own.
-
-        Until it succeeds there is no description: that of another robot would be worse than none.
-        """
-        self._messages.description = None
-        told = ""
-        while self._news.lives == life:
-            try:
-                with self._observer() as client:
-                    answer = client.call("GetRobot")
-                found = describe(self._describer or "", answer)
-            except Exception as error:  # noqa: BLE001  a thread that dies in silence would leave no description
-                if str(error) != told:
-                    told = str(error)
-                    self._tell(f"no /robot_description and no /tf: {error}; next try in {DESCRIBE_AGAIN:g} s")
-                if self._stop.wait(DESCRIBE_AGAIN):
-                    return
-                continue
-            if self._news.lives == life:
-                self._messages.description = found
-                self._publish_description()
-            return
+    def _take_description(self, found: RobotModelMessages | None) -> None:
+        """Publish URDF and frames of the daemon's robot; None: they are not known."""
+        self._messages.description = found
+        self._publish_description()
 
     def _publish_description(self) -> None:
         description = self._messages.description

@@ -1,0 +1,55 @@
+"""Request of a robot's description from its daemon, again until it succeeds. Library, 3.10."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from twind.bridge.ros.robot_model_messages import RobotModelMessages
+from twind.client import Client
+
+AGAIN = 5.0  # s between two requests
+
+
+class DescriptionRequest:
+    """Asks one daemon after the other; runs in threads of its own."""
+
+    def __init__(
+        self,
+        observer: Callable[[], Client],
+        describe: Callable[[object], RobotModelMessages],
+        publish: Callable[[RobotModelMessages | None], None],
+        lives: Callable[[], int],
+        tell: Callable[[str], None],
+        stop: threading.Event,
+    ) -> None:
+        """`describe`: of an answer of GetRobot; `lives`: daemons found so far, which end older requests."""
+        self._observer = observer
+        self._describe = describe
+        self._publish = publish
+        self._lives = lives
+        self._tell = tell
+        self._stop = stop
+
+    def start(self, life: int) -> None:
+        """Ask daemon number `life` in a thread."""
+        threading.Thread(target=self.run, args=(life,), name="describe", daemon=True).start()
+
+    def run(self, life: int) -> None:
+        """Ask until it succeeds; until then there is no description, for another robot's would be wrong."""
+        self._publish(None)
+        told = ""
+        while self._lives() == life:
+            try:
+                with self._observer() as client:
+                    found = self._describe(client.call("GetRobot"))
+            except Exception as error:  # noqa: BLE001  a thread that dies in silence would leave no description
+                if str(error) != told:
+                    told = str(error)
+                    self._tell(f"no /robot_description and no /tf: {error}; next try in {AGAIN:g} s")
+                if self._stop.wait(AGAIN):
+                    return
+                continue
+            if self._lives() == life:
+                self._publish(found)
+            return
