@@ -27,7 +27,7 @@ from twind.loop.bus import bus_tap
 from twind.loop.bus.bus_opener import BusOpener
 from twind.loop.bus.bus_tap import FlightRecorder
 from twind.loop.ipc import descriptors
-from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.former_flight_recorder import FormerFlightRecorder
 from twind.loop.ipc.front_link import ControlLink
 from twind.loop.ipc.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
 from twind.loop.procedures.failsafe import FailsafeRun, HeadlessLink
@@ -129,7 +129,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     hang_ups = HangupSignal()  # before all that takes time
     inherited = handed_over()  # before any child: LISTEN_* is not for it
     stack.callback(inherited.close)
-    wreck = CrashRecording(inherited.wreck)
+    wreck = FormerFlightRecorder(inherited.wreck)
     stack.callback(wreck.close)
     sources = _sources(options)
     virtual_power: Mapping[str, str] = {}

@@ -5,7 +5,7 @@ import functools
 from collections.abc import Callable, Sequence
 
 from twind.command_line.verb import Rejected
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.robot.joint_map import similar_joints
 
 Command = Callable[[argparse.Namespace], int]

@@ -9,7 +9,7 @@ import pytest
 from tests.support.processes import until
 from tests.support.scripted_line import ScriptedDaemon
 from twind.bridge.commands import stop_queues
-from twind.bridge.commands.permission import denied
+from twind.bridge.commands.control_socket_access import denied
 from twind.bridge.commands.stop_queues import CUT, HOLD, SETTLE, Outcome, StopQueues
 from twind.client import ClientError
 

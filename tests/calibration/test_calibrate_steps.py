@@ -17,7 +17,7 @@ from tests.support import transmission_robot_file as linked
 from tests.support.examples import fast_cases
 from tests.support.fake_calibration_daemon import FakeDaemon, held, options_of, recorded, stand_in
 from twind.client import CallError, Disconnected
-from twind.command_line.torque_free import limp
+from twind.command_line.keep_torque_off import limp
 from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.counts import tick_range, ticks_of

@@ -15,8 +15,8 @@ from tests.support.proof_rig import ANY, BASES, FRICTION, H24, PLACES, body, mea
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind_calibration.proving.expected_loads import at_places, strained
-from twind_calibration.proving.load_comparison import LoadComparison, weigh
-from twind_calibration.proving.sign_proof import ContradictionKind, SignProof
+from twind_calibration.proving.load_comparison import LoadComparisonResult, weigh
+from twind_calibration.proving.sign_proof import ContradictionKind, SignProofStatus
 from twind_calibration.wiggling.posed_model import PosedModel
 
 MIRRORED = re.compile(r"r_(\w+_pitch|knee|elbow)")
@@ -53,7 +53,7 @@ def matched(
     size: float = 0.25,
     friction: float = FRICTION,
     pose: dict[str, float] | None = None,
-) -> LoadComparison:
+) -> LoadComparisonResult:
     """Comparison for a joint whose servo has the place of `other`; None: its own."""
     one = PosedModel(robot, base)
     joint = robot.names.index(name)
@@ -76,12 +76,12 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
     for name in ("hip_pitch", "shoulder_pitch"):
         found = matched(robot, "back", f"l_{name}", other=f"r_{name}")
         assert (found.judged.proof, found.judged.against) == (
-            SignProof.CONTRADICTED,
+            SignProofStatus.CONTRADICTED,
             ContradictionKind.SIGN,
         )
         assert robot.names.index(f"r_{name}") in found.like
         right = matched(robot, "back", f"l_{name}")
-        assert right.judged.proof is SignProof.PROVED and not right.like
+        assert right.judged.proof is SignProofStatus.PROVED and not right.like
 
 
 def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attached_links() -> None:
@@ -89,11 +89,11 @@ def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attache
     alike = replace(H24, joints=tuple(replace(joint, sign=1) for joint in H24.joints))
     right = alike.names.index("r_hip_pitch")
     found = matched(alike, "back", "l_hip_pitch", other="r_hip_pitch")
-    assert found.judged.proof is SignProof.PROVED  # its sign is right, whoever it is
+    assert found.judged.proof is SignProofStatus.PROVED  # its sign is right, whoever it is
     assert right in found.untold
     far = {"size": 0.7, "friction": 0.03}
     told = matched(alike, "upright", "l_hip_pitch", other="r_hip_pitch", **far)
-    assert (told.judged.proof, told.judged.against) == (SignProof.CONTRADICTED, ContradictionKind.PLACE)
+    assert (told.judged.proof, told.judged.against) == (SignProofStatus.CONTRADICTED, ContradictionKind.PLACE)
     assert right in told.like
     assert right not in matched(alike, "upright", "l_hip_pitch", **far).untold
 
@@ -110,7 +110,7 @@ def test_an_exchanged_servo_is_named_where_few_joints_have_such_loads(
     base: str, name: str, other: str
 ) -> None:
     found = matched(H24, base, name, other=other)
-    assert found.judged.proof is SignProof.CONTRADICTED
+    assert found.judged.proof is SignProofStatus.CONTRADICTED
     assert place(other) in found.like
 
 
@@ -122,7 +122,7 @@ def test_exchanged_servos_are_contradicted_or_undecided_never_excluded(
     if place(other) not in body().twins(place(name)):
         return
     found = matched(H24, base, name, other=other)
-    assert found.judged.proof is SignProof.CONTRADICTED or place(other) in found.untold
+    assert found.judged.proof is SignProofStatus.CONTRADICTED or place(other) in found.untold
 
 
 def test_an_adjacent_joint_with_the_wrong_sign_is_named() -> None:
@@ -135,7 +135,7 @@ def test_an_adjacent_joint_with_the_wrong_sign_is_named() -> None:
     poses = at_places(start, joint, PLACES)
     loads = np.array([one.flipped(each, elbow) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert found.judged.proof is SignProof.CONTRADICTED
+    assert found.judged.proof is SignProofStatus.CONTRADICTED
     assert found.bent == (elbow,)
 
 
@@ -146,13 +146,13 @@ def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itsel
     loads = np.array([one.flipped(each, joint) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
     assert (found.judged.proof, found.judged.against) == (
-        SignProof.CONTRADICTED,
+        SignProofStatus.CONTRADICTED,
         ContradictionKind.OTHERS,
     )
     assert found.judged.misfit < 0.01, "its own load fits"
     loads[:, place("waist_pitch")] = 0.0  # propped
     alone = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert alone.judged.proof is SignProof.UNOBSERVABLE
+    assert alone.judged.proof is SignProofStatus.UNOBSERVABLE
 
 
 def test_a_supported_joint_proves_no_exchange() -> None:
@@ -164,13 +164,13 @@ def test_a_supported_joint_proves_no_exchange() -> None:
     assert np.ptp(loads[:, place("waist_pitch")]) > 1.0
     loads[:, place("waist_pitch")] = 0.0
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert (found.judged.proof, found.like) == (SignProof.UNOBSERVABLE, ())
+    assert (found.judged.proof, found.like) == (SignProofStatus.UNOBSERVABLE, ())
 
 
 def test_a_joint_on_the_ground_or_without_readings_is_unobservable() -> None:
     free = replace(H24, support="free")
-    assert matched(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
-    assert matched(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED
+    assert matched(free, "upright", "l_hip_pitch").judged.proof is SignProofStatus.UNOBSERVABLE
+    assert matched(free, "back", "l_hip_pitch").judged.proof is SignProofStatus.PROVED
     one = PosedModel(H24, "back")
     joint = place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
@@ -178,7 +178,7 @@ def test_a_joint_on_the_ground_or_without_readings_is_unobservable() -> None:
     unheard = poses.copy()
     unheard[0, 0] = np.nan
     found = weigh(one, joint, measured_by(loads, unheard), FRICTION)
-    assert found.judged.proof is SignProof.UNOBSERVABLE
+    assert found.judged.proof is SignProofStatus.UNOBSERVABLE
 
 
 def test_a_joint_that_holds_much_is_named_with_what_it_holds() -> None:

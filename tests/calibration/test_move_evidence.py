@@ -22,14 +22,14 @@ from twind_calibration.wiggling.move_evidence import (
     weigh,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
-from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
+from twind_calibration.wiggling.state_trace import MoveHolds, StateTrace
 
 BODY = PosedModel(H24)
 BENT = {"l_hip_pitch": -1.0, "r_hip_pitch": -1.0}  # both legs forward: the waist carries them
 Change = Callable[[JointSpec], JointSpec]
 
 
-def judged(stays: HoldMeans, name: str) -> tuple[EncoderObservation, TorqueResponse]:
+def judged(stays: MoveHolds, name: str) -> tuple[EncoderObservation, TorqueResponse]:
     place = H24.names.index(name)
     pose = stays.out.position
     load = weigh(

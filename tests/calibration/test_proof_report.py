@@ -19,7 +19,7 @@ from twind_calibration.proving.proof_plan import best
 from twind_calibration.proving.proof_pose_motion import wanted_pose
 from twind_calibration.proving.proof_records import with_proofs
 from twind_calibration.proving.proof_report import ProofVerdict
-from twind_calibration.proving.sign_proof import ContradictionKind, SignProof
+from twind_calibration.proving.sign_proof import ContradictionKind, SignProofStatus
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderResponse
 from twind_calibration.wiggling.posed_model import PosedModel
@@ -32,17 +32,19 @@ Captured = pytest.CaptureFixture[str]
 # ------------------------------------------------------------------------------------- the verdict
 
 
-@pytest.mark.parametrize("proof", [SignProof.PROVED, SignProof.PLAUSIBLE, SignProof.UNOBSERVABLE])
+@pytest.mark.parametrize(
+    "proof", [SignProofStatus.PROVED, SignProofStatus.PLAUSIBLE, SignProofStatus.UNOBSERVABLE]
+)
 def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does(
-    proof: SignProof,
+    proof: SignProofStatus,
 ) -> None:
     assert verdict(proof).proof is proof
     assert verdict(proof, confirmed=True).proof is (
-        proof if proof is SignProof.PROVED else SignProof.CONFIRMED
+        proof if proof is SignProofStatus.PROVED else SignProofStatus.CONFIRMED
     )
     told = verdict(proof, confirmed=False)
     assert (told.proof, told.against, told.is_consistent) == (
-        SignProof.CONTRADICTED,
+        SignProofStatus.CONTRADICTED,
         ContradictionKind.EYE,
         False,
     )
@@ -50,8 +52,8 @@ def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does
 
 def test_an_eye_does_not_make_good_what_gravity_contradicts() -> None:
     assert (
-        verdict(SignProof.CONTRADICTED, ContradictionKind.SIGN, confirmed=True).proof
-        is SignProof.CONTRADICTED
+        verdict(SignProofStatus.CONTRADICTED, ContradictionKind.SIGN, confirmed=True).proof
+        is SignProofStatus.CONTRADICTED
     )
 
 
@@ -68,7 +70,7 @@ def test_a_joint_that_does_not_go_alone_where_it_is_sent_is_contradicted_whateve
     odd: ProofVerdict,
 ) -> None:
     assert (odd.proof, odd.against, odd.record(AT)) == (
-        SignProof.CONTRADICTED,
+        SignProofStatus.CONTRADICTED,
         ContradictionKind.MOTION,
         None,
     )
@@ -94,11 +96,11 @@ def test_every_proof_verdict_has_a_text_and_a_json_form() -> None:
             "proved       l_knee (main id 16): slope +0.94, off by 0.01 N·m, with the other sign 0.80",
         ),
         (
-            verdict(SignProof.UNOBSERVABLE),
+            verdict(SignProofStatus.UNOBSERVABLE),
             "unobservable l_knee (main id 16): here a wrong sign is 0.85 N·m off",
         ),
         (CONTRADICTED, "contradicted l_knee"),
-        (verdict(SignProof.UNOBSERVABLE, confirmed=True), "confirmed    l_knee"),
+        (verdict(SignProofStatus.UNOBSERVABLE, confirmed=True), "confirmed    l_knee"),
     ):
         assert one.lines()[0].startswith(word)
         assert json.loads(json.dumps(one.to_json()))["proof"] == one.proof
@@ -133,8 +135,8 @@ def test_a_proof_is_kept_and_reads_back_as_it_was_written() -> None:
 @pytest.mark.parametrize(
     "other",
     [
-        verdict(SignProof.PLAUSIBLE),
-        verdict(SignProof.UNOBSERVABLE),
+        verdict(SignProofStatus.PLAUSIBLE),
+        verdict(SignProofStatus.UNOBSERVABLE),
         verdict(gone=MoveResult(0.3, refused=("POS_LIMIT",))),
     ],
 )
@@ -152,7 +154,7 @@ def test_a_contradiction_is_not_kept_and_removes_an_earlier_proof() -> None:
 
 
 def test_an_eye_is_kept_as_such_and_replaces_no_gravity() -> None:
-    seen = verdict(SignProof.UNOBSERVABLE, confirmed=True)
+    seen = verdict(SignProofStatus.UNOBSERVABLE, confirmed=True)
     after, _, _ = with_proofs(MADE, {"l_knee": seen}, AT)
     found = proof_of(after)
     assert isinstance(found, dict) and found["sign"] == "operator"

@@ -17,7 +17,7 @@ from twind.virtual.virtual_robot_spec import calibration, make_spec
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.zero_placement import by_ends, by_pose
 from twind_calibration.proving.expected_loads import mirror, offsets
-from twind_calibration.proving.sign_proof import GROSS, ContradictionKind, SignProof
+from twind_calibration.proving.sign_proof import GROSS, ContradictionKind, SignProofStatus
 
 MADE = calibration(make_spec(H24))
 TRUE_ZERO = 2048
@@ -65,11 +65,11 @@ def test_a_wrong_sign_whose_zero_came_of_its_travel_is_never_proved_nor_plausibl
     assert low - 0.002 <= off <= high + 0.002
     at = slot.lower + 0.3 + where * max(slot.upper - slot.lower - 0.6, 0.0)
     found = judged(base, name, wrong=True, off=-off, at=at, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
+    assert found.proof in (SignProofStatus.UNOBSERVABLE, SignProofStatus.CONTRADICTED)
     if found.foreseen.observable:
         assert (found.proof, found.against) in (
-            (SignProof.CONTRADICTED, ContradictionKind.SIGN),
-            (SignProof.CONTRADICTED, ContradictionKind.ZERO),
+            (SignProofStatus.CONTRADICTED, ContradictionKind.SIGN),
+            (SignProofStatus.CONTRADICTED, ContradictionKind.ZERO),
         )
 
 
@@ -88,7 +88,7 @@ def test_a_wrong_sign_whose_zero_came_of_a_pose_is_never_proved_nor_plausible(
     off = error(slot, entry, wrong=True)
     assert abs(off - 2.0 * angle) < 0.002 or abs(abs(off - 2.0 * angle) - 2.0 * pi) < 0.002
     found = judged(base, name, wrong=True, off=-off, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
+    assert found.proof in (SignProofStatus.UNOBSERVABLE, SignProofStatus.CONTRADICTED)
 
 
 @given(st.sampled_from(BASES), ANY, SHORT, SHORT, TORQUE, NOISE)
@@ -102,8 +102,8 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
     off = error(slot, entry, wrong=False)
     assert abs(off) <= 0.95 * GROSS
     found = judged(base, name, off=off, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof is not SignProof.CONTRADICTED
-    assert (found.proof is SignProof.PROVED) == found.foreseen.observable
+    assert found.proof is not SignProofStatus.CONTRADICTED
+    assert (found.proof is SignProofStatus.PROVED) == found.foreseen.observable
 
 
 @pytest.mark.parametrize(
@@ -120,10 +120,12 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
 def test_a_mirrored_zero_is_detected_where_the_position_makes_it_observable(
     base: str, name: str, at: float, observable: bool
 ) -> None:
-    assert (judged(base, name, at=at).proof is SignProof.PROVED) is observable
+    assert (judged(base, name, at=at).proof is SignProofStatus.PROVED) is observable
     low, high = mirror(slot_of(name).joint, None)
     caught = judged(base, name, wrong=True, off=-(low + high) / 2.0, at=at).proof
-    assert caught is SignProof.CONTRADICTED or (caught is SignProof.UNOBSERVABLE and not observable)
+    assert caught is SignProofStatus.CONTRADICTED or (
+        caught is SignProofStatus.UNOBSERVABLE and not observable
+    )
 
 
 def test_the_mirror_image_is_where_each_end_of_the_travel_was_the_other() -> None:
@@ -143,4 +145,4 @@ def test_a_zero_that_is_grossly_off_is_doubted_before_the_sign() -> None:
     """Hanging, a hip whose zero is off by the sum of its ends is the image of one whose sign is wrong."""
     low, high = mirror(slot_of("l_hip_pitch").joint, None)
     found = judged("upright", "l_hip_pitch", off=(low + high) / 2.0)
-    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ContradictionKind.ZERO)
+    assert (found.proof, found.against) == (SignProofStatus.CONTRADICTED, ContradictionKind.ZERO)

@@ -11,7 +11,7 @@ from twind.bounded_process import ProcessBounds
 from twind.exceptions import InvalidInput
 from twind_calibration.model_import import xacro_expansion
 from twind_calibration.model_import.package_paths import PackagePaths
-from twind_calibration.model_import.xacro_child import XacroExpansion
+from twind_calibration.model_import.xacro_child import ConfinedXacro
 from twind_calibration.model_import.xacro_expressions import evaluate
 
 MASS = "${max(0.1, sizes['b'][0])}"  # an expression of bot.urdf.xacro, in line 11
@@ -128,7 +128,7 @@ def test_time_and_memory_are_bounded(
 def test_the_audit_hook_permits_nothing_but_reading_of_packages(
     tmp_path: Path, event: str, details: tuple[object, ...]
 ) -> None:
-    expansion = XacroExpansion(tmp_path / "bot.xacro", PackagePaths(tmp_path, {}, {}))
+    expansion = ConfinedXacro(tmp_path / "bot.xacro", PackagePaths(tmp_path, {}, {}))
     with pytest.raises(PermissionError):
         expansion.watch(event, details)
     expansion.watch("open", (str(tmp_path / "link.xacro"), "r", 0))

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from twind.client import Disconnected
-from twind.command_line.torque_free import require_limp
+from twind.command_line.keep_torque_off import require_limp
 from twind.command_line.trajectory_files import read_trajectory
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError
 from twind.ctl import teach_command

@@ -12,7 +12,7 @@ from tests.support.doctor_surveys import (
     printed,
 )
 from twind import doctor
-from twind.ctl.command_hint import CommandHint, command_hint
+from twind.ctl.hint_options import HintOptions, command_hint
 from twind.doctor import (
     report,
     runner,
@@ -27,7 +27,7 @@ from twind.doctor.report import add_commands
 from twind.doctor.runner import DoctorReport
 
 ROWS = runner.table()
-HERE = CommandHint("--socket /tmp/a ", " --port main=/dev/x")
+HERE = HintOptions("--socket /tmp/a ", " --port main=/dev/x")
 FIX = "twindctl --socket /tmp/a doctor --port main=/dev/x --fix"
 # What moves, drops, wipes, burns or stops something where the diagnosis is wrong.
 HARMFUL = re.compile(
@@ -93,7 +93,7 @@ def test_fix_dialog_prints_each_caution_once(
 )  # fmt: skip
 def test_a_command_keeps_the_options_of_the_call(text: str, printed: str) -> None:
     assert HERE.command(text) == printed
-    assert CommandHint().command(text) == text
+    assert HintOptions().command(text) == text
 
 
 def test_hint_changes_only_quoted_commands_of_prose() -> None:
@@ -109,7 +109,7 @@ def test_the_options_are_quoted_as_a_shell_takes_them() -> None:
     here = command_hint(call, "/run/it's")
     assert here.socket == """--socket '/run/it'"'"'s' """
     assert here.files == " --config c --robot 'my robot.yaml' --port main=/dev/x --port b=/dev/y"
-    assert command_hint(argparse.Namespace(socket="/run/b"), "/run/c") == CommandHint("--socket /run/b ")
+    assert command_hint(argparse.Namespace(socket="/run/b"), "/run/c") == HintOptions("--socket /run/b ")
 
 
 def test_without_daemon_the_fix_command_is_printed_once() -> None:

@@ -19,7 +19,7 @@ from twind.learn.cards.card_file import load_any
 from twind.learn.cards.interface_card import parse_card
 from twind.learn.policy.onnx_session import OnnxSession
 from twind.learn.policy.policy_card import limits_of
-from twind.learn.policy.policy_controller import PolicyController, PolicyHold, PolicySetpoint
+from twind.learn.policy.policy_controller import NoSetpoint, PolicyController, PolicySetpoint
 from twind.learn.task.observation import BodyReading
 from twind.robot_client.state_message import STALE
 from twind.safety.setpoint_gate import judge
@@ -131,7 +131,7 @@ def test_a_hold_resets_the_recurrent_state(tmp_path: Path) -> None:
     for _ in range(4):
         assert isinstance(world.step(), PolicySetpoint)
     assert world.sent[-1].position - made.shaper.default == pytest.approx([0.004, 0.004])
-    assert isinstance(world.step(STALE + 0.01), PolicyHold)
+    assert isinstance(world.step(STALE + 0.01), NoSetpoint)
     done = [world.step() for _ in range(2)]
     assert isinstance(done[-1], PolicySetpoint)
     assert done[-1].position - made.shaper.default == pytest.approx([0.001, 0.001])

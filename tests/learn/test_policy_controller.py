@@ -10,8 +10,8 @@ from tests.support.policy_world import CARD, PERIOD, POSE, World
 from twind.exceptions import InvalidInput
 from twind.learn.policy.policy_controller import (
     PATIENCE,
+    NoSetpoint,
     PolicyEnd,
-    PolicyHold,
     PolicySetpoint,
 )
 from twind.learn.task.action_shaping import ActionShaper
@@ -67,7 +67,7 @@ def test_the_observation_is_of_the_last_action_the_last_target_and_the_phase(wor
 @pytest.mark.parametrize("old", [STALE + 0.001, 1.0, nan, -0.01])
 def test_an_old_state_holds(world: World, old: float) -> None:
     world.step()
-    assert isinstance(world.step(old), PolicyHold) and "old" in str(world.controller.holding)
+    assert isinstance(world.step(old), NoSetpoint) and "old" in str(world.controller.holding)
 
 
 @pytest.mark.parametrize(
@@ -86,12 +86,12 @@ def test_a_stale_imu_gives_a_message_with_its_age(world: World, age: float, mess
 
 
 def test_no_state_at_all_holds(world: World) -> None:
-    assert isinstance(world.controller.step(None, world.now), PolicyHold)
+    assert isinstance(world.controller.step(None, world.now), NoSetpoint)
 
 
 def test_a_lasting_hold_is_the_end(world: World) -> None:
     done = [world.step(STALE + 0.01) for _ in range(round(PATIENCE / PERIOD) + 3)]
-    assert isinstance(done[0], PolicyHold) and isinstance(done[-1], PolicyEnd)
+    assert isinstance(done[0], NoSetpoint) and isinstance(done[-1], PolicyEnd)
     assert world.controller.figures.holds == 1
 
 
@@ -99,27 +99,27 @@ def test_a_lasting_hold_is_the_end(world: World) -> None:
 def test_an_action_that_is_none_holds(world: World, action: list[float]) -> None:
     world.action = np.float32(action)
     done = world.step()
-    assert isinstance(done, PolicyHold) and "action of" in done.reason and not world.sent
+    assert isinstance(done, NoSetpoint) and "action of" in done.reason and not world.sent
     assert isinstance([world.step() for _ in range(60)][-1], PolicyEnd)
 
 
 def test_a_reading_that_is_not_finite_holds_and_is_named(world: World) -> None:
     world.gyro = nan
     done = world.step()
-    assert isinstance(done, PolicyHold) and "gyro.x" in done.reason
+    assert isinstance(done, NoSetpoint) and "gyro.x" in done.reason
 
 
 def test_a_late_action_holds(world: World) -> None:
     world.takes = 0.51 * PERIOD
     done = world.step()
-    assert isinstance(done, PolicyHold) and "late" in done.reason and not world.sent
+    assert isinstance(done, NoSetpoint) and "late" in done.reason and not world.sent
     assert world.controller.figures.too_late == 1
 
 
 def test_how_long_it_held_is_counted_over_all_holds(world: World) -> None:
     for number in range(1, 3):
         for _ in range(4):
-            assert isinstance(world.step(STALE + 0.01), PolicyHold)
+            assert isinstance(world.step(STALE + 0.01), NoSetpoint)
         world.step()
         assert isinstance(world.step(), PolicySetpoint)  # five periods after the first that it held
         assert world.controller.figures.holds == number
@@ -130,8 +130,8 @@ def test_the_policy_resumes_from_the_resting_pose(world: World) -> None:
     world.action = np.float32([1.0, 0.0])
     for _ in range(5):
         world.step()
-    assert isinstance(world.step(STALE + 0.01), PolicyHold)
-    assert isinstance(world.step(), PolicyHold)  # whether it rests is not known yet
+    assert isinstance(world.step(STALE + 0.01), NoSetpoint)
+    assert isinstance(world.step(), NoSetpoint)  # whether it rests is not known yet
     back = world.step()
     assert isinstance(back, PolicySetpoint) and world.controller.holding is None
     assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
@@ -143,15 +143,15 @@ def test_a_repeated_state_does_not_count_as_rest(world: World) -> None:
     for _ in range(15):
         world.step()
     world.takes = 0.51 * PERIOD
-    assert isinstance(world.step(), PolicyHold)
+    assert isinstance(world.step(), NoSetpoint)
     world.takes, moving = 0.0, world.state_message()
     for _ in range(2):  # the stream stalls: fresh enough, and nothing new
         world.now += 0.01
-        assert isinstance(world.controller.step(moving, world.now), PolicyHold)
+        assert isinstance(world.controller.step(moving, world.now), NoSetpoint)
     near = replace(moving, sequence=moving.sequence + 1, time=moving.time + 0.001)
-    assert isinstance(world.controller.step(near, world.now), PolicyHold)  # too soon after it to tell
+    assert isinstance(world.controller.step(near, world.now), NoSetpoint)  # too soon after it to tell
     on = replace(moving, sequence=moving.sequence + 2, time=moving.time + 0.02, goal=moving.goal + 0.03)
-    assert isinstance(world.controller.step(on, world.now), PolicyHold)  # it moves
+    assert isinstance(world.controller.step(on, world.now), NoSetpoint)  # it moves
     still = replace(on, sequence=on.sequence + 2, time=on.time + 0.02)
     world.now = still.time
     assert isinstance(world.controller.step(still, world.now), PolicySetpoint)
@@ -187,7 +187,7 @@ def test_so_many_missed_periods_that_the_setpoint_lapsed_are_a_hold(world: World
     world.controller.record_missed_periods(3, lapsed=True)
     assert world.controller.figures.holds == 1 and "3 periods were missed" in str(world.controller.holding)
     world.goal = world.goal + 0.02  # where the loop has braked
-    assert isinstance(world.step(), PolicyHold)
+    assert isinstance(world.step(), NoSetpoint)
     back = world.step()
     assert isinstance(back, PolicySetpoint)
     assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
@@ -204,7 +204,7 @@ def test_an_unknown_goal_prevents_resumption(world: World) -> None:
     world.step(STALE + 0.01)
     world.goal = np.array([nan, 0.0])
     found = replace(world.state_message(), position=POSE)
-    assert all(isinstance(world.controller.step(found, world.now), PolicyHold) for _ in range(3))
+    assert all(isinstance(world.controller.step(found, world.now), NoSetpoint) for _ in range(3))
 
 
 def test_a_fallen_robot_ends_the_policy(world: World) -> None:

@@ -13,7 +13,7 @@ from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.curve_rules import CurveSubject, judge, relaxed, some, start
+from twind.safety.curve_rules import JudgedCurve, judge, relaxed, some, start
 from twind.safety.gate import GateThresholds, TrajectoryRequest, check
 
 CURVE = {ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE}
@@ -344,7 +344,7 @@ def test_the_parts_are_pure_functions_of_their_arguments() -> None:
     before = w.at_rest([0.0])
     limit = some(w.limits(3), np.array([1]))
     th = GateThresholds()
-    subject = CurveSubject(knots(path, before), np.array([1]), limit, before.velocity, 1)
+    subject = JudgedCurve(knots(path, before), np.array([1]), limit, before.velocity, 1)
     assert {spot.finding.joint for spot in judge(subject, 0, 2, limit, th)} == {1}
     assert start(subject, th) == []
     assert relaxed(subject) is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
 from twind.robot.measured_travel import MeasuredTravel
-from twind.safety.multiturn import KnownPlace, chosen, expected, inside, outside_travel, unfit
+from twind.safety.multiturn import StatedPlace, chosen, expected, inside, outside_travel, unfit
 
 WHOLE = 4096
 FIRST = 1500
@@ -119,7 +119,7 @@ def test_a_known_place_gives_the_true_turn_or_none(
     of = turns(FIRST, FIRST + span)
     true = data.draw(st.integers(FIRST, FIRST + span))
     raw = true + wound * WHOLE
-    place = KnownPlace(true + off, WHOLE // 8, "an operator")
+    place = StatedPlace(true + off, WHOLE // 8, "an operator")
     shift = np.array([place.shift(raw, WHOLE)])
     assert raw + shift[0] == true
     assert (place.contradiction(0, raw, WHOLE) is None) == (abs(off) <= WHOLE // 8)

@@ -3,7 +3,7 @@
 from twind.config.calibration_file import Calibration
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
-from twind.ctl.command_hint import CommandHint
+from twind.ctl.hint_options import HintOptions
 from twind.doctor import report, runner
 from twind.doctor.check import DoctorFinding
 from twind.doctor.check_context import CheckContext
@@ -84,7 +84,7 @@ def survey_codes(*servos: SurveyedServo) -> set[str]:
 
 def printed(finding: DoctorFinding) -> str:
     """Text of a finding for a call beside a daemon."""
-    ready, fix = report.add_commands([finding], ROWS, CommandHint(), daemon=True)
+    ready, fix = report.add_commands([finding], ROWS, HintOptions(), daemon=True)
     return report.text(runner.DoctorReport(found=ready, fix=fix), ROWS, None)
 
 

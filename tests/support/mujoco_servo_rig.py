@@ -15,7 +15,7 @@ from twind.twin.mujoco_physics import BusPhysics, MujocoPhysics
 from twind.virtual.robot_ground_truth import RobotGroundTruth
 from twind.virtual.virtual_robot_spec import buses
 from twind_calibration.wiggling.joint_move import path
-from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
+from twind_calibration.wiggling.state_trace import MoveHolds, StateTrace
 from twind_drivers.virtual.servo_physics import DriveState
 
 H24 = load_robot("h24")
@@ -66,7 +66,7 @@ class BodyRig(Rig):
         self.seconds(seconds + 0.5)
         assert self.replies(ticket)[0].error is None, self.replies(ticket)[0]
 
-    def wiggled(self, name: str, way: float = WAY) -> HoldMeans:
+    def wiggled(self, name: str, way: float = WAY) -> MoveHolds:
         """Record of one joint that moves away and back."""
         place = self.names.index(name)
         home = float(self.loop.executor.reference.position[place])

@@ -7,7 +7,7 @@ import numpy as np
 from tests.support.policy_files import TWO
 from twind.learn.policy.policy_actor import TrainedActor
 from twind.learn.policy.policy_card import entries
-from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.learn.policy.policy_controller import NoSetpoint, PolicyController, PolicyEnd, PolicySetpoint
 from twind.learn.task.learning_tasks import STAND
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.observation_layout import ObservationLayout
@@ -61,7 +61,7 @@ class World:
         tick = 0 if time != time else round(time / 0.01)
         return StateMessage(time, self.now, tick, self.goal, row, self.goal.copy(), row, imu)
 
-    def step(self, old: float = 0.0, *, refused: bool = False) -> PolicySetpoint | PolicyHold | PolicyEnd:
+    def step(self, old: float = 0.0, *, refused: bool = False) -> PolicySetpoint | NoSetpoint | PolicyEnd:
         """One period: the loop follows what was sent, or brakes to rest at once."""
         done = self.controller.step(self.state_message(old), self.now)
         if isinstance(done, PolicySetpoint) and refused:

@@ -12,7 +12,7 @@ from twind_calibration.proving.expected_loads import ExpectedLoads, at_places, m
 from twind_calibration.proving.proof_sweep import MeasuredLoads
 from twind_calibration.proving.sign_proof import LoadVerdict, judge, slack
 from twind_calibration.wiggling.posed_model import PosedModel
-from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans
+from twind_calibration.wiggling.state_trace import HoldMean, MoveHolds
 
 H24 = load_robot("h24")
 # N·m
@@ -71,4 +71,4 @@ def measured_by(loads: Floats, poses: Floats) -> MeasuredLoads:
     """Told loads (k, n) at told poses (k, n)."""
     nothing = HoldMean(poses[0], poses[0], loads[0])
     rubs = np.full_like(loads, 0.04)
-    return MeasuredLoads(poses, loads, loads + rubs, loads - rubs, HoldMeans(nothing, nothing, nothing))
+    return MeasuredLoads(poses, loads, loads + rubs, loads - rubs, MoveHolds(nothing, nothing, nothing))

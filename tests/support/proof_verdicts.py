@@ -1,13 +1,13 @@
 """Verdicts of the proof of one joint."""
 
 from twind.config.robot_file import load_robot
-from twind_calibration.proving.load_comparison import LoadComparison
+from twind_calibration.proving.load_comparison import LoadComparisonResult
 from twind_calibration.proving.proof_report import ProofVerdict
 from twind_calibration.proving.sign_proof import (
     ContradictionKind,
     LoadPrediction,
     LoadVerdict,
-    SignProof,
+    SignProofStatus,
 )
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse
@@ -17,7 +17,7 @@ KNEE = H24.names.index("l_knee")
 
 
 def verdict(
-    proof: SignProof = SignProof.PROVED,
+    proof: SignProofStatus = SignProofStatus.PROVED,
     against: ContradictionKind = ContradictionKind.NOTHING,
     *,
     joint: str = "l_knee",
@@ -37,10 +37,12 @@ def verdict(
         base="back",
         gone=gone or MoveResult(0.3),
         seen=EncoderObservation(motion, 0.3, 0.3, 0.3, off, others, (0.2,) * len(others)),
-        weighed=LoadComparison(judged, like=(KNEE,) if against is not ContradictionKind.NOTHING else ()),
+        weighed=LoadComparisonResult(
+            judged, like=(KNEE,) if against is not ContradictionKind.NOTHING else ()
+        ),
         confirmed=confirmed,
         names=H24.names,
     )
 
 
-CONTRADICTED = verdict(SignProof.CONTRADICTED, ContradictionKind.SIGN)
+CONTRADICTED = verdict(SignProofStatus.CONTRADICTED, ContradictionKind.SIGN)

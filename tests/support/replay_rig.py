@@ -25,7 +25,7 @@ from twind.loop.ipc.front_link import FrontLink
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick import assembly
 from twind.loop.tick.bound_robot import BoundRobot
-from twind.observe.replaying.device_timeline import story
+from twind.observe.replaying.device_state_tracker import story
 from twind.observe.replaying.replay_bus import ReplayBus
 from twind.observe.replaying.replay_files import lay_out
 from twind.observe.replaying.replay_outcome import RunOutcome

@@ -16,7 +16,7 @@ from twind.config.robot_file import load_robot
 from twind.learn.cards.driven_policy import actor_for, task_for
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.policy.policy_card import PolicyRobot
-from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.learn.policy.policy_controller import NoSetpoint, PolicyController, PolicyEnd, PolicySetpoint
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import plant_of
 from twind.learn.task.reward import RewardFunction
@@ -98,8 +98,8 @@ class StandingRig(Rig):
             self._answered(ticket)
         return None
 
-    def _sent(self, done: PolicySetpoint | PolicyHold) -> int:
-        if isinstance(done, PolicyHold):
+    def _sent(self, done: PolicySetpoint | NoSetpoint) -> int:
+        if isinstance(done, NoSetpoint):
             self.told.append(done.reason)
             return self.send(link.RenewLease)
         return self.send(

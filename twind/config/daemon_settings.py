@@ -31,7 +31,7 @@ _NAME = re.compile(r"[a-z0-9_-]{1,64}")
 _PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)")
 
 
-class ThresholdKeys(ConfigStruct):
+class LatencyThresholdKeys(ConfigStruct):
     """Section `thresholds` of the settings: latencies in ms."""
 
     latency_warn_ms: Annotated[float, Meta(gt=0.0, le=LATENCY_WARN_MS)] = LATENCY_WARN_MS
@@ -61,7 +61,7 @@ class SettingsKeys(ConfigStruct):
     state_dir: Text | None = None
     """folder | `/var/lib/twind`, else `~/.local/state/twind` | calibrations, and [flight
     recordings](observe.md) in `flight/`"""
-    thresholds: ThresholdKeys = msgspec.field(default_factory=ThresholdKeys)
+    thresholds: LatencyThresholdKeys = msgspec.field(default_factory=LatencyThresholdKeys)
     log_level: Level = "info"
     """lowest level in the log"""
     gap: bool = True

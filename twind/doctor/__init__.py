@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
     from twind.command_line.progress import ProgressLine
-    from twind.ctl.command_hint import command_hint
+    from twind.ctl.hint_options import command_hint
     from twind.doctor import report, runner
     from twind.doctor.check_context import CheckContext, examine
     from twind.doctor.host_inspector import HostInspector

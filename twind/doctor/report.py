@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from twind.ctl.command_hint import CommandHint
+from twind.ctl.hint_options import HintOptions
 from twind.doctor.check import MANY, Check, Devices, DoctorFinding, Fix, Severity, severity_of
 from twind.doctor.runner import DoctorReport, FixResult
 
@@ -19,7 +19,7 @@ FIRST = "a running daemon does it (mode live, disarmed): "
 def add_commands(
     found: Sequence[DoctorFinding],
     rows: Mapping[str, Check],
-    again: CommandHint,
+    again: HintOptions,
     only: Sequence[str] = (),
     *,
     daemon: bool,
@@ -35,7 +35,7 @@ def add_commands(
 
 
 def _complete(
-    each: DoctorFinding, row: Check, again: CommandHint, fix: str, *, daemon: bool
+    each: DoctorFinding, row: Check, again: HintOptions, fix: str, *, daemon: bool
 ) -> DoctorFinding:
     if each.code in OTHERS:
         return each

@@ -167,7 +167,7 @@ def _require_serial(flight: "LoadedFlight") -> None:
 def _buses(
     flight: "LoadedFlight", asked: "ReplayScript", recording: "ReplayPosition", now: Any
 ) -> Iterator["ReplayBus"]:
-    from twind.observe.replaying.device_timeline import story
+    from twind.observe.replaying.device_state_tracker import story
     from twind.observe.replaying.replay_bus import ReplayBus
     from twind.observe.replaying.replay_script import SIM
 

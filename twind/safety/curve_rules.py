@@ -29,7 +29,7 @@ class WorstPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class CurveSubject:
+class JudgedCurve:
     """Curve to judge: only the commanded joints, `joints` (m,) gives their indices."""
 
     knots: Knots
@@ -43,7 +43,7 @@ FEW = 8  # segments of a joint that are judged first
 
 
 def judge(
-    subject: CurveSubject, i: int, j: int, limits: JointLimits, thresholds: GateThresholds
+    subject: JudgedCurve, i: int, j: int, limits: JointLimits, thresholds: GateThresholds
 ) -> list[WorstPoint]:
     """Return all faults of segments i..j-1, the worst place per rule, direction and joint. Never raises."""
     knots = subject.knots
@@ -166,7 +166,7 @@ def _reading(
 
 
 def _worst(
-    subject: CurveSubject,
+    subject: JudgedCurve,
     code: ReasonCode,
     sign: float,
     curve: BoundedPolynomials,
@@ -203,7 +203,7 @@ def _worst(
 
 
 def _spot(
-    subject: CurveSubject,
+    subject: JudgedCurve,
     code: ReasonCode,
     joint: int,
     knot: int,
@@ -217,7 +217,7 @@ def _spot(
     return WorstPoint(finding, float(np.inf if np.isnan(score) else score))
 
 
-def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
+def _slopes(subject: JudgedCurve, i: int, j: int) -> tuple[Floats, Floats]:
     """Return durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
 
     The first line follows the velocity of the reference, and rest follows the last one, each for 0 s.
@@ -237,7 +237,7 @@ def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
     return T, slope
 
 
-def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateThresholds) -> list[WorstPoint]:
+def _corners(subject: JudgedCurve, i: int, T: Floats, slope: Floats, th: GateThresholds) -> list[WorstPoint]:
     """Judge the corners of lines, which have acceleration nowhere else.
 
     It is the change of segment velocity over half the sum of the two durations. It begins at the reference's
@@ -254,7 +254,7 @@ def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateTh
 
 
 def _steepest(
-    subject: CurveSubject, code: ReasonCode, i: int, change: Floats, bound: Floats
+    subject: JudgedCurve, code: ReasonCode, i: int, change: Floats, bound: Floats
 ) -> list[WorstPoint]:
     """Return the worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
     within = np.abs(change) <= bound
@@ -270,7 +270,7 @@ def _steepest(
     return spots
 
 
-def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]:
+def start(subject: JudgedCurve, thresholds: GateThresholds) -> list[WorstPoint]:
     """Check the velocity step of a path that begins at t = 0 against the reference (ACC_LIMIT).
 
     The change counts over half of the first segment, as at the corner of two lines; where there is no segment
@@ -290,7 +290,7 @@ def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]
         return _steepest(subject, ReasonCode.ACC_LIMIT, 0, change[None, :], limits.acceleration)
 
 
-def relaxed(subject: CurveSubject) -> JointLimits | None:
+def relaxed(subject: JudgedCurve) -> JointLimits | None:
     """Return wider limits for a segment that begins at a reference outside of them; None: it does not.
 
     The segment may only lead inwards, never further out.
@@ -307,7 +307,7 @@ def relaxed(subject: CurveSubject) -> JointLimits | None:
     )
 
 
-def resting(subject: CurveSubject) -> CurveSubject:
+def resting(subject: JudgedCurve) -> JudgedCurve:
     """Return the last point, held for a second."""
     time = subject.knots.time[-1:]
     position = np.repeat(subject.knots.position[-1:], 2, axis=0)

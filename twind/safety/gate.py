@@ -17,7 +17,7 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import retime
 from twind.safety.admission import admit
-from twind.safety.curve_rules import CurveSubject, WorstPoint, judge, relaxed, resting, some, start
+from twind.safety.curve_rules import JudgedCurve, WorstPoint, judge, relaxed, resting, some, start
 from twind.safety.gate_types import GateResult, GateSnapshot, GateThresholds, TrajectoryRequest
 from twind.safety.trajectory_validation import wellformed
 
@@ -204,7 +204,7 @@ def _slower_heals(spots: Spots) -> bool:
     return bool(codes & set(retime.HEALED)) and ReasonCode.POS_LIMIT not in codes
 
 
-def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveSubject:
+def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> JudgedCurve:
     """Return the curve of the commanded joints alone."""
     joints = np.flatnonzero(path.commanded)
     knots = splines.knots(path, before)
@@ -215,7 +215,7 @@ def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveS
         knots = splines.Knots(knots.time, knots.position[:, joints], *thin)
         limits = some(limits, joints)
         velocity = velocity[joints]
-    return CurveSubject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
+    return JudgedCurve(knots, joints, limits, velocity, len(knots.time) - len(path.time))
 
 
 def _fill_reference(path: Trajectory, reference: Reference) -> Reference:

@@ -3,7 +3,7 @@
 A count gives the angle within a turn; power-off loses the number of turns (field devices with one absolute
 turn). Exactly one of the count and its neighbours a turn away lies in the band around the travel. That one
 must lie in the travel, and no other, else arming is refused. A travel of more than a turn may have such
-places in its middle. Elsewhere a `KnownPlace` determines the turn. Once it is known, a joint keeps it.
+places in its middle. Elsewhere a `StatedPlace` determines the turn. Once it is known, a joint keeps it.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ _REBOOT = "switch its power off and on"
 
 
 @dataclass(frozen=True, slots=True)
-class KnownPlace:
+class StatedPlace:
     """Place of a joint as another source than its travel gives it, such as an operator."""
 
     count: int  # calibrated ticks
@@ -75,7 +75,7 @@ def unfit(
 ) -> Sequence[Finding]:
     """Return a finding for each joint whose turn is ambiguous, or not commandable, on the turn chosen.
 
-    `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on. `placed` (n,): a `KnownPlace`
+    `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on. `placed` (n,): a `StatedPlace`
     determined the turn; None: of no joint.
     """
     count = raw + shift

@@ -17,7 +17,7 @@ LATENCY = 0.05  # s, a warning above it
 SILENT = 2.0  # s without a reply: disconnected
 
 
-class ExchangeTiming(Protocol):
+class LastExchangeTimes(Protocol):
     """Timing of the last exchange, as the hardware layer reports it."""
 
     @property
@@ -52,7 +52,7 @@ class TimingMonitor:
         for window in (self.total, *self.buses, *hops):
             window.threshold = threshold
 
-    def update(self, measured: JointState, exchange: ExchangeTiming, now: float, *, live: bool) -> None:
+    def update(self, measured: JointState, exchange: LastExchangeTimes, now: float, *, live: bool) -> None:
         """Process an exchange; `now` is the tick's start (s), `live`: a bus is open."""
         if not live:
             self._time = -inf

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from twind.command_line.progress import ProgressLine
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, REFUSED, show
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.doctor import report, runner
 from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.family_doctor import DeviceSurvey, doctors

@@ -15,7 +15,7 @@ from twind.config.calibration_file import (
     read_calibration,
 )
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.binding import bind

@@ -11,7 +11,7 @@ from twind.client import NoDaemon
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, Rejected, observer, show
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.exceptions import InvalidInput
 from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership

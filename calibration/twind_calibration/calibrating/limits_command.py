@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from twind.client import CallError, Client, ClientError
-from twind.command_line.torque_free import limp, require_limp
+from twind.command_line.keep_torque_off import limp, require_limp
 from twind.command_line.verb import DONE, Rejected, operator
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
+from twind.command_line.keep_torque_off import limp, require_limp
 from twind.command_line.stop_signals import interrupt_on_terminate
-from twind.command_line.torque_free import limp, require_limp
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibrated_device import DeviceRecord
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now

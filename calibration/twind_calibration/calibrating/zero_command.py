@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from twind.client import Client
-from twind.command_line.torque_free import limp, require_limp
+from twind.command_line.keep_torque_off import limp, require_limp
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibrated_device import DeviceRecord
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import slot_angles
 from twind.config.robot_spec import RobotFile
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground

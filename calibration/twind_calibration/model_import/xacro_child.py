@@ -33,7 +33,7 @@ HIDDEN = ("vars", "type")  # functions of `python.` that reach into Python
 MAX_LEVELS = 40  # files that include each other
 
 
-class XacroExpansion:
+class ConfinedXacro:
     """One expansion: takes the place of functions of the package `xacro` that reach outside."""
 
     def __init__(self, file: Path, paths: PackagePaths) -> None:
@@ -202,7 +202,7 @@ def main() -> None:
     request = read_request()
     file = Path(request["file"])
     packages = {name: Path(folder) for name, folder in request["packages"].items()}
-    expansion = XacroExpansion(file, PackagePaths(file.parent, packages, request["environment"]))
+    expansion = ConfinedXacro(file, PackagePaths(file.parent, packages, request["environment"]))
     expansion.install()
     try:
         answer: object = {"xml": expansion.expand(request["arguments"]), "sources": expansion.sources}

@@ -13,7 +13,7 @@ from twind_calibration.proving.sign_proof import (
     NEAR,
     ContradictionKind,
     LoadVerdict,
-    SignProof,
+    SignProofStatus,
     apart,
     is_explained,
     judge,
@@ -70,7 +70,7 @@ BENT = 0.1  # rad: a neighbour that stands nearer to nought is no reason
 
 
 @dataclass(frozen=True, slots=True)
-class LoadComparison:
+class LoadComparisonResult:
     """Result of the comparison; joints by index. None is the joint itself."""
 
     judged: LoadVerdict
@@ -81,7 +81,7 @@ class LoadComparison:
 
 def weigh(
     body: PosedModel, joint: int, sweep: MeasuredLoads, friction: float, entry: JointCalibration | None = None
-) -> LoadComparison:
+) -> LoadComparisonResult:
     """Compare the swept joint with the model: first its sign and zero, then the place of its servo.
 
     `entry`: its calibration, by which a wrong sign would have another zero; None: as if its travel was swept
@@ -94,21 +94,21 @@ def weigh(
     wrong = expected.loads_with_wrong_sign(mirror(spec, entry))
     judged = judge(sweep.up[:, joint], sweep.down[:, joint], right, wrong, friction, lsb)
     if not np.isfinite(sweep.poses).all() or body.stands_on(joint):
-        return LoadComparison(
-            replace(judged, proof=SignProof.UNOBSERVABLE, against=ContradictionKind.NOTHING)
+        return LoadComparisonResult(
+            replace(judged, proof=SignProofStatus.UNOBSERVABLE, against=ContradictionKind.NOTHING)
         )
     told = _LoadMatch(
         joint, sweep, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack)
     )
     places = {other: told.place(other) for other in body.twins(joint)}
     there = sorted((other for other, each in places.items() if each is JointMatch.THERE), key=told.misfit)
-    if judged.proof is not SignProof.CONTRADICTED:
+    if judged.proof is not SignProofStatus.CONTRADICTED:
         if told.match_with_sign_flipped() is JointMatch.THERE:
-            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ContradictionKind.OTHERS)
+            judged = replace(judged, proof=SignProofStatus.CONTRADICTED, against=ContradictionKind.OTHERS)
         elif there:
-            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ContradictionKind.PLACE)
+            judged = replace(judged, proof=SignProofStatus.CONTRADICTED, against=ContradictionKind.PLACE)
         else:
-            return LoadComparison(
+            return LoadComparisonResult(
                 judged, untold=tuple(o for o, place in places.items() if place is JointMatch.UNTOLD)
             )
     measured = sweep.effort[:, joint]
@@ -117,7 +117,7 @@ def weigh(
     bent = [
         other for other in standing if other != joint and is_explained(measured, expected.bent(other), room)
     ]
-    return LoadComparison(judged, _few(there), _few(bent))
+    return LoadComparisonResult(judged, _few(there), _few(bent))
 
 
 def _few(places: list[int]) -> tuple[int, ...]:

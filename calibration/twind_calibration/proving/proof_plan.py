@@ -15,7 +15,7 @@ from twind.command_line.verb import DONE, Rejected, show
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind_calibration.proving.expected_loads import look_ahead, strained

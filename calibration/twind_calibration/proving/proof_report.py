@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import isfinite
 
 from twind.config.config_reader import Plain
-from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparison
-from twind_calibration.proving.sign_proof import ContradictionKind, LoadVerdict, SignProof
+from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparisonResult
+from twind_calibration.proving.sign_proof import ContradictionKind, LoadVerdict, SignProofStatus
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, came_back
 from twind_calibration.wiggling.wiggle_report import CAUSES, null_if_nan
@@ -48,7 +48,7 @@ class ProofVerdict:
     base: str
     gone: MoveResult
     seen: EncoderObservation | None = None
-    weighed: LoadComparison | None = None
+    weighed: LoadComparisonResult | None = None
     looks: str = ""
     confirmed: bool | None = None
     names: Sequence[str] = ()  # of all joints, by place
@@ -74,37 +74,37 @@ class ProofVerdict:
         return ContradictionKind.EYE if self.confirmed is False else ContradictionKind.NOTHING
 
     @property
-    def proof(self) -> SignProof | None:
+    def proof(self) -> SignProofStatus | None:
         """Present status of the proof; None: nothing was measured."""
         if not self.is_measured:
             return None
         if self.against is not ContradictionKind.NOTHING:
-            return SignProof.CONTRADICTED
-        found = SignProof.UNOBSERVABLE if self.weighed is None else self.weighed.judged.proof
-        return SignProof.CONFIRMED if self.confirmed and found is not SignProof.PROVED else found
+            return SignProofStatus.CONTRADICTED
+        found = SignProofStatus.UNOBSERVABLE if self.weighed is None else self.weighed.judged.proof
+        return SignProofStatus.CONFIRMED if self.confirmed and found is not SignProofStatus.PROVED else found
 
     @property
     def is_consistent(self) -> bool:
         """True when it was measured without contradiction; this does not mean proved."""
-        return self.proof not in (None, SignProof.CONTRADICTED)
+        return self.proof not in (None, SignProofStatus.CONTRADICTED)
 
     @property
     def open(self) -> bool:
         """True when gravity proves nothing here and nothing contradicts: a visual check may decide."""
-        return self.proof in (SignProof.UNOBSERVABLE, SignProof.PLAUSIBLE)
+        return self.proof in (SignProofStatus.UNOBSERVABLE, SignProofStatus.PLAUSIBLE)
 
     @property
     def by_eye(self) -> bool:
         """True when the status rests on visual confirmation."""
-        return self.proof is SignProof.CONFIRMED
+        return self.proof is SignProofStatus.CONFIRMED
 
     def record(self, at: str) -> Plain:
         """Record for the calibration file; None: this proves nothing."""
-        if self.proof not in (SignProof.PROVED, SignProof.CONFIRMED):
+        if self.proof not in (SignProofStatus.PROVED, SignProofStatus.CONFIRMED):
             return None
         judged = None if self.weighed is None else self.weighed.judged
         return {
-            "sign": "gravity" if self.proof is SignProof.PROVED else "operator",
+            "sign": "gravity" if self.proof is SignProofStatus.PROVED else "operator",
             "base_pose": self.base,
             "slope_ratio": None if judged is None else null_if_nan(judged.slope_ratio),
             "offset_residual_rad": None if judged is None else null_if_nan(judged.offset),
@@ -135,7 +135,7 @@ class ProofVerdict:
             **({} if weighed is None else self._numbers(weighed)),
         }
 
-    def _numbers(self, comparison: LoadComparison) -> dict[str, object]:
+    def _numbers(self, comparison: LoadComparisonResult) -> dict[str, object]:
         judged = comparison.judged
         return {
             "span_nm": null_if_nan(judged.foreseen.span),
@@ -169,7 +169,7 @@ class ProofVerdict:
             said.append(SAYS[self.against])
         if self.against is ContradictionKind.MOTION:
             said += self._motion()
-        if self.weighed is not None and self.proof is SignProof.CONTRADICTED:
+        if self.weighed is not None and self.proof is SignProofStatus.CONTRADICTED:
             like = self._joint_names(self.weighed.like)
             bent = self._joint_names(self.weighed.bent)
             said += [f"it measures what the servo of {each} should: are the two exchanged?" for each in like]
@@ -190,7 +190,7 @@ class ProofVerdict:
             )
         judged = self.weighed.judged
         ahead = judged.foreseen
-        if self.proof is SignProof.UNOBSERVABLE:
+        if self.proof is SignProofStatus.UNOBSERVABLE:
             return f"here a wrong sign is {ahead.flip:.2f} N·m off, little beside friction; {_zero(judged)}"
         slope = f"slope {judged.slope_ratio:+.2f}, " if isfinite(judged.slope_ratio) else ""
         off = f"off by {judged.misfit:.2f} N·m, with the other sign {judged.misfit_reversed:.2f}"

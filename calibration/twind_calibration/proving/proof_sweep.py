@@ -11,7 +11,7 @@ import numpy as np
 
 from twind.robot.arrays import Floats
 from twind_calibration.wiggling.joint_move import tour
-from twind_calibration.wiggling.state_trace import PLACE, HoldMean, HoldMeans
+from twind_calibration.wiggling.state_trace import PLACE, HoldMean, MoveHolds
 
 PLACES = 4
 OVER = 0.03  # rad beyond the outermost place: more than friction and backlash take
@@ -75,7 +75,7 @@ class MeasuredLoads:
     effort: Floats
     up: Floats  # (k, n) N·m
     down: Floats
-    ends: HoldMeans  # at home, farthest away, home again: for the encoder
+    ends: MoveHolds  # at home, farthest away, home again: for the encoder
 
 
 def mean_loads(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
@@ -87,4 +87,4 @@ def mean_loads(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
     fell = np.array([stay.effort for stay in down])
     poses = np.array([(a.position + b.position) / 2.0 for a, b in zip(up, down, strict=True)])
     far = int(np.abs(np.array(sweep.visits) - sweep.home).argmax())
-    return MeasuredLoads(poses, (rose + fell) / 2.0, rose, fell, HoldMeans(stays[0], stays[far], stays[-1]))
+    return MeasuredLoads(poses, (rose + fell) / 2.0, rose, fell, MoveHolds(stays[0], stays[far], stays[-1]))

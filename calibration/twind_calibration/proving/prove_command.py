@@ -15,7 +15,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observe
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.ctl.instance_paths import restart
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES

@@ -30,7 +30,7 @@ STRETCH = (1.0 - UNSURE, 1.0 + UNSURE)
 LEFT = 0.5  # of friction that the mean of both directions may still hold
 
 
-class SignProof(StrEnum):
+class SignProofStatus(StrEnum):
     """Status of the proof of a joint's sign."""
 
     PROVED = "proved"
@@ -91,7 +91,7 @@ class LoadPrediction:
 class LoadVerdict:
     """Result for the load of one joint. N·m, rms; rad."""
 
-    proof: SignProof
+    proof: SignProofStatus
     against: ContradictionKind
     foreseen: LoadPrediction
     slope_ratio: float  # measured over described; NaN: no load to compare with
@@ -175,7 +175,7 @@ def judge(
     if not np.isfinite(measured.sum() + right.sum() + wrong.all.sum()):
         nan = float("nan")
         return LoadVerdict(
-            SignProof.UNOBSERVABLE, ContradictionKind.NOTHING, foreseen, nan, nan, nan, nan, nan, nan
+            SignProofStatus.UNOBSERVABLE, ContradictionKind.NOTHING, foreseen, nan, nan, nan, nan, nan, nan
         )
     all_right = misfits(measured, right)
     proof, against = _verdict(measured, right, all_right, wrong, foreseen)
@@ -197,29 +197,29 @@ def judge(
 
 def _verdict(
     measured: Floats, right: Floats, wide: Floats, wrong: WrongSignLoads, predicted: LoadPrediction
-) -> tuple[SignProof, ContradictionKind]:
+) -> tuple[SignProofStatus, ContradictionKind]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = predicted.slack
     near = is_explained(measured, wrong.near, room)
     mirrored = is_explained(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
-            return SignProof.UNOBSERVABLE, ContradictionKind.NOTHING
+            return SignProofStatus.UNOBSERVABLE, ContradictionKind.NOTHING
         if predicted.observable:
-            return SignProof.PROVED, ContradictionKind.NOTHING
+            return SignProofStatus.PROVED, ContradictionKind.NOTHING
         return (
-            SignProof.PLAUSIBLE if predicted.visible else SignProof.UNOBSERVABLE,
+            SignProofStatus.PLAUSIBLE if predicted.visible else SignProofStatus.UNOBSERVABLE,
             ContradictionKind.NOTHING,
         )
     if near:
-        return SignProof.CONTRADICTED, ContradictionKind.SIGN
+        return SignProofStatus.CONTRADICTED, ContradictionKind.SIGN
     if (wide <= room).any():
-        return SignProof.CONTRADICTED, ContradictionKind.ZERO
+        return SignProofStatus.CONTRADICTED, ContradictionKind.ZERO
     if mirrored:
-        return SignProof.CONTRADICTED, ContradictionKind.SIGN
+        return SignProofStatus.CONTRADICTED, ContradictionKind.SIGN
     if is_explained(measured, -right[NEAR], room):
-        return SignProof.CONTRADICTED, ContradictionKind.CURRENT
-    return SignProof.CONTRADICTED, ContradictionKind.NEITHER
+        return SignProofStatus.CONTRADICTED, ContradictionKind.CURRENT
+    return SignProofStatus.CONTRADICTED, ContradictionKind.NEITHER
 
 
 def _offset(misfits: Floats, room: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
 from twind.command_line.verb import Rejected, UsageError, lease
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode

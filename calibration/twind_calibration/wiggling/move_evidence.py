@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind_calibration.wiggling.state_trace import HoldMeans
+from twind_calibration.wiggling.state_trace import MoveHolds
 
 FOLLOWS = (0.7, 1.3)  # of what the twin does: stiction and a soft gain take some of it
 STILL = 0.2  # less than that is no motion
@@ -69,7 +69,7 @@ class TorqueObservation:
     like: tuple[int, ...] = ()  # joints at which a servo that measures this might sit instead
 
 
-def answer(stays: HoldMeans | None, joint: int, asked: float) -> EncoderObservation:
+def answer(stays: MoveHolds | None, joint: int, asked: float) -> EncoderObservation:
     """Evaluate the encoders for a joint that was sent `asked` (rad) away and back.
 
     `stays` None: the trace has no such move.

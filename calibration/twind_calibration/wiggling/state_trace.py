@@ -26,7 +26,7 @@ class HoldMean:
 
 
 @dataclass(frozen=True, slots=True)
-class HoldMeans:
+class MoveHolds:
     """Before the move, at its far end, and home again."""
 
     before: HoldMean
@@ -49,10 +49,10 @@ class StateTrace:
                 for name in self.names]  # fmt: skip
         self.rows.append(tuple(np.array(told, np.float64).T))
 
-    def stays(self, joint: int, home: float, out: float) -> HoldMeans | None:
+    def stays(self, joint: int, home: float, out: float) -> MoveHolds | None:
         """The stays of a joint that went from `home` to `out` (rad) and back; None: it had no such goals."""
         found = self.visits(joint, (home, out, home))
-        return None if found is None else HoldMeans(*found)
+        return None if found is None else MoveHolds(*found)
 
     def visits(self, joint: int, places: Sequence[float]) -> list[HoldMean] | None:
         """The stays of a joint at each of these places (rad), in this order; None: it had no such goals."""

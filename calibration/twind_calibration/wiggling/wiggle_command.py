@@ -14,7 +14,7 @@ from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, UsageError, observer, operator
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.exceptions import InvalidInput
 from twind_calibration.rejection_hints import unknown_joint, with_hints
 from twind_calibration.wiggling.joint_move import (
@@ -37,7 +37,7 @@ from twind_calibration.wiggling.move_evidence import (
     weigh,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
-from twind_calibration.wiggling.state_trace import HoldMeans, record_states
+from twind_calibration.wiggling.state_trace import MoveHolds, record_states
 from twind_calibration.wiggling.wiggle_report import BLIND, NOT_COMPARED, WiggleVerdict
 from twind_drivers.clock import Clock, MonotonicClock
 
@@ -146,7 +146,7 @@ class WiggleSession:
     def _move_to_rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _compare_load(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
+    def _compare_load(self, stays: MoveHolds | None, place: int) -> TorqueObservation | None:
         """The mean of the stays on both ends: friction has another sign on the way there and home."""
         body = self._body
         friction = float(self._options.friction)

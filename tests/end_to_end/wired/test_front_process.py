@@ -19,7 +19,7 @@ from tests.support.processes import until
 from twind import link, sealed_memfd
 from twind.listening_sockets import Listener
 from twind.loop.ipc import front_process
-from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.former_flight_recorder import FormerFlightRecorder
 from twind.loop.ipc.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
 
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -210,7 +210,7 @@ def test_fronts_that_die_young_are_started_ever_later_until_one_lived() -> None:
 
 def test_a_crash_recording_is_handed_to_at_most_two_front_processes() -> None:
     told = list[str]()
-    wreck = CrashRecording(os.memfd_create("wreck"))
+    wreck = FormerFlightRecorder(os.memfd_create("wreck"))
     wreck.then = lambda: told.append("done")
     front = Paper(0, {}, crash_recording=wreck)
     lives = []

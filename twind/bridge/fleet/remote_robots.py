@@ -6,7 +6,7 @@ from collections.abc import Callable
 import zenoh
 
 from twind.bridge.fleet.fleet_roster import MOST, UPLINK, FleetRoster
-from twind.bridge.fleet.robot_endpoint import ALIVE
+from twind.bridge.fleet.zenoh_robot_queries import ALIVE
 from twind.bridge.zenoh.zenoh_keys import ROOT, robot_of
 from twind.protocol.strict_json import loads
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from twind.bridge.commands.motion_end import ENDS
 from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, decoded, error_name
+from twind.bridge.fleet.zenoh_robot_queries import RemoteRobotEndpoint, decoded, error_name
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 
 STOP_AGAIN = 0.1  # s from a stop without success to the next: a lost message must not leave the robot moving

@@ -20,8 +20,8 @@ import zenoh
 
 from twind.bridge.fleet.client_reply_queue import ClientReplyQueue
 from twind.bridge.fleet.repeated_queries import HeldLease, RemoteStop, SentGoal
-from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint, TakeMessage, decoded, error_name
 from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
+from twind.bridge.fleet.zenoh_robot_queries import RemoteRobotEndpoint, TakeMessage, decoded, error_name
 from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from twind.bridge.commands.permission import denied
+from twind.bridge.commands.control_socket_access import denied
 from twind.bridge.commands.stop_queues import Outcome
 from twind.bridge.ros.daemon_subscriber import RosSubscriber
 from twind.bridge.ros.description_request import DescriptionRequest

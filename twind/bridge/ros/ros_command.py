@@ -155,7 +155,7 @@ def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: st
 
     `refuses`: why the back end takes no commands.
     """
-    from twind.bridge.commands.permission import denied
+    from twind.bridge.commands.control_socket_access import denied
     from twind.client import Client
 
     # Named peers are only contacted first: any program that reaches the port joins.

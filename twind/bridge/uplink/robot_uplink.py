@@ -17,8 +17,8 @@ from typing import Any
 import zenoh
 from msgspec import convert
 
+from twind.bridge.commands.control_socket_access import denied
 from twind.bridge.commands.leased_motions import LeasedMotions
-from twind.bridge.commands.permission import denied
 from twind.bridge.commands.request_queue import LONG, PACE, RequestQueue
 from twind.bridge.commands.stop_queues import CUT, HOLD, SETTLE, StopQueues, Tell
 from twind.bridge.uplink.name_claim import NameClaim

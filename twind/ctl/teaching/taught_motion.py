@@ -27,7 +27,7 @@ FindingMessages = Sequence[Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class JointBounds:
+class RefusalBounds:
     """Bounds that refusals have stated so far, else infinite. Arrays (m,): rad, rad/s, rad/s²."""
 
     lower: Floats
@@ -45,7 +45,7 @@ class TaughtMotion:
     bound: float  # rad, of the simplification
     lead: float  # s
     path: HandPath  # of the hand, slowed down
-    bounds: JointBounds
+    bounds: RefusalBounds
     reasons: Mapping[tuple[str, str], str] = field(default_factory=dict)  # by code and joint, the first place
     points: Knots = field(init=False)
 
@@ -104,7 +104,7 @@ class TaughtMotion:
             return None if bounds is None else replace(self, bounds=bounds)
         return self._slower(fast) if fast else None
 
-    def _narrower(self, outside: FindingMessages) -> JointBounds | None:
+    def _narrower(self, outside: FindingMessages) -> RefusalBounds | None:
         """Return bounds within these limits, less what a cubic may go beyond the samples that it passes.
 
         None: that was done already, and a joint is outside for another reason.
@@ -153,7 +153,7 @@ class TaughtMotion:
 def taught_motion(joints: tuple[str, ...], hand: HandPath, bound: float, lead: float) -> TaughtMotion:
     """Return the motion of a hand's path before the gate has judged it."""
     none = np.full(len(joints), inf)
-    return TaughtMotion(joints, hand, bound, lead, hand, JointBounds(-none, none, none, none))
+    return TaughtMotion(joints, hand, bound, lead, hand, RefusalBounds(-none, none, none, none))
 
 
 def passed_by_gate(

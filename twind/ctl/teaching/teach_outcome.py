@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.client.errors import finding_lines
-from twind.ctl.command_hint import CommandHint
+from twind.ctl.hint_options import HintOptions
 from twind.ctl.teaching.hand_recorder import GAP, HandRecorder
 from twind.ctl.teaching.taught_motion import TaughtMotion, VerdictMessage
 from twind.robot.finding import ReasonCode
@@ -39,7 +39,7 @@ class TeachOutcome:
             "verdict": self.verdict,
         }
 
-    def lines(self, hint: CommandHint, name: str) -> list[str]:
+    def lines(self, hint: HintOptions, name: str) -> list[str]:
         """Return it as text; `name`: what `play` is given."""
         motion = self.motion
         worst = motion.deviation()

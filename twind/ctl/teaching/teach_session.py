@@ -13,12 +13,12 @@ from typing import Any
 from twind.client import Client, ClientError
 from twind.client.move_duration import slow_duration
 from twind.command_line.joint_patterns import matching_joints
+from twind.command_line.keep_torque_off import limp
 from twind.command_line.progress import ProgressLine
 from twind.command_line.stop_signals import catch_stop_signals
-from twind.command_line.torque_free import limp
 from twind.command_line.trajectory_files import new_motion, write_trajectory
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator, show
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.ctl.teaching.hand_recorder import HandRecorder
 from twind.ctl.teaching.key_input import KeyInput
 from twind.ctl.teaching.taught_motion import (

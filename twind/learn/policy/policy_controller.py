@@ -40,7 +40,7 @@ class PolicySetpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class PolicyHold:
+class NoSetpoint:
     """Result of a step that sends nothing, with its reason."""
 
     reason: str
@@ -97,7 +97,7 @@ class PolicyController:
         self._since = self._looked = inf  # s: when this hold began, and was looked at last
         self._seen: StateMessage | None = None  # in this hold: what a later state is compared with
 
-    def step(self, state: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
+    def step(self, state: StateMessage | None, deadline: float) -> PolicySetpoint | NoSetpoint | PolicyEnd:
         """Return the action of the period that began at `deadline`, from the newest state.
 
         This is a setpoint, a hold or the end of the drive. `state` None: no state has come yet.
@@ -137,7 +137,7 @@ class PolicyController:
         elif self.holding is None:
             self.shaper.coast(periods)
 
-    def hold(self, reason: str) -> PolicyHold | PolicyEnd:
+    def hold(self, reason: str) -> NoSetpoint | PolicyEnd:
         """Send nothing for now; the end, where that goes on for too long."""
         now = self._clock()
         if self.holding is None:
@@ -150,11 +150,11 @@ class PolicyController:
         self.holding = reason
         if now - self._since > PATIENCE:
             return PolicyEnd(f"held for {PATIENCE:g} s: {reason}")
-        return PolicyHold(reason)
+        return NoSetpoint(reason)
 
     def _drive(
         self, state: StateMessage, reading: BodyReading, deadline: float
-    ) -> PolicySetpoint | PolicyHold | PolicyEnd:
+    ) -> PolicySetpoint | NoSetpoint | PolicyEnd:
         began = self._clock()
         try:
             action = self._actor.act(reading, self._command, self.figures.steps)
@@ -172,7 +172,7 @@ class PolicyController:
         target, velocity = self._actor.shape(action)
         return PolicySetpoint(target - velocity * self.period, velocity)
 
-    def _back(self, state: StateMessage) -> PolicyHold | PolicyEnd | None:
+    def _back(self, state: StateMessage) -> NoSetpoint | PolicyEnd | None:
         """None: it rests in reach, and the drive goes on from there."""
         before = self._seen
         if before is not None and not self._later(state, before):

@@ -11,7 +11,7 @@ import numpy as np
 
 from twind.client import ClientError, Refused
 from twind.learn.live.setpoint_session import SetpointSession
-from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.learn.policy.policy_controller import NoSetpoint, PolicyController, PolicyEnd, PolicySetpoint
 from twind.robot_client.control_timing import RateTimer, in_step
 from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import Clock
@@ -163,7 +163,7 @@ class PolicyRun:
         asked = self._controller.step(self._subscriber.newest, deadline)
         done = self._send(asked) if isinstance(asked, PolicySetpoint) else asked
         self._note(before)
-        if isinstance(done, PolicyHold):
+        if isinstance(done, NoSetpoint):
             done = self._keep(done)
         return done.reason if isinstance(done, PolicyEnd) else None
 
@@ -180,14 +180,14 @@ class PolicyRun:
             self._hold_reported = now
             self._print_reason(reason)
 
-    def _keep(self, hold: PolicyHold) -> PolicyHold | PolicyEnd:
+    def _keep(self, hold: NoSetpoint) -> NoSetpoint | PolicyEnd:
         try:
             self._session.keep()
         except Refused as refusal:
             return self._handle_refusal(refusal)
         return hold
 
-    def _send(self, setpoint: PolicySetpoint) -> PolicyHold | PolicyEnd | None:
+    def _send(self, setpoint: PolicySetpoint) -> NoSetpoint | PolicyEnd | None:
         log = self.log
         seen = self._controller.figures
         log.inference.append(seen.inference)
@@ -203,7 +203,7 @@ class PolicyRun:
         self._controller.record_acceptance()
         return None
 
-    def _handle_refusal(self, refusal: Refused) -> PolicyHold | PolicyEnd:
+    def _handle_refusal(self, refusal: Refused) -> NoSetpoint | PolicyEnd:
         found = _finding_joints(refusal)
         self.log.refusals.update(found)
         if any(code in FINAL for code, _ in found):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from twind.listening_sockets import Listener
 from twind.loop.ipc.child_process import FIRST, spawn
-from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.former_flight_recorder import FormerFlightRecorder
 
 # s without a heartbeat: the front is killed and started anew, as a hanging front serves no client
 HEARTBEAT = 2.0
@@ -37,7 +37,7 @@ class FrontProcess:
         listeners: Mapping[str, Listener],
         flight: int | None = None,
         folder: Path | None = None,
-        crash_recording: CrashRecording | None = None,
+        crash_recording: FormerFlightRecorder | None = None,
     ) -> None:
         """`listeners` by name are removed with `close`. `flight`: descriptor of the flight recorder.
 
@@ -47,7 +47,7 @@ class FrontProcess:
         self._listeners = dict(listeners)
         self._flight = flight
         self._folder = folder
-        self.wreck = crash_recording or CrashRecording(None)
+        self.wreck = crash_recording or FormerFlightRecorder(None)
         self.ended_well = False  # the last front ended on request with exit code 0
         self._cpus = os.sched_getaffinity(0)  # from before the loop was pinned: a front may run on any core
         self.socket: socket.socket | None = None

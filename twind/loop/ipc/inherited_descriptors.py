@@ -16,7 +16,7 @@ _FIRST = 3  # SD_LISTEN_FDS_START
 class InheritedDescriptors:
     """Descriptors from the service manager, which this process closes.
 
-    `close` closes the sockets; `CrashRecording` closes the memfd.
+    `close` closes the sockets; `FormerFlightRecorder` closes the memfd.
     """
 
     sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # listening sockets by name

@@ -20,7 +20,7 @@ from twind.loop.procedures.procedure_runner import Priority, Procedure, ticks
 from twind.motion.endstop_search import HomingPhase
 from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
-from twind.safety.multiturn import KnownPlace
+from twind.safety.multiturn import StatedPlace
 from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireRangeError
 
 REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
@@ -86,7 +86,7 @@ def _turn_kept(
     Its mode was changed meanwhile, which may have changed its count by whole turns.
     """
     joint = pending.request.joint
-    place = KnownPlace(rest, RESTED, "the end-stop search")
+    place = StatedPlace(rest, RESTED, "the end-stop search")
     against = verified.locate(joint, place)
     for _ in range(PAUSE):
         if against is not None or verified.turn_known[joint]:

@@ -19,7 +19,7 @@ from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.lease import Lease
-from twind.safety.multiturn import STATED_NEAR, KnownPlace
+from twind.safety.multiturn import STATED_NEAR, StatedPlace
 
 PATIENCE = 2.0  # s until readings have chosen the turns
 
@@ -88,9 +88,9 @@ class JointLocation:
         stands = context.robot.measured.position[joints].tolist()
         return CallReply({"positions": [None if isnan(each) else each for each in stands]})
 
-    def _place(self, command: link.LocateJoints, joint: int, position: float) -> KnownPlace:
+    def _place(self, command: link.LocateJoints, joint: int, position: float) -> StatedPlace:
         """Return the place that the angle (rad) of an actuator means."""
         _, row, bus = place_on_bus(self._context, joint)
         whole = self._context.robot.bound.file.joints[joint].type.ticks_per_turn
         count = round(bus.zero[row] + position / bus.scale[row])
-        return KnownPlace(count, whole // STATED_NEAR, command.holder)
+        return StatedPlace(count, whole // STATED_NEAR, command.holder)

@@ -23,7 +23,7 @@ from twind.robot.measured_travel import MeasuredTravel
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
 from twind.safety.guard import Guard
-from twind.safety.multiturn import KnownPlace, chosen, fits_twice, inside, outside_travel, unfit
+from twind.safety.multiturn import StatedPlace, chosen, fits_twice, inside, outside_travel, unfit
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 SILENT = 0.1  # s without readings in which a limp device may have restarted: a boot takes longer
@@ -47,7 +47,7 @@ class JointVerificationState:
         # ... and the number of readings in a row that agree with it
         self._agreeing: Ints = np.zeros(count, np.int64)
         self._astray: Floats = np.full(count, inf)  # s, since when
-        self._places: dict[int, KnownPlace] = {}  # places from which a turn is to be chosen
+        self._places: dict[int, StatedPlace] = {}  # places from which a turn is to be chosen
         self._links = [PortState.CLOSED] * len(context.hardware.ports)
         # bus -> findings on joints whose turn is unknown or unusable
         self._unfit: dict[str, Sequence[Finding]] = {}
@@ -107,7 +107,7 @@ class JointVerificationState:
             found += outside_travel(readings.raw.ticks, readings.shift, turns, self._turn_known)
         return found
 
-    def locate(self, joint: int, place: KnownPlace) -> Finding | None:
+    def locate(self, joint: int, place: StatedPlace) -> Finding | None:
         """Let a place choose the turn of a joint some ticks later; return a finding where it contradicts.
 
         A known turn is only compared with the place.

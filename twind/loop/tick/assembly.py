@@ -19,7 +19,7 @@ from twind.loop.bus.bus_port import BusPort, Enabler, Opener
 from twind.loop.bus.bus_tap import BusTap, FlightRecorder
 from twind.loop.bus.hardware import Hardware
 from twind.loop.bus.imu_poller import ImuPoller
-from twind.loop.ipc.crash_recording import CrashRecording
+from twind.loop.ipc.former_flight_recorder import FormerFlightRecorder
 from twind.loop.ipc.front_link import ControlLink, FrontLink
 from twind.loop.ipc.front_process import FrontProcess
 from twind.loop.process.power_child import PowerChild
@@ -287,7 +287,7 @@ def front(
     listeners: Mapping[str, Listener],
     recorder: FlightRecorder | None,
     folder: Path,
-    crash_recording: CrashRecording | None = None,
+    crash_recording: FormerFlightRecorder | None = None,
 ) -> FrontLink:
     """Return the link to a front that starts with the first tick.
 

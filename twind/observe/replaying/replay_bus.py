@@ -13,7 +13,7 @@ from math import inf
 from types import SimpleNamespace
 from typing import Any
 
-from twind.observe.replaying.device_timeline import BusTimeline
+from twind.observe.replaying.device_state_tracker import BusTimeline
 from twind.observe.replaying.recorded_exchanges import FAST, DeviceReply, RecordedExchange, asks, packets
 from twind.observe.replaying.replay_servos import ReplayPosition, ReplayServos, specs, still
 from twind_drivers.dynamixel.packet import STATUS_OVERHEAD, Instruction, status

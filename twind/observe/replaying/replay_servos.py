@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.exceptions import OperationFailed
-from twind.observe.replaying import device_timeline as told
-from twind.observe.replaying.device_timeline import BusTimeline, DeviceEvent
+from twind.observe.replaying import device_state_tracker as told
+from twind.observe.replaying.device_state_tracker import BusTimeline, DeviceEvent
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
 from twind_drivers.virtual.virtual_servos import BAUDS, TRIPPED, ServoSpec, VirtualServos
 

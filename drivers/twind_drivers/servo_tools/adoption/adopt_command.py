@@ -9,7 +9,7 @@ from typing import Any
 from twind.client import Client, ClientError, NoDaemon
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
-from twind.ctl.command_hint import command_hint
+from twind.ctl.hint_options import command_hint
 from twind.ctl.instance_paths import stop
 from twind_calibration.rejection_hints import with_hints
 from twind_calibration.robot_description import RobotDescription, read

@@ -120,7 +120,7 @@ def _part(address: int, data: bytes, wanted: int, size: int, before: int) -> int
 # ------------------------------------------------------------------------------------------ what happens
 
 
-class DeviceTimeline:
+class DeviceStateTracker:
     """Known state of one device while its exchanges are read in time order."""
 
     def __init__(self, id: int, made: ControlTable, since: float) -> None:
@@ -206,7 +206,7 @@ class DeviceTimeline:
 
 def _turns(story: BusTimeline) -> Iterator[DeviceEvent]:
     begin = min((each.time for each in (*story.kept[:1], *story.told[:1])), default=0.0)
-    seen = {id: DeviceTimeline(id, made, begin - JUST) for id, made in story.tables.items()}
+    seen = {id: DeviceStateTracker(id, made, begin - JUST) for id, made in story.tables.items()}
     first = story.told[0] if story.told else None
     for exchange in (*story.kept, *story.told):
         if exchange is first:

@@ -2,11 +2,11 @@
 
 import os
 
-from twind.loop.ipc.crash_recording import FRONTS, CrashRecording
+from twind.loop.ipc.former_flight_recorder import FRONTS, FormerFlightRecorder
 
 
-def recording() -> tuple[CrashRecording, list[str]]:
-    made = CrashRecording(os.memfd_create("wreck"))
+def recording() -> tuple[FormerFlightRecorder, list[str]]:
+    made = FormerFlightRecorder(os.memfd_create("wreck"))
     told = list[str]()
     made.then = lambda: told.append("done")
     return made, told
@@ -63,7 +63,7 @@ def test_closed_here_it_stays_where_it_is_kept() -> None:
 
 
 def test_an_absent_crash_recording_reports_nothing() -> None:
-    one = CrashRecording(None)
+    one = FormerFlightRecorder(None)
     told = list[str]()
     one.then = lambda: told.append("done")
     one.taken()

@@ -6,7 +6,15 @@ import pytest
 
 from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry
-from twind.observe.replaying.device_timeline import CHANGED, DAMAGED, HEARD, READ, SILENT, BusTimeline, story
+from twind.observe.replaying.device_state_tracker import (
+    CHANGED,
+    DAMAGED,
+    HEARD,
+    READ,
+    SILENT,
+    BusTimeline,
+    story,
+)
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import number_of
 

@@ -13,7 +13,7 @@ ALONE = ("check",)  # verbs that ask no daemon
 
 
 @dataclass(frozen=True, slots=True)
-class CommandHint:
+class HintOptions:
     """Options that select the daemon and the robot of this call, in shell syntax."""
 
     socket: str = ""  # "--socket DIR "; "": the usual one
@@ -37,7 +37,7 @@ class CommandHint:
         return f"twindctl {self.socket}{verb}{self.files if verb in WITH_FILES else ''}"
 
 
-def command_hint(options: argparse.Namespace, place: str | None = None) -> CommandHint:
+def command_hint(options: argparse.Namespace, place: str | None = None) -> HintOptions:
     """Build the hint from the options of this call.
 
     `place`: folder of the daemon's sockets, if another option gives it.
@@ -49,4 +49,4 @@ def command_hint(options: argparse.Namespace, place: str | None = None) -> Comma
         if (value := getattr(options, name, None))
     ]
     ports = [f" --port {shlex.quote(port)}" for port in getattr(options, "port", None) or ()]
-    return CommandHint(f"--socket {shlex.quote(where)} " if where else "", "".join([*files, *ports]))
+    return HintOptions(f"--socket {shlex.quote(where)} " if where else "", "".join([*files, *ports]))

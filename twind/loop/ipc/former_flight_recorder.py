@@ -6,7 +6,7 @@ from collections.abc import Callable
 FRONTS = 2  # fronts that receive it; if they die of it, it is given up, or no front would ever stay alive
 
 
-class CrashRecording:
+class FormerFlightRecorder:
     """Flight recorder of a former daemon; `fd` is None without one, or once it is done."""
 
     def __init__(self, fd: int | None) -> None:
