@@ -1,4 +1,4 @@
-"""Move a robot by a keyboard or a gamepad, while a key or its dead-man is held.
+"""Move a robot by a keyboard or a gamepad.
 
 Without --mapping, arrows select a joint and move it, digits are poses, letters motions, space stops. Nothing
 is faster than jog: 0.2 rad/s, and less for slow joints. Where the terminal reports no releases, a short press

@@ -1,4 +1,4 @@
-"""Export a flight file or a recording as .mcap, for Foxglove and ROS 2 tools.
+"""Export a flight file or a recording as .mcap.
 
 The raw bus bytes of a flight file become the topic /twind/wire. No file is overwritten. `ros2 bag` cannot
 read files with JSON messages: for it, --ros puts them into std_msgs/String.

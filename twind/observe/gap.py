@@ -8,7 +8,6 @@ daemon in mode live. Robot and identified model are those of the recording, or t
 
 import argparse
 from dataclasses import asdict
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ group = "see"
 supports_remote = True
 
 HEADINGS = ("joint", "moved", "delay")
+LONGEST = 120.0  # s of --live: all states of it are kept
 FASTEST = 1000.0  # Hz asked for: the daemon sends each tick at most once
 UNITS = {"position": ("mrad", 1e3), "velocity": ("rad/s", 1.0), "effort": ("N·m", 1.0)}
 
@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: the table is printed. Raises Rejected, UsageError."""
-    if not (isfinite(options.seconds) and options.seconds > 0.0):
-        raise UsageError(f"--seconds {options.seconds:g} must be positive")
+    if not 0.0 < options.seconds <= LONGEST:
+        raise UsageError(f"--seconds {options.seconds:g}: above 0, at most {LONGEST:g}")
     if options.robot is None and (options.calibration or options.identified):
         raise UsageError("--calibration and --identified need --robot")
     from twind.exceptions import InvalidInput

@@ -1,4 +1,4 @@
-"""Recover a recording that was cut off by a power cut, a kill or a full disk.
+"""Recover a recording that was cut off.
 
 Writes all complete data to a new file, with an index. The old file stays unchanged; no file is overwritten.
 """
