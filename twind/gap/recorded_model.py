@@ -1,4 +1,7 @@
-"""A robot to simulate, from the answer of `GetRobot`, as recordings hold it. Executes nothing of it, but opens the mesh files that its model names."""
+"""A robot to simulate, from the answer of `GetRobot`, as recordings hold it.
+
+Executes nothing of it, but opens the mesh files that its model names.
+"""
 
 import os
 from collections.abc import Mapping
