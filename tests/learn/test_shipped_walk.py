@@ -1,5 +1,7 @@
 """The policy that comes with h24-standing walks as it is asked to."""
 
+import math
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +10,14 @@ import pytest
 pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 pytest.importorskip("mink", reason="the extra walk")
 
+from tests.support.standing_rig import StandingRig
 from twind import robots
+from twind.config.robot_file import load_robot
 from twind.learn.batch.batch_core import BatchCore
+from twind.learn.cards.card_file import load_any
 from twind.learn.policy.policy_file import read
 from twind.learn.task.learning_tasks import WALK
+from twind.virtual.robot_ground_truth import random_truth
 
 FILE = Path(robots.__file__).with_name("h24-standing.walk.onnx")
 LARGEST = 1_000_000  # bytes
@@ -63,3 +69,39 @@ def test_it_walks_five_metres_at_the_commanded_speed(randomise: str | None) -> N
     print(f"{randomise}: {np.round(way, 2)}, {fallen.sum()} of {len(fallen)} fell")
     assert fallen.sum() == 0
     assert (way >= 5.0).all()
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(10))
+def test_it_walks_five_metres_through_gate_and_virtual_servos_of_unknown_friction_and_play(seed: int) -> None:
+    truth = random_truth(load_robot("h24-standing"), seed)
+    with closing(StandingRig(truth=truth)) as rig:
+        way, end = through_the_daemon(rig, 0.0)
+        print(f"seed {seed}: {way:.2f} m, {end}, refused {dict(rig.refused)}")
+        assert end is None and not rig.refused and not rig.told
+        assert way >= 5.0
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("eighth", range(8))
+def test_it_bears_pushes_while_it_walks(eighth: int) -> None:
+    with closing(StandingRig()) as rig:
+        way, end = through_the_daemon(rig, 0.3, eighth * math.pi / 4)
+        print(f"pushes towards {45 * eighth} degrees: {way:.2f} m, {end}, refused {dict(rig.refused)}")
+        assert end is None
+
+
+def through_the_daemon(rig: StandingRig, push: float, direction: float = 0.0) -> tuple[float, str | None]:
+    """Walk 40 s at 0.15 m/s, pushed by N·s every 4 s; the way by strides, m, and why it ended early."""
+    rig.stand_up()
+    rig.pilots(load_any(FILE), (0.15, 0.0, 0.0))
+    places: list[np.ndarray] = []
+
+    def each(step: int) -> None:
+        places.append(rig.body.data.qpos[:2].copy())
+        if push and step % 200 == 199:
+            rig.base_support.push(push * math.cos(direction), push * math.sin(direction))
+
+    end = rig.drive(40.0, each)
+    strides = np.array(places)[:: round(WALK.stride / PERIOD)]
+    return float(np.linalg.norm(np.diff(strides, axis=0), axis=1).sum()), end

@@ -5,6 +5,7 @@ estimate. A setpoint is sent once the news of a tick are out, so the next tick t
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ VALID = 0.06  # s, as `live/setpoint_session.py`
 class StandingRig(Rig):
     """h24-standing with a body; `drive` lets a policy stand it."""
 
-    def __init__(self, robot: str = "h24-standing", mode: Mode = Mode.LIVE) -> None:
+    def __init__(self, robot: str = "h24-standing", mode: Mode = Mode.LIVE, **others: Any) -> None:
+        """`others`: of `Rig`."""
         self._made_buses: dict[str, Any] = {}
-        super().__init__(robot, mode)
+        super().__init__(robot, mode, **others)
         self.pilot: PolicyController | None = None
         self.refused: Counter[str] = Counter()
         self.told: list[str] = []  # why it held or ended
@@ -62,8 +64,8 @@ class StandingRig(Rig):
         tick = next(news for news in reversed(self.news) if isinstance(news, Tick))
         return of_tick(tick, self.clock.now())
 
-    def pilots(self, policy: Any) -> PolicyController:
-        """The policy, at the reins of this robot."""
+    def pilots(self, policy: Any, command: Sequence[float] = (0.0, 0.0, 0.0)) -> PolicyController:
+        """The policy, at the reins of this robot. `command`: forward, left, m/s; turn, rad/s."""
         plant = plant_of(self.robot, period=self.loop.robot.period)
         task = task_for(policy)
         limits = plant.binding.limits
@@ -75,9 +77,9 @@ class StandingRig(Rig):
             actor,
             self.estimator,
             judge.fallen,
-            np.zeros(3),
+            np.array(command),
             self.clock.now,
-            judge.per_step(np.zeros(3), task.phases(actor.period)),
+            judge.per_step(np.array(command), task.phases(actor.period)),
         )
         return self.pilot
 
