@@ -10,7 +10,7 @@ from tests.support.tick_calls import TickCalls, count_calls
 from twind.robot.fall_settings import FallReaction
 
 # by tilt, rad: calls more than without `fall`, Python 3.11
-GROWTH = {0.0: TickCalls(3, 5), 0.15: TickCalls(22, 35)}
+GROWTH = {0.0: TickCalls(3, 5), 0.15: TickCalls(22, 31)}
 SLACK = 3.0  # calls: rounds of different length meet differently
 
 
