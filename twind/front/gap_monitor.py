@@ -60,6 +60,7 @@ class GapMonitor:
         except BlockingIOError:
             return
         except OSError:
+            self._report_stop("its process ended")
             self.close()
 
     def housekeep(self, now: float) -> None:
