@@ -69,3 +69,47 @@ def test_a_warm_joint_is_not_stepped() -> None:
 def test_a_robot_without_torque_is_not_tuned() -> None:
     with pytest.raises(Rejected, match="twindctl arm"):
         bench(RefusingRobot(COLD, goal=0.0, armed=False))
+
+
+class TriedRobot(RefusingRobot):
+    """Takes gains, while another client reloads the files."""
+
+    def __init__(self) -> None:
+        super().__init__(COLD, goal=0.0)
+        self.state = SimpleNamespace(stamp=0.0)
+        self.moved = False
+
+    def states(self) -> list[SimpleNamespace]:
+        return [self.state]
+
+    def try_gains(self, kind: str, gains: dict[str, float]) -> None: ...
+
+    def arm(self) -> None: ...
+
+    def move(self, *_: object, **__: object) -> None:
+        self.moved = True
+
+
+class Describing(NoStates):
+    """An observer that says which gains are in force."""
+
+    def __enter__(self) -> "Describing":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def call(self, _method: str) -> dict[str, Any]:
+        known = {**JOINT, "type": {"gains": {"p": 800, "i": 0, "d": 0}}}
+        return {"robot": {"joints": [known]}}
+
+
+def test_gains_that_another_client_replaced_end_the_tuning_before_a_step() -> None:
+    robot = TriedRobot()
+    given = {"p": 800.0, "i": 0.0, "d": 0.0}
+    made = StepBench(robot, Describing, {"elbow": JOINT}, given, 0.2)  # type: ignore[arg-type]
+    made.apply(given)
+    assert robot.moved
+    robot.moved = False
+    with pytest.raises(Rejected, match="another client changed the gains"):
+        made.apply({**given, "p": 1120.0})
+    assert not robot.moved

@@ -328,3 +328,26 @@ def test_gains_of_a_client_need_its_lease_and_those_of_the_front_need_none(quiet
     assert quiet.adopt(tried, reread=False, client=CLIENT).error is None
     assert quiet.adopt(tried, reread=False).error is None
     assert codes(quiet.adopt(tried, reread=False, client=CLIENT + 1)) == [ReasonCode.LEASE_MISSING]
+
+
+def test_gains_that_a_client_tries_are_armed_and_changed_by_that_client_alone(quiet: Rig) -> None:
+    tried = {"types.xm430.gains": {"p": 900, "i": 0, "d": 0}}
+    of_file = {"types.xm430.gains": {"p": 1600, "i": 0, "d": 0}}
+    quiet.lease()
+    assert quiet.adopt(tried, reread=False, client=CLIENT, on_trial=True).error is None
+    other = CLIENT + 1
+    assert quiet.call(link.AcquireLease, client=other, take=True).error is None
+    refused = quiet.call(link.Arm, client=other)
+    assert codes(refused) == [ReasonCode.BUSY]
+    assert codes(quiet.adopt(tried, reread=False, client=other, on_trial=True)) == [ReasonCode.BUSY]
+    assert quiet.adopt(of_file, reread=False).error is None
+    assert quiet.call(link.Arm, client=other).error is None
+
+
+def test_the_client_that_tries_gains_arms_with_them(quiet: Rig) -> None:
+    quiet.lease()
+    tried = {"types.xm430.gains": {"p": 900, "i": 0, "d": 0}}
+    assert quiet.adopt(tried, reread=False, client=CLIENT, on_trial=True).error is None
+    assert quiet.adopt({"log_level": "debug"}, reread=False, client=CLIENT + 1, on_trial=True).error is None
+    quiet.lease()
+    assert quiet.call(link.Arm).error is None

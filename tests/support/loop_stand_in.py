@@ -128,6 +128,7 @@ class StandIn:
         self.paths: list[bytes] = []
         self.answers: dict[type, Answer] = {}
         self.armed = True
+        self.lease_client = 0
         self.deaf = False  # reads nothing, so that the pipe fills
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -191,7 +192,8 @@ class StandIn:
             now = time.monotonic()
             try:
                 if sequence % 10 == 1:
-                    self.send(overview(now, sequence))
+                    whole = overview(now, sequence)
+                    self.send(msgspec.structs.replace(whole, lease_client=self.lease_client))
                 news = msgspec.structs.replace(tick(now, sequence), armed=self.armed)
                 self.send(news if self.goal is None else msgspec.structs.replace(news, goal=self.goal))
             except OSError:

@@ -302,7 +302,7 @@ def _report_stream(front: FrontServer, call: ClientCall) -> None:
 def _set_parameters(front: FrontServer, call: ClientCall) -> None:
     """Set parameters until the next start; a client may only tighten the limits of the robot file.
 
-    Gains are for the holder of the lease, and until its connection ends.
+    Gains are for the holder of the lease, and while it holds it.
     """
     given = call.parameters["parameters"]
     now = front.world.briefing.parameters

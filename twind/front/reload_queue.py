@@ -61,7 +61,7 @@ class ReloadQueue:
         self._waiting: deque[ReloadRequest] = deque()
         self._now: ReloadRequest | None = None
         self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
-        self._owner = NOBODY  # client whose gains are in force
+        self._owner = NOBODY  # client that changed gains last: those under trial are its own
         self._put_back_at = 0.0  # s
 
     def close(self) -> None:
@@ -80,14 +80,20 @@ class ReloadQueue:
         self._next()
 
     def put_back_gains(self, now: float) -> None:
-        """Put the gains of the files in force again, at rest, once the client that tries others is gone.
+        """Put the gains of the files in force at rest, once the client that tries others lost its lease.
 
-        The next front process has no client that does. Called in each round of housekeeping.
+        The next front process has no client that does. Called in each round of housekeeping, once tick and
+        overview are known.
         """
-        replaced = self._front.world.briefing.replaced_gains
-        if not replaced or self._owner in self._front.sessions or now < self._put_back_at:
+        world = self._front.world
+        replaced = world.briefing.replaced_gains
+        if not replaced or now < self._put_back_at:
             return
-        tick = self._front.world.tick
+        overview = world.overview
+        holder = NOBODY if overview is None else overview.lease_client
+        if self._owner != NOBODY and self._owner == holder and self._owner in self._front.sessions:
+            return
+        tick = world.tick
         idle = self._now is None and not self._waiting
         if idle and tick is not None and not tick.armed:
             self._put_back_at = now + AGAIN
@@ -169,6 +175,7 @@ class ReloadQueue:
             changes=reading.changes,
             needs_restart=reading.needs_restart,
             reread=request.changes is None,
+            on_trial=bool(reading.briefing.replaced_gains),
         )
         fd = seal("twind-briefing", msgspec.msgpack.encode(reading.briefing))
         try:
@@ -176,9 +183,9 @@ class ReloadQueue:
         finally:
             os.close(fd)
         if not sent:
-            front.loop.call_later(0.05, self._restart_worker, request)
+            front.loop.call_later(0.05, self._send_again, request)
 
-    def _restart_worker(self, request: ReloadRequest) -> None:
+    def _send_again(self, request: ReloadRequest) -> None:
         if self._now is request and self._front.now() < request.deadline:
             deadline = request.deadline
             self._send(request)
@@ -198,8 +205,8 @@ class ReloadQueue:
         assert request.reading is not None
         assert request.reading.briefing is not None
         self._adopt(request.reading.briefing, request.foresight)
-        if request.call is not None and request.reading.briefing.replaced_gains:
-            self._owner = request.call.caller.number
+        if of_robot(request.reading.changes):
+            self._owner = NOBODY if request.call is None else request.call.caller.number
         if request.changes is None:
             self._finish_reload(lambda call: call.reply(encode(named)))
         else:

@@ -49,9 +49,14 @@ class StepBench:
         }
 
     def apply(self, gains: Gains) -> None:
-        """Rest pose, torque off, gains, torque on, back to the place. Raises Refused, ClientError."""
+        """Rest pose, torque off, gains, torque on, back to the place. Raises Rejected, ClientError."""
         self._put(gains)
         self._robot.arm()
+        with self._listener() as client:
+            described = client.call("GetRobot")["robot"]["joints"]
+        now = next(each["type"]["gains"] for each in described if each["name"] in self._joints)
+        if any(now[name] != value for name, value in gains.items()):  # under torque they stay as they are
+            raise Rejected(f"another client changed the gains of {self._kind} to {now}: tune again, alone")
         self._robot.move(self._place, retime=True)
 
     def restore(self) -> None:

@@ -199,6 +199,7 @@ class ApplyChanges(Command, frozen=True, kw_only=True, tag="Adopt"):
     changes: dict[str, Any]
     needs_restart: Sequence[str] = ()
     reread: bool = True  # from files read again; False: from a client's call
+    on_trial: bool = False  # gains other than the file's are in force then, for this client alone
 
 
 class ReloadStarted(LinkMessage, frozen=True, kw_only=True, tag="Rereading"):

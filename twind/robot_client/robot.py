@@ -200,7 +200,7 @@ class Robot:
         self._connection.call("Disarm")
 
     def try_gains(self, kind: str, gains: Mapping[str, float]) -> None:
-        """Disarm, then put gains of a type of the robot file in force, until this Robot is closed.
+        """Disarm, then put gains of a type of the robot file in force, while this Robot has the lease.
 
         All of the type's gains are given. After that the daemon puts those of the file back as soon as torque
         is off. Raises Refused, CallError: another client holds the lease; ClientError.

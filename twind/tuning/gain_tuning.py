@@ -8,7 +8,7 @@ from twind.exceptions import InvalidInput
 from twind.tuning.gain_search import Gains, GainSearch, GainTry
 from twind.tuning.step_response import StepResponse, worst
 
-ABORT = 0.6  # overshoot, share of the step: beyond it a try ends at once
+ABORT = 0.6  # overshoot, share of the step: beyond it no further joint is stepped with these gains
 
 
 class TuningBench(Protocol):

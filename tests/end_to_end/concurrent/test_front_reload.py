@@ -153,6 +153,45 @@ def test_gains_that_a_client_tries_go_with_its_connection(loop: StandIn) -> None
     assert sent[0].client != 0 and sent[1].client == 0 and not any(command.reread for command in sent)
 
 
+def trying(loop: StandIn, client: Raw) -> None:
+    """Let a client that holds the lease try gains, at rest."""
+    loop.answers[link.ApplyChanges] = granted
+    assert "error" not in client.call("SetParameters", parameters={GAINS: TRIED})
+    sent = [command for command in loop.commands if isinstance(command, link.ApplyChanges)]
+    loop.lease_client = sent[-1].client
+    assert sent[-1].on_trial
+    time.sleep(0.3)  # until an overview has told it
+    loop.armed = False
+
+
+def test_a_setting_of_another_client_does_not_make_the_gains_its_own(loop: StandIn) -> None:
+    with Raw(loop) as watching, Raw(loop) as other:
+        with Raw(loop) as client:
+            trying(loop, client)
+            assert "error" not in other.call("SetParameters", parameters={"log_level": "info"})
+            time.sleep(1.0)
+            assert gains(watching) == TRIED
+        until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
+
+
+def test_gains_stay_when_another_client_that_set_something_ends(loop: StandIn) -> None:
+    with Raw(loop) as watching, Raw(loop) as client:
+        trying(loop, client)
+        with Raw(loop) as other:
+            other.call("SetParameters", parameters={"log_level": "info"})
+        time.sleep(1.0)
+        assert gains(watching) == TRIED
+
+
+def test_gains_under_trial_end_with_the_lease_of_their_client(loop: StandIn) -> None:
+    with Raw(loop) as watching, Raw(loop) as client:
+        trying(loop, client)
+        time.sleep(0.6)
+        assert gains(watching) == TRIED
+        loop.lease_client = 0
+        until(lambda: gains(watching) == OF_FILE, 10.0, "the gains of the file")
+
+
 def test_gains_that_may_not_go_back_yet_are_put_back_later(loop: StandIn) -> None:
     loop.answers[link.ApplyChanges] = granted
     refusals = iter([True, False])

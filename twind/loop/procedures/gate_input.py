@@ -32,6 +32,7 @@ class GateInput:
         self.thresholds = parts.thresholds  # in force; a reload replaces them
         self.judged_since = 0  # generation of the last change of the robot: older verdicts do not count
         self.busy = False  # a trajectory is being judged (BUSY)
+        self.gains_tried_by = 0  # client whose gains are in force instead of the file's; 0: none
         self._context = context
         self._figures = figures
         self._guard = parts.guard
@@ -75,9 +76,20 @@ class GateInput:
             ),
         )
 
+    def foreign_gains(self, client: int) -> tuple[Finding, ...]:
+        """Return BUSY if gains that another client than `client` tries are in force."""
+        if self.gains_tried_by in (0, client):
+            return ()
+        message = "gains that another client tried are in force; those of the robot file follow: try again"
+        return (Finding(ReasonCode.BUSY, message=message),)
+
     def may_arm(self, client: int, now: float, *, limp: Bools) -> Verdict:
-        """Judge the request Arm of all joints but `limp` (n,): LEASE_MISSING to LATENCY_BLOCK."""
+        """Judge the request Arm of all joints but `limp` (n,): LEASE_MISSING to LATENCY_BLOCK.
+
+        BUSY: gains that another client tries are in force.
+        """
         verdict = admission.arming(self.snapshot(client, now), self.thresholds, ~limp)
+        verdict = replace(verdict, refusals=(*verdict.refusals, *self.foreign_gains(client)))
         if self._context.condition.mode is Mode.LIVE and not self._context.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))

@@ -133,7 +133,7 @@ class ReloadCoordinator:
         if robot:
             one = context.robot.bound.with_changes(robot)
             unfit = (
-                *self._without_lease(command, now),
+                *self._not_allowed(command, now),
                 *self.at_rest(),
                 *outside(context, one.binding.limits, now),
             )
@@ -146,18 +146,21 @@ class ReloadCoordinator:
         self.generation = command.generation
         if robot:
             self._gate_input.judged_since = self.generation
+            self._gate_input.gains_tried_by = command.client if command.on_trial else 0
         self._parts.link.set_briefing(briefing)
         self._publish_reload(command)
         return True
 
-    def _without_lease(self, command: link.ApplyChanges, now: float) -> tuple[Finding, ...]:
-        """Return LEASE_MISSING for a client that changes the robot itself; empty: it holds the lease.
+    def _not_allowed(self, command: link.ApplyChanges, now: float) -> tuple[Finding, ...]:
+        """Return LEASE_MISSING for a client that changes the robot itself, BUSY after another one's trial.
 
-        Files, and gains that the front puts back, need none.
+        Empty: it holds the lease. Files, and gains that the front puts back, need none.
         """
-        if command.reread or command.client in (0, self._parts.lease.holder_client(now)):
+        if command.reread or command.client == 0:
             return ()
-        return (Finding(ReasonCode.LEASE_MISSING, message="take the lease first"),)
+        if command.client != self._parts.lease.holder_client(now):
+            return (Finding(ReasonCode.LEASE_MISSING, message="take the lease first"),)
+        return self._gate_input.foreign_gains(command.client)
 
     def _refuse(self, command: link.ApplyChanges, findings: tuple[Finding, ...]) -> None:
         self._context.reports.refuse(command, findings)
