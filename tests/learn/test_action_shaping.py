@@ -72,6 +72,26 @@ def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int, shapi
         np.testing.assert_allclose(follower.step().position, target, atol=1e-12)
 
 
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.integers(1, 3))
+@examples(60)
+def test_missed_periods_leave_targets_within_the_limits(
+    seed: int, smoothing: float, acceleration_share: float, longest: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    bounds = limits(rng, 6)
+    default = rng.uniform(bounds.lower, bounds.upper)
+    shaper = ActionShaper(
+        bounds, default, ActionShaping(smoothing=smoothing, acceleration_share=acceleration_share)
+    )
+    for action in actions(rng, 150, 6):
+        before = shaper.step(action)[0].copy()
+        if rng.random() < 0.3:
+            shaper.coast(int(rng.integers(1, longest + 1)))
+            before = shaper.target.copy()
+        assert (before >= bounds.lower - ROUNDING).all() and (before <= bounds.upper + ROUNDING).all()
+        assert (np.abs(shaper.velocity) <= bounds.velocity + ROUNDING).all()
+
+
 def test_a_small_step_is_smoothed_with_one_pole() -> None:
     wide = np.full(1, 3.0)
     bounds = JointLimits(-wide, wide, -wide, wide, wide, 10.0 * wide, wide)

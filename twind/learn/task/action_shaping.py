@@ -72,7 +72,7 @@ class ActionShaper:
         zeros = np.zeros_like(self.target)
         self._place = zeros.copy()
         self._speed = zeros.copy()
-        self._way, self._count, self._eased, self._work = (zeros.copy() for _ in range(4))
+        self._way, self._size, self._count, self._work = (zeros.copy() for _ in range(4))
 
     def reset(self, target: Floats | None = None, at: Any = ...) -> None:
         """Begin at rest on `target` (…, n), the default pose if None; `at`: of these of several robots."""
@@ -85,13 +85,19 @@ class ActionShaper:
     def coast(self, periods: int) -> None:
         """Move the targets by themselves for `periods` in which none was sent.
 
-        The loop goes on with the velocity of its last setpoint; a goal at its limit stays there, at rest.
+        The loop goes on with the velocity of its last setpoint; a goal at its limit stays there, at rest. A
+        target that came so near to a limit that it cannot brake any more gets the fastest speed that can.
         """
-        np.add(self._place, self._speed * periods, self._place)
-        out = (self._place < self._least) | (self._place > self._most)
-        self._place.clip(self._least, self._most, self._place)
-        self._speed[out] = self.velocity[out] = 0.0
-        np.add(self._place * self._unit, self.default, self.target)
+        place = self._place
+        speed = self._speed
+        np.add(place, speed * periods, place)
+        place.clip(self._least, self._most, place)
+        room = np.where(speed > 0.0, self._most - place, place - self._least)
+        fastest = np.zeros_like(room)
+        _stopping_speed(room, np.zeros_like(room), fastest)
+        np.copysign(np.minimum(np.abs(speed), fastest), speed, speed)
+        np.multiply(speed, self._per_second, self.velocity)
+        np.add(place * self._unit, self.default, self.target)
 
     def step(self, action: NDArray[Any]) -> tuple[Floats, Floats]:
         """The target (…, n) for the end of the next period, rad, and the velocity towards it, rad/s.
@@ -102,26 +108,17 @@ class ActionShaper:
         place = self._place
         speed = self._speed
         way = self._way
+        size = self._size
         work = self._work
         way[...] = action
         np.multiply(way, self._reach, way)
         np.maximum(way, self._least, out=way)  # in two: cheaper than `clip`
         np.minimum(way, self._most, out=way)
         np.subtract(way, place, way)
-        np.abs(way, work)
-        count = self._count
-        np.multiply(work, 2.0, count)
-        np.add(count, 0.25, count)
-        np.sqrt(count, count)
-        np.subtract(count, 0.5, count)
-        np.ceil(count, count)
-        np.maximum(count, 1.0, out=count)
-        np.multiply(work, self.shaping.smoothing, self._eased)
-        np.divide(work, count, work)
-        np.multiply(count, 0.5, count)
-        np.add(work, count, work)
-        np.subtract(work, 0.5, work)  # the fastest that is at rest at the goal
-        np.minimum(work, self._eased, out=work)
+        np.abs(way, size)
+        _stopping_speed(size, self._count, work)
+        np.multiply(size, self.shaping.smoothing, size)
+        np.minimum(work, size, out=work)
         np.minimum(work, self._fastest, out=work)
         np.copysign(work, way, work)
         np.subtract(work, speed, work)
@@ -133,3 +130,17 @@ class ActionShaper:
         np.add(work, self.default, self.target)
         np.multiply(speed, self._per_second, self.velocity)
         return self.target, self.velocity
+
+
+def _stopping_speed(way: Floats, count: Floats, out: Floats) -> None:
+    """Set `out` to the fastest speed that is at rest after `way`, in the shaper's units; `count`: space."""
+    np.multiply(way, 2.0, count)
+    np.add(count, 0.25, count)
+    np.sqrt(count, count)
+    np.subtract(count, 0.5, count)
+    np.ceil(count, count)
+    np.maximum(count, 1.0, out=count)  # whole periods of braking
+    np.divide(way, count, out)
+    np.multiply(count, 0.5, count)
+    np.add(out, count, out)
+    np.subtract(out, 0.5, out)
