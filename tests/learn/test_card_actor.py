@@ -75,6 +75,18 @@ def test_a_target_beyond_the_limits_is_cut_and_counted(tmp_path: Path) -> None:
     assert made.shaper.clipped == 1
 
 
+@pytest.mark.parametrize(("clip", "reached"), [("[-9.0, -8.0]", -1.0), ("[8.0, 9.0]", 1.0)])
+def test_actions_that_all_lie_beyond_the_limits_hold_the_limit(
+    tmp_path: Path, clip: str, reached: float
+) -> None:
+    text = HEAD + PLAIN.replace("scale_rad: 0.5", f"scale_rad: 0.5, clip: {clip}")
+    made = actor(tmp_path, linear(5, 2), text)
+    made.begin()
+    assert (np.abs(made.shaper.target) <= 1.0).all()
+    target, _ = made.shape(acted(made))
+    np.testing.assert_allclose(target, [reached, reached], atol=1e-5)
+
+
 def test_an_action_is_clipped_before_it_is_scaled(tmp_path: Path) -> None:
     made = actor(tmp_path, linear(5, 2, bias=9.0), HEAD + PLAIN.replace("0.5,", "0.5, clip: [-1.0, 0.2],"))
     assert acted(made).tolist() == pytest.approx([0.2, 0.2])

@@ -117,6 +117,13 @@ def test_a_value_that_is_not_finite_is_named() -> None:
     )
 
 
+def test_a_value_that_float32_cannot_hold_is_named() -> None:
+    watch = observer("joint_velocity: {scale: 1.0e+38}")
+    assert watch.observe(reading(velocity=(0.0, 100.0, 0.0)), TARGET, COMMAND, 0) == (
+        "entry joint_velocity[0] of the observation is not finite"
+    )
+
+
 @given(
     st.integers(1, 4),
     st.integers(0, 6),

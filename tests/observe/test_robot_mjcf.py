@@ -126,6 +126,25 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "out.xml").read_text() == "mine"
 
 
+def test_a_broken_model_is_refused_and_nothing_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ROBOT.mjcf_path.with_name("pan-tilt.yaml")
+    file = tmp_path / "robot.yaml"
+    file.write_text(own.read_text())
+    (tmp_path / "pan-tilt.xml").write_text(own.with_suffix(".xml").read_text())  # without what it includes
+    out = tmp_path / "made" / "out.xml"
+    assert main(["robot", "export", str(file), "--mjcf", str(out)]) == 2
+    assert "opening file 'servos.xml'" in capsys.readouterr().err and not out.parent.exists()
+    assert main(["policy", "card", "--template", "isaaclab", "--robot", str(file)]) == 1
+    assert "opening file 'servos.xml'" in capsys.readouterr().err
+
+
+def test_the_folder_of_the_file_is_made(tmp_path: Path) -> None:
+    assert main(["robot", "export", "koch", "--mjcf", str(tmp_path / "made" / "out.xml")]) == 0
+    mujoco.MjModel.from_xml_path(str(tmp_path / "made" / "out.xml"))
+
+
 def test_the_command_takes_an_identified_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = identified()
     assert robot.identified is not None

@@ -76,12 +76,15 @@ class CardTargets:
     """Targets of a carded policy (n,), rad. The loop moves to them within its limits and reports delays."""
 
     def __init__(self, limits: JointLimits, default: Floats, reach: tuple[Floats, Floats] | None) -> None:
-        """`reach`: lowest and highest target that the clipped action can ask for; None: no clip."""
+        """`reach`: lowest and highest target that the clipped action can ask for; None: no clip.
+
+        Of a joint whose reach lies beyond its limits, the nearest limit is the only target.
+        """
         self.default = frozen(default)
         self.reach = reach
         low, high = (limits.lower, limits.upper) if reach is None else reach
-        self.lower = frozen(np.maximum(low, limits.lower + MARGIN))
-        self.upper = frozen(np.minimum(high, limits.upper - MARGIN))
+        self.lower = frozen(np.clip(low, limits.lower + MARGIN, limits.upper - MARGIN))
+        self.upper = frozen(np.clip(high, limits.lower + MARGIN, limits.upper - MARGIN))
         self.velocity = limits.velocity
         self.target = default.copy()
         self.clipped = 0  # targets that the action put beyond the limits

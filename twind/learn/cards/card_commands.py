@@ -73,7 +73,7 @@ def write_template(options: argparse.Namespace) -> int:
         else:
             with open(options.out, "x", encoding="utf-8") as file:
                 file.write(text)
-    except (ConfigError, OSError) as error:
+    except (ConfigError, InvalidInput, OSError) as error:
         raise Rejected(str(error)) from None
     return DONE
 

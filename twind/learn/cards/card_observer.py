@@ -180,7 +180,6 @@ class _CardInput:
         steps, size = self._frames.shape
         shapes = {"flat": (1, len(self._order)), "steps": (1, steps, size), "channels": (1, size, steps)}
         self.shape: tuple[int, ...] = shapes[spec.shape]
-        self.name = name
 
     def begin(self) -> None:
         """Forget the frames."""
@@ -191,13 +190,16 @@ class _CardInput:
         """Name of an entry of a frame, such as `joint_velocity[3]`."""
         return self._labels[entry]
 
-    def frame(self, values: Floats) -> Floats:
-        """Return the entries of now (size,)."""
+    def frame(self, values: Floats) -> Observations:
+        """Return the entries of now (size,): infinite where the network's float32 cannot hold them."""
         raw = values[self._place] * self._sign + self._shift
-        found: Floats = np.minimum(np.maximum(raw, self._low), self._high) * self._scale
-        return found if self._spec.clip is None else np.clip(found, *self._spec.clip)
+        found = np.minimum(np.maximum(raw, self._low), self._high) * self._scale
+        low, high = UNBOUNDED if self._spec.clip is None else self._spec.clip
+        with np.errstate(over="ignore"):
+            kept: Observations = np.clip(found, low, high).astype(np.float32)
+        return kept
 
-    def push(self, frame: Floats) -> Observations:
+    def push(self, frame: Observations) -> Observations:
         """Add a frame; return the array for the network, in `shape`."""
         self._frames[:-1] = frame if self._empty and self._spec.fill == "first" else self._frames[1:].copy()
         self._frames[-1] = frame

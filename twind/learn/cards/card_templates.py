@@ -5,18 +5,16 @@ what could not be read is marked `unverified` there. Robots, tasks and forks dif
 """
 
 from pathlib import Path
-from typing import Any
-
-import mujoco
 
 from twind.config.robot_file import RobotFile
 from twind.learn.cards.interface_card import FORMAT
+from twind.twin.binding import bind
 
 FOLDER = Path(__file__).with_name("templates")
 
 
 def template_text(name: str, robot: RobotFile) -> str:
-    """Return the card of a framework, the name of a file in `FOLDER`, for a robot."""
+    """Return the card of a framework, the name of a file in `FOLDER`, for a robot. Raises InvalidInput."""
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     joints = breadth_first(robot) if name == "isaaclab" else model_order(robot)
     legs = [each for each in joints if each in robot.legs] if name == "toddlerbot" else joints
@@ -46,7 +44,7 @@ def breadth_first(robot: RobotFile) -> list[str]:
 
 def _tree(robot: RobotFile) -> list[tuple[int, int, str]]:
     """Depth, place in the model and name of each joint."""
-    model: Any = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    model = bind(robot, None).model
     found = []
     for joint in robot.joints:
         number = int(model.joint(joint.model_joint).id)

@@ -5,11 +5,11 @@ Figures are in the joint order and signs of the policy. Every error names file, 
 """
 
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
@@ -197,7 +197,7 @@ def _check_state(reader: ConfigReader, card: InterfaceCard) -> None:
             raise reader.section("state").refuse(name, "is an observation input too: keep one of them")
         if outputs.count(given.output) > 1:
             raise section.refuse("output", f"{given.output!r} is named twice")
-        if int(np.prod(given.shape, dtype=np.int64)) > MOST_STATE:
+        if prod(given.shape) > MOST_STATE:
             raise section.refuse("shape", f"has more than {MOST_STATE} entries")
 
 

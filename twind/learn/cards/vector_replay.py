@@ -2,6 +2,8 @@
 
 import io
 import zipfile
+import zlib
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,11 @@ from twind.plain_file import read_plain
 
 LARGEST = 8 << 20  # bytes of a file, and of its arrays together
 MOST_STEPS = 10_000
+# What NumPy and zipfile raise for files that are damaged, encrypted, packed by other methods or no numbers.
+UNREADABLE = (
+    *(OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 
 def replay_vectors(policy: CardPolicy, spec: VectorSpec, folder: Path) -> tuple[int, float]:
@@ -26,14 +33,16 @@ def replay_vectors(policy: CardPolicy, spec: VectorSpec, folder: Path) -> tuple[
     missing = [name for name in shapes if name not in arrays]
     if missing:
         raise InvalidInput(f"{spec.file}: has no array {', '.join(missing)}: one per input, and the action")
-    steps = len(arrays[policy.card.action.output])
+    steps = arrays[policy.card.action.output].shape[:1] or (0,)
     for name, shape in shapes.items():
-        if not 0 < steps <= MOST_STEPS or arrays[name].size != steps * int(np.prod(shape)):
+        fits = arrays[name].shape[:1] == steps and arrays[name].size == steps[0] * prod(shape)
+        if not fits or not 0 < steps[0] <= MOST_STEPS:
             found = f"{name} is {arrays[name].shape}"
-            raise InvalidInput(f"{spec.file}: {found}, ({steps}, {', '.join(map(str, shape[1:]))}) is needed")
+            wanted = f"(steps, {', '.join(map(str, shape[1:]))}) of the same 1 to {MOST_STEPS} steps"
+            raise InvalidInput(f"{spec.file}: {found}, {wanted} is needed")
     policy.begin()
     worst = 0.0
-    for step in range(steps):
+    for step in range(steps[0]):
         seen = {
             name: arrays[name][step].reshape(shape).astype(np.float32)
             for name, shape in policy.shapes.items()
@@ -41,7 +50,7 @@ def replay_vectors(policy: CardPolicy, spec: VectorSpec, folder: Path) -> tuple[
         away = np.abs(policy.act(seen) - arrays[policy.card.action.output][step].reshape(-1))
         worst = max(worst, float(away.max()) if np.isfinite(away).all() else np.inf)
     policy.begin()
-    return steps, worst
+    return steps[0], worst
 
 
 def _arrays(spec: VectorSpec, folder: Path) -> dict[str, Rows]:
@@ -56,5 +65,5 @@ def _arrays(spec: VectorSpec, folder: Path) -> dict[str, Rows]:
                 raise InvalidInput(f"{spec.file}: unpacks to more than {LARGEST >> 20} MiB")
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             return {name: np.asarray(stored[name], np.float64) for name in stored.files}
-    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InvalidInput(f"{spec.file}: cannot be read as an .npz file of numbers: {error}") from None

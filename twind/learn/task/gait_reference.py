@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from twind.config.robot_spec import RobotFile
+from twind.exceptions import InvalidInput
 from twind.learn.task.learning_tasks import LearningTask
 from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
@@ -65,7 +66,10 @@ class GaitReference:
         return (self._cycle(more) - self._cycle(less)) / (2.0 * size)
 
     def _cycle(self, command: tuple[float, float, float]) -> Floats:
-        """Return the goals (count, n) of one stride of the engine without feedback."""
+        """Return the goals (count, n) of one stride of the engine without feedback.
+
+        Raises InvalidInput: an engine that does not repeat itself within `LONGEST`.
+        """
         engine = WalkingEngine(self._robot, self._settings)
         wanted = np.array(command)
         steps = 0
@@ -75,6 +79,10 @@ class GaitReference:
             steps = engine.steps
             if begun and steps >= SETTLED:
                 break
+        else:
+            raise InvalidInput(
+                f"a stride of {self._count * self._period:g} s: no {SETTLED} steps in {LONGEST:g} s"
+            )
         rest = [engine.advance(self._period, wanted) for _ in range(self._count - 1)]
         return np.array([goals, *rest])
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 from twind.twin.identified_model import apply_identified
 
 FOLDERS = {"mesh": "meshdir", "skin": "meshdir", "texture": "texturedir", "hfield": "meshdir"}
@@ -27,16 +28,19 @@ MOST_INCLUDES = 64
 def write_mjcf(robot: RobotFile, path: Path) -> None:
     """Write the model to `path`, and its assets into the folder `STEM-assets` beside it.
 
-    Raises InvalidInput: a model that cannot be written so; nothing is left then. OSError.
+    Folders on the way are made. Raises InvalidInput: a model that is not valid or cannot be written so;
+    neither file nor assets are left then. OSError.
     """
     assets = path.with_name(f"{path.stem}-assets")
     for place in (path, assets):
         if place.exists():
             raise InvalidInput(f"{place} exists: remove it, or name another file")
+    bind(robot, None)  # refuses a model that MuJoCo cannot compile
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     apply_identified(spec, robot)
-    root = _included(ElementTree.parse(robot.mjcf_path).getroot(), robot.mjcf_path.parent)
+    root = _included(_parsed(robot.mjcf_path), robot.mjcf_path.parent)
     _set_identified(root, spec, robot)
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         _copy_assets(root, robot.mjcf_path.parent, assets)
         ElementTree.indent(root)
@@ -57,10 +61,17 @@ def _included(root: Element, folder: Path) -> Element:
         parent, child = found[0]
         place = list(parent).index(child)
         parent.remove(child)
-        inner = ElementTree.parse(folder / child.get("file", "")).getroot()
-        for number, each in enumerate(inner):
+        for number, each in enumerate(_parsed(folder / child.get("file", ""))):
             parent.insert(place + number, each)
     raise InvalidInput(f"the model includes more than {MOST_INCLUDES} files, or itself")
+
+
+def _parsed(path: Path) -> Element:
+    """Raises InvalidInput for what MuJoCo reads although it is not XML."""
+    try:
+        return ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise InvalidInput(f"{path}: is not XML: {error}") from None
 
 
 def _set_identified(root: Element, spec: Any, robot: RobotFile) -> None:
