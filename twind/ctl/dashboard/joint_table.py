@@ -56,8 +56,8 @@ def joints(view: DashboardState, width: int) -> DashboardBlock:
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
     status = view.status or {"armed": False, "mode": ""}
     looks = _JointColumns(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
-    felt = any(joint.get("external_nm") is not None for joint in view.joints)
-    columns = _columns(width, width - name - 2 - NOTES, felt=felt)
+    estimated = any(joint.get("external_nm") is not None for joint in view.joints)
+    columns = _columns(width, width - name - 2 - NOTES, estimated=estimated)
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {align_left('joint', name)}{''.join(titles)}  notes", "dim"))
     rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
@@ -90,10 +90,10 @@ def _worst(styles: Sequence[str]) -> str:
     return next((style for style in ("bad", "warn") if style in styles), "")
 
 
-def _columns(width: int, room: int, *, felt: bool) -> list[_Shown]:
-    """Title, width and cell of the columns that there is room for; `felt`: torque from outside is known."""
+def _columns(width: int, room: int, *, estimated: bool) -> list[_Shown]:
+    """Title, width and cell of columns that have room; `estimated`: torque from outside is known."""
     roomy = width >= EVERYTHING
-    kept = [each for each in _COLUMNS if felt or each is not _OUTSIDE]
+    kept = [each for each in _COLUMNS if estimated or each is not _OUTSIDE]
     while len(kept) > 2 and sum(each.width if roomy else each.narrow for each in kept) > room:
         kept.remove(max(kept, key=lambda each: each.rank))
     return [
