@@ -232,8 +232,8 @@ class StateCache:
         names, buses, ids, calibrated = zip(*known, strict=True) if known else ((), (), (), ())
         temperature, voltage, torque, verified, faults = columns
         count = len(known)
-        external = _floats(tick.external) or [None] * (2 * count)
-        touched = [each != 0.0 for each in external[2 * count :]]
+        external: list[float | None] = [*_floats(tick.external)] or [None] * (2 * count)
+        touched: list[bool | None] = [each != 0.0 for each in external[2 * count :]]
         rows = zip(
             names,
             buses,

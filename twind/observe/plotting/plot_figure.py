@@ -164,8 +164,9 @@ def _external(panel: Axes, sheet: PlotContext) -> None:
     touched = np.flatnonzero(known.contact[inside].any(axis=0))
     if touched.size:
         names = ", ".join(sheet.recording.joints[place] for place in touched[:NAMED])
-        place = {"transform": panel.transAxes, "fontsize": 6, "color": NOTABLE, "va": "top"}
-        panel.text(0.01, 0.95, f"contact: {names}", parse_math=False, **place)
+        where = panel.transAxes
+        text = f"contact: {names}"
+        panel.text(0.01, 0.95, text, va="top", fontsize=6, color=NOTABLE, transform=where, parse_math=False)
 
 
 def _temperature(panel: Axes, sheet: PlotContext) -> None:
