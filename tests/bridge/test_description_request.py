@@ -1,6 +1,7 @@
 """The description of a robot on the graph is that of the daemon that is there, or none."""
 
 import threading
+from collections.abc import Callable
 from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
@@ -23,10 +24,11 @@ class Answers:
         self.published: list[object] = []
         self.reported: list[str] = []
         self.lives = 1
+        self.publish: Callable[[object], None] = self.published.append
         self.request = DescriptionRequest(
             lambda: nullcontext(SimpleNamespace(call=lambda method: {})),  # type: ignore[arg-type, return-value]
             self.describe,
-            self.published.append,
+            lambda found: self.publish(found),
             lambda: self.lives,
             self.reported.append,
             threading.Event(),
@@ -55,6 +57,36 @@ def test_a_failed_request_withdraws_the_description_and_is_made_again() -> None:
     answers.request.run(1)
     assert answers.published == [None, ROBOT]
     assert len(answers.reported) == 2
+
+
+def test_a_thread_of_an_older_daemon_withdraws_nothing() -> None:
+    answers = Answers(ROBOT)
+    answers.lives = 2
+    answers.request.run(2)
+    answers.request.run(1)  # its thread begins late
+    assert answers.published == [None, ROBOT]
+
+
+def test_a_description_that_is_being_published_is_withdrawn_by_a_newer_daemon_afterwards() -> None:
+    answers = Answers(ROBOT, ROBOT)
+    publishing = threading.Event()
+    withdrawn = threading.Event()
+    published: list[object] = []
+
+    def publish(found: object) -> None:
+        if found is not None and not publishing.is_set():
+            publishing.set()
+            withdrawn.wait(0.2)  # the newer thread would withdraw it meanwhile
+        published.append(found)
+        if answers.lives == 2 and found is None:
+            withdrawn.set()
+
+    answers.publish = publish
+    answers.request.start(1)
+    assert publishing.wait(10.0)
+    answers.lives = 2
+    answers.request.run(2)
+    assert published == [None, ROBOT, None, ROBOT]
 
 
 def test_an_answer_of_a_daemon_that_is_gone_is_not_published() -> None:

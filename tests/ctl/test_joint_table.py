@@ -107,6 +107,26 @@ def test_columns_give_way_in_the_order_that_is_written_down(width: int, titles: 
     assert shown[: len(titles.split())] == titles.split()
 
 
+def test_torque_from_outside_has_a_column_where_the_daemon_estimates_it() -> None:
+    for width, title in ((100, "outside"), (90, "ext")):
+        told = joints(l_knee={"external_nm": -1.234, "external_sd_nm": 0.2, "contact": True})
+        block = table(view(joints=told), width)
+        lines = [plain([row.line]) for row in block.rows]
+        assert title in plain(block.heads).split() and all(len(line) <= width for line in lines)
+        knee = block.rows[NAMES.index("l_knee")]
+        assert " -1.23 " in plain([knee.line]) and plain([knee.line]).endswith("contact")
+        assert knee.urgent and sum(row.urgent for row in block.rows) == 1
+    assert "outside" not in plain(table(view(), 200).heads)
+
+
+def test_the_column_of_torque_from_outside_takes_the_room_of_less_important_ones() -> None:
+    told = joints(l_knee={"external_nm": 0.0, "external_sd_nm": 0.2, "contact": False})
+    heads = {width: plain(table(view(joints=told), width).heads).split() for width in (100, 80, 60)}
+    assert " ".join(heads[100]) == "joint commanded measured error rad/s N·m outside °C V ms torque notes"
+    assert " ".join(heads[80]) == "joint goal is error rad/s ext °C ms trq notes"
+    assert " ".join(heads[60]) == "joint is error ext °C notes"
+
+
 def test_a_bound_missing_in_the_robot_file_causes_no_warning() -> None:
     block = table(
         view(joints=[joints()[0] | {"name": "stranger", "temperature": 99.0, "position": 9.0, "goal": 9.0}]),

@@ -15,6 +15,8 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Reference
 
 ON = ("loop: {", "loop: {compensate_gravity: true, ")
+PERIOD = 0.01  # s
+ARRIVED = 8.0  # s: an offset approaches its bound ever more slowly
 
 
 @pytest.fixture
@@ -42,8 +44,8 @@ def offset_after_start(rig: Rig) -> Floats:
     pose = loop.robot.commanded
     none = np.zeros(len(pose))
     written = pose
-    for _ in range(200):
-        goal = fresh.compensate(Reference(pose, none, none), written, loop.robot.limits, 0.01, active=True)
+    for _ in range(round(ARRIVED / PERIOD)):
+        goal = fresh.compensate(Reference(pose, none, none), written, loop.robot.limits, PERIOD, active=True)
         written = goal.position
     return written - pose
 
@@ -52,7 +54,7 @@ def change_gain(rig: Rig, p: int) -> None:
     """Set the P gain of all servos by a reload, and wait until offsets have followed."""
     kinds = {joint.type.name for joint in rig.robot.joints}
     assert rig.adopt({f"types.{kind}.gains": {"p": p, "i": 0, "d": 32} for kind in kinds}).error is None
-    rig.seconds(2.0)
+    rig.seconds(ARRIVED)
 
 
 @pytest.mark.parametrize("p", [8, 64])

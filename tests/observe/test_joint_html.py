@@ -25,5 +25,7 @@ def test_names_from_a_robot_file_are_escaped() -> None:
 
 
 def test_unknown_values_are_null() -> None:
-    told = json.loads(joint_values(np.array([0.5, np.nan]), np.array([np.inf, -0.25])))
-    assert told == {"position": [0.5, None], "goal": [None, -0.25]}
+    contact = np.array([False, True])
+    told = joint_values(np.array([0.5, np.nan]), np.array([np.inf, -0.25]), np.array([np.nan, 1.5]), contact)
+    known = {"position": [0.5, None], "goal": [None, -0.25], "external": [None, 1.5]}
+    assert json.loads(told) == known | {"contact": [False, True]}

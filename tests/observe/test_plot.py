@@ -19,6 +19,7 @@ from twind.observe import plot
 from twind.observe.plotting.plot_figure import DOTS, PAGE, figure, save
 from twind.observe.plotting.plot_lines import MOST, line, marks, worst
 from twind.observe.recording.recording_columns import (
+    ExternalColumns,
     Floats,
     LatencyColumns,
     RecordedEpisode,
@@ -95,6 +96,18 @@ def test_the_gap_of_the_statuses_is_drawn_where_the_daemon_had_one() -> None:
     time, value = drawn(figure(replace(whole, statuses=told), ["joint_1"], ALL), "gap", "joint_1")
     known = np.isfinite(value)
     assert time[known].tolist() == [0.5, 1.5] and value[known] == pytest.approx([12.0, 30.0])
+
+
+def test_torque_from_outside_is_drawn_with_the_joints_in_contact() -> None:
+    whole = recording()
+    assert "from outside" not in labels(figure(whole, None, ALL))
+    torque = np.zeros_like(whole.measured)
+    torque[50:60, 3] = 2.0
+    felt = ExternalColumns(whole.time, torque, np.full_like(torque, 0.1), torque > 1.0)
+    page = figure(replace(whole, external=felt), ["joint_3"], ALL)
+    assert np.array_equal(drawn(page, "from outside", "joint_3")[1], torque[:, 3])
+    (panel,) = [each for each in page.axes if "from outside" in each.get_ylabel()]
+    assert [each.get_text() for each in panel.texts] == ["contact: joint_3"]
 
 
 def test_a_missing_value_is_a_gap() -> None:

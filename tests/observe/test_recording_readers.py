@@ -24,7 +24,9 @@ from tests.support.sample_recordings import (
     trajectories,
 )
 from twind.command_line.verb import Rejected
-from twind.flight import EntryKind, LoadedFlight, save
+from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, save
+from twind.link import Tick, decode_news
+from twind.link import encode as encode_news
 from twind.observe.export import export
 from twind.observe.recording import open_recording
 from twind.observe.recording.mcap_record_scanner import McapRecordScanner
@@ -207,6 +209,38 @@ def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
     assert abs(found.goal[-1, knee] - 0.2) < 1e-9 and found.meta["reason"] == "dump"
     assert found.statuses and found.slow is not None and "total" in found.latency
     assert found.robot is not None and found.mjcf and found.calibration
+
+
+def test_torque_from_outside_is_read_from_recordings_and_from_each_tick_of_a_flight_file(
+    flown: LoadedFlight, tmp_path: Path
+) -> None:
+    felt = {"external_nm": 1.5, "external_sd_nm": 0.2, "contact": True}
+    found = record(tmp_path, state(100.0), state(100.6, **felt)).external
+    assert found is not None and found.time.tolist() == [0.0, 0.6]
+    assert np.isnan(found.torque[0]).all() and not found.contact[0].any()
+    assert (found.torque[1] == 1.5).all() and (found.deviation[1] == 0.2).all() and found.contact[1].all()
+    (tmp_path / "without").mkdir()
+    assert record(tmp_path / "without", state(100.0)).external is None
+
+    pressed = np.concatenate([np.full(24, -2.0), np.full(24, 0.1), np.ones(24)]).tobytes()
+    older = np.concatenate([np.full(24, -2.0), np.full(24, 0.1)]).tobytes()
+    for external, touched in ((pressed, True), (older, False)):
+        path = tmp_path / f"{touched}.flight"
+        entries = tuple(with_external(each, external) for each in flown.contents.entries)
+        contents = FlightContents(flown.contents.kept, entries)
+        save(path, dict(flown.meta), msgspec.msgpack.encode(flown.briefing), contents)
+        whole = open_recording(path)
+        found = whole.external
+        assert found is not None and found.time.size >= whole.time.size - 15  # as for the first overview
+        assert (found.torque == -2.0).all() and (found.deviation == 0.1).all()
+        assert (found.contact == touched).all()
+
+
+def with_external(entry: FlightEntry, external: bytes) -> FlightEntry:
+    """Return the entry, with this torque from outside where it is a tick."""
+    if entry.kind != EntryKind.NEWS or not isinstance(news := decode_news(entry.data), Tick):
+        return entry
+    return entry._replace(data=encode_news(msgspec.structs.replace(news, external=external)))
 
 
 def test_an_exported_flight_is_the_same_recording_with_its_bytes(

@@ -19,6 +19,7 @@ from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing
 from twind.observe.recording import open_recording
+from twind.observe.recording.recording_columns import ExternalColumns
 from twind.observe.replaying.recorded_states import messages
 from twind.observe.replaying.replay_calls import call
 from twind.observe.replaying.replay_files import lay_out
@@ -232,6 +233,21 @@ def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None
     state = next(each for _, each in seen if each["topic"] == "state")
     assert [row["name"] for row in state["joints"]][:1] == ["head_yaw"]
     json.dumps([each for _, each in seen], allow_nan=False)
+
+
+def test_the_viewer_is_given_the_last_known_torque_from_outside() -> None:
+    recording = open_recording(HERE / "limit.flight")
+    assert recording.external is None
+    shape = (1, len(recording.joints))
+    since = float(recording.time[len(recording.time) // 2])
+    felt = ExternalColumns(np.array([since]), np.full(shape, 1.5), np.full(shape, 0.1), np.ones(shape, bool))
+    states = [
+        each for each in messages(replace(recording, external=felt), FakeClock(), 1.0) if "joints" in each
+    ]
+    for each in states:
+        told = [row.get("external_nm") for row in each["joints"]]
+        assert told == [1.5 if each["time"] >= since else None] * shape[1]
+    assert states[-1]["joints"][0]["contact"] is True
 
 
 def test_the_last_seconds_can_be_played_alone() -> None:

@@ -3,10 +3,13 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.viewer_messages import h24, other, state, status
 from twind.observe.viewing import robot_viewer, status_html
+from twind.observe.viewing.robot_model import RobotModel
+from twind.observe.viewing.robot_scene import CONTACT, marked
 from twind.observe.viewing.viewer_state import WINDOW, News, RobotAnnounced, ViewerState
 from twind_drivers.clock import FakeClock
 
@@ -71,6 +74,21 @@ def test_only_refusals_warnings_and_errors_are_kept() -> None:
     known.take({"topic": "trajectories", "time": 0.0, "accepted": {}})  # of a newer daemon
     assert [each["time"] for each in known.now().refusals] == [1.0]
     assert [each["event"]["level"] for each in known.now().events] == ["warning"]
+
+
+def test_a_joint_in_contact_is_named_and_its_body_marked() -> None:
+    known = ViewerState()
+    robot = h24()
+    known.take(state(robot, l_elbow={"external_nm": 2.0, "external_sd_nm": 0.1, "contact": True}))
+    now = known.now()
+    names = [joint["name"] for joint in robot["robot"]["joints"]]
+    elbow = names.index("l_elbow")
+    assert now.joints is not None and now.joints.external[elbow] == 2.0
+    assert np.isnan(np.delete(now.joints.external, elbow)).all()
+    (row,) = status_html.joints(now, names)
+    assert "contact" in row and "l_elbow" in row
+    model = RobotModel(robot)
+    assert marked(now, model) == {int(model.bodies_of[elbow]): CONTACT}
 
 
 def test_a_joint_is_stale_if_its_age_is_high_or_unknown() -> None:

@@ -1,7 +1,9 @@
 """The observer finds a torque from outside where the plant is as its model says."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,6 +19,8 @@ from twind.twin.torque_observer import ExternalTorqueObserver, limbs, observer_o
 
 PERIOD = 0.01
 H24 = known_robot("h24")
+SO101 = known_robot("so101")
+ARM = bind(identified(SO101, dict.fromkeys(SO101.names, 0.0)), None)
 BINDING = bind(identified(H24, dict.fromkeys(H24.names, 0.0)), None)
 
 
@@ -62,6 +66,45 @@ def test_joint_without_effort_and_silent_joint_leave_no_estimate() -> None:
         state: JointState = simulation.state(0.1 + tick * PERIOD)
         observer.update(replace(state, **changes), held=False)
         assert observer.external is None
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    torque=st.floats(-0.5, 0.5),
+    joint=st.integers(0, len(SO101.names) - 1),
+    swing=st.sampled_from([0.0, 0.1]),
+)
+def test_a_servo_without_current_is_estimated_from_its_goal(torque: float, joint: int, swing: float) -> None:
+    observer = ExternalTorqueObserver(ARM, PERIOD)
+    simulation = Simulation(ARM, PERIOD)
+    simulation.model.dof_frictionloss[:] = 0.0
+    simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # it rests on its stops
+    pressed = np.zeros(len(SO101.names))
+    pressed[joint] = torque
+    simulation.data.qfrc_applied[ARM.dof] = pressed
+    for state, goal in swung(simulation, 1.5, swing):
+        observer.update(state, held=True, goal=goal)
+    assert observer.external is not None
+    assert observer.external.torque == pytest.approx(pressed, abs=0.06)
+
+
+def test_a_servo_without_current_needs_torque_and_a_stiffness() -> None:
+    unknown = np.full(len(SO101.names), np.nan)
+    soft = replace(ARM, ratings=replace(ARM.ratings, stiffness=unknown))
+    for binding, held in ((ARM, True), (ARM, False), (soft, True)):
+        observer = ExternalTorqueObserver(binding, PERIOD)
+        for state, goal in swung(Simulation(ARM, PERIOD), 0.1, 0.0):
+            observer.update(state, held=held, goal=goal)
+        assert (observer.external is not None) == (binding is ARM and held)
+
+
+def swung(simulation: Simulation, seconds: float, swing: float) -> Iterator[tuple[JointState, Floats]]:
+    """Yield the states of an arm without measured effort, and the goal before each."""
+    unknown = np.full(len(SO101.names), np.nan)
+    for tick in range(round(seconds / PERIOD)):
+        goal = ARM.rest + swing * np.sin(2.0 * tick * PERIOD)
+        simulation.step(goal)
+        yield replace(simulation.state(tick * PERIOD), effort=unknown), goal
 
 
 def test_limb_of_a_joint_is_the_body_where_its_chain_begins() -> None:

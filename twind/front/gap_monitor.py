@@ -120,26 +120,28 @@ class GapMonitor:
         self._reported_stop = False
         self._front.world.gap = report["gap"]
         for grown in report["grown"]:
-            self._warn(grown)
+            self._grown(grown)
 
     def _report_stop(self, reason: str) -> None:
-        """Log once why there are no figures; it is tried again."""
+        """Report once why there are no figures; it is tried again."""
         if not self._reported_stop:
             self._reported_stop = True
             text = f"no gap between robot and simulation is worked out: {reason}; next try in {AGAIN:g} s"
-            self._front.log.write("warning", EventCode.GAP_STOPPED, self._front.now(), message=text)
+            self._warn(EventCode.GAP_STOPPED, text)
 
-    def _warn(self, grown: dict[str, Any]) -> None:
-        """Report a joint whose gap has grown, to the log and to subscribers of events."""
+    def _grown(self, grown: dict[str, Any]) -> None:
+        """Report a joint whose gap has grown."""
         message = (
             f"{grown['joint']}: {grown['value']:.0%} of its motion unexplained, bound {grown['bound']:.0%}, "
             "1.5 times the identified; look for a load, wear or a loose horn, then identify again"
         )
-        event = link.Event(
-            time=self._front.now(), sequence=0, level="warning", code=EventCode.GAP_GROWN, message=message
-        )
+        self._warn(EventCode.GAP_GROWN, message)
+
+    def _warn(self, code: EventCode, message: str) -> None:
+        """Report to the log and to subscribers of events."""
+        event = link.Event(time=self._front.now(), sequence=0, level="warning", code=code, message=message)
         self._front.telemetry.event(event)
-        self._front.log.write("warning", EventCode.GAP_GROWN, event.time, message=message)
+        self._front.log.write("warning", code, event.time, message=message)
 
 
 def _begin(binding: bytes, rate_hz: float) -> tuple[subprocess.Popen[bytes], socket.socket]:

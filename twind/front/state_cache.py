@@ -69,6 +69,7 @@ class JointSnapshot(msgspec.Struct):
     faults: list[str]
     external_nm: float | None
     external_sd_nm: float | None
+    contact: bool | None
 
 
 class StateCache:
@@ -231,7 +232,8 @@ class StateCache:
         names, buses, ids, calibrated = zip(*known, strict=True) if known else ((), (), (), ())
         temperature, voltage, torque, verified, faults = columns
         count = len(known)
-        external = _floats(tick.external) if tick.external else [None] * (2 * count)
+        external: list[float | None] = [*_floats(tick.external)] or [None] * (2 * count)
+        touched: list[bool | None] = [each != 0.0 for each in external[2 * count :]]
         rows = zip(
             names,
             buses,
@@ -250,7 +252,8 @@ class StateCache:
             verified,
             faults,
             external[:count],
-            external[count:],
+            external[count : 2 * count],
+            touched or [None] * count,  # an older flight file tells no contact
             strict=True,
         )
         return encode(list(starmap(JointSnapshot, rows)))

@@ -1,13 +1,15 @@
 """Gap worker: `python -m twind.gap.gap_worker --binding FD --period S`, started by the front process.
 
 Standard input is a SOCK_SEQPACKET socket: samples in, one JSON report a second out. It runs at low priority,
-so that no tick waits for it, and ends at end-of-file.
+so that no tick waits for it, and ends at end-of-file. Out of memory, the kernel ends it before the loop.
 """
 
 import argparse
 import os
 import socket
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -21,6 +23,7 @@ from twind.twin.binding_transfer import unpacked
 from twind_drivers.clock import MonotonicClock
 
 NICE = 10
+OOM_SCORE = 500  # added to its share of the memory, in thousandths; the daemon's unit has -500
 PAUSE = 0.1  # s between two looks at the socket: a wake-up per tick would cost more than the physics
 LARGEST = 1 << 16  # bytes of a sample
 
@@ -32,6 +35,8 @@ def main() -> int:
     parser.add_argument("--period", type=float, required=True, help="s, of the loop")
     arguments = parser.parse_args()
     os.nice(NICE)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text(str(OOM_SCORE))
     binding = unpacked(unseal(arguments.binding))
     os.close(arguments.binding)
     window = SlidingGap(GapReplay(binding, arguments.period), binding.robot.names, arguments.period)

@@ -27,7 +27,8 @@ class Tick(LinkMessage, frozen=True, kw_only=True):
     heard: bytes  # n bytes, 0 or 1
     goal: bytes  # rad, NaN: none
     simulated: bytes  # rad
-    external: bytes = b""  # N·m from outside, and its standard deviation: 2 n float64; empty: no estimate
+    # N·m from outside, its standard deviation, CONTACT (0 or 1): 3 n float64; empty: no estimate
+    external: bytes = b""
     read: float  # s, when the last byte of the reading for `raw` arrived
     raw: bytes  # int64 of n actuators: counts as on the wire; meaningless while raw_age is inf
     raw_effort: bytes  # as on the wire, NaN: not reported

@@ -93,6 +93,17 @@ class StopRamp:
         return self.reference_at(self._steps * self._period + t)
 
 
+def stopping_speed(distance: Floats, gain: Floats, period: float) -> Floats:
+    """Return the fastest speed, rad/s, that whole steps of `period` s brake within `distance`, rad.
+
+    Arrays are (n,) or (k, n). `gain`: rad/s that a step takes off. n steps of v, v - aT, v - 2aT ... cover
+    nvT - n(n - 1)aT²/2; the least n that still brakes counts.
+    """
+    covered = np.maximum(distance, 0.0) / period  # rad/s: what one step alone would need
+    count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / gain) - 0.5 - ROUNDING), 1.0)
+    return covered / count + 0.5 * (count - 1.0) * gain
+
+
 class LimitedFollower:
     """Follows a target that may change at any time, within velocity, acceleration and position limits.
 
@@ -151,11 +162,11 @@ class LimitedFollower:
         fastest = limits.velocity * share
         self._share = share
         away = self._target - self._position
-        wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
+        wanted = self._drift + np.copysign(stopping_speed(np.abs(away), self._gain, period), away)
         lower = limits.lower if self.fence is None else np.maximum(limits.lower, self.fence[0])
         upper = limits.upper if self.fence is None else np.minimum(limits.upper, self.fence[1])
-        up = self._braking(upper - self._position)
-        down = self._braking(self._position - lower)
+        up = stopping_speed(upper - self._position, self._gain, period)
+        down = stopping_speed(self._position - lower, self._gain, period)
         wanted = np.minimum(np.maximum(wanted, -np.minimum(fastest, down)), np.minimum(fastest, up))
         # The acceleration limit comes last: it holds even where the target is reached too late for it.
         self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
@@ -197,15 +208,6 @@ class LimitedFollower:
         copy = LimitedFollower(self._last, self._limits, self.period)
         copy.set_target(self._target, self._drift)
         return copy.step(share)
-
-    def _braking(self, distance: Floats) -> Floats:
-        """Return the fastest speed (n,) that whole steps of braking stop within `distance`.
-
-        n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
-        """
-        covered = np.maximum(distance, 0.0) / self.period  # rad/s: what one step alone would need
-        count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / self._gain) - 0.5 - ROUNDING), 1.0)
-        return covered / count + 0.5 * (count - 1.0) * self._gain
 
 
 class CompliantFollower(LimitedFollower):

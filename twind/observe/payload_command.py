@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
     if not rows:
         raise Rejected(
             "no torque from outside is known: it needs mode live, torque, and an identified model "
-            "(twindctl identify) of a robot that does not stand on its feet"
+            "(twindctl identify) of a robot that does not stand on its feet; each servo reports its current, "
+            "or has a P gain"
         )
     positions, torques, deviations = zip(*rows, strict=True)
     try:
@@ -56,9 +57,9 @@ def run(options: argparse.Namespace) -> int:
         found = estimate_payload(binding, options.body, positions, torques, deviations)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
-    text = f"{options.body}: {found.mass_kg:.2f} ± {2.0 * found.sd_kg:.2f} kg (95 %)"
+    text = f"{options.body}: {found.mass_kg:.3f} ± {2.0 * found.sd_kg:.3f} kg (95 %)"
     if not found.determined:
-        text += "; not determined: stretch the arm sideways, or move it slowly meanwhile"
+        text += "; not determined: stretch the arm sideways, move it slowly meanwhile, or identify its joints"
     result = {
         "body": options.body,
         "mass_kg": found.mass_kg,

@@ -1,7 +1,8 @@
 """Plot a recording: tracking, effort, gap, latency, temperature, supply, events.
 
 Reads an .mcap or .flight file and writes a page of A4 as PNG. If there are many joints, those with the
-largest errors are coloured, the others thin and grey. Unknown values are gaps.
+largest errors are coloured, the others thin and grey. Unknown values are gaps. Torque from outside is drawn
+where the daemon estimated it.
 """
 
 import argparse

@@ -39,8 +39,9 @@ class JointMessage(TypedDict):
     calibrated: bool
     verified: bool | None
     faults: list[str]
-    external_nm: float | None  # an older daemon sends neither
+    external_nm: float | None  # an older daemon sends none of these three
     external_sd_nm: float | None
+    contact: bool | None
 
 
 class BusMessage(TypedDict):

@@ -1,9 +1,10 @@
 """External torque of each joint: a momentum observer on the identified model. Loop's process.
 
-Inverse dynamics gives the torque of the measured motion; what current and friction do not explain comes from
-outside. The observer is a low-pass of first order: in it the differences of velocity add up to a momentum, so
-that no second derivative is used. Contacts, stops and loops of the model are off. Arrays are (n,), in joint
-order; torque is positive where a hand turns the joint to greater angles.
+Inverse dynamics gives the torque of the measured motion; what motors and friction do not explain comes from
+outside. A servo that reports no current is taken as its model has it: from its goal, by stiffness, damping
+and limit. The observer is a low-pass of first order: in it the differences of velocity add up to a momentum,
+so that no second derivative is used. Contacts, stops and loops of the model are off. Arrays are (n,), in
+joint order; torque is positive where a hand turns the joint to greater angles.
 """
 
 import copy
@@ -16,7 +17,8 @@ from twind.robot.external_torque import ExternalTorque
 from twind.robot.joint_state import JointState
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
-from twind.twin.servo_effects import STRIBECK_SPEED
+from twind.twin.servo_effects import STRIBECK_SPEED, servo_rows
+from twind.twin.simulation import SERVO_FIELDS
 
 TIME = 0.015  # s, time constant: 95 % of a step within 45 ms
 MEMORY = 2.0  # s, of the noise of a joint
@@ -25,7 +27,7 @@ STUCK = 0.7  # of a friction whose direction is open: between even and certain
 MODEL = 0.03  # share of the model's torque that identified masses leave open
 HALF = 0.5  # share of the correction for goals in steps that is open
 LEAST = 0.02  # N·m, standard deviation: a step of a current register and cogging
-UNKNOWN = 0.5  # share of a friction that was not identified
+UNKNOWN = 0.5  # share of a friction, or of the torque by a stiffness, that was not identified
 OUTLIER = 3.0  # noise of a joint is measured without values beyond so many deviations
 LONGEST = 3.5  # periods between two readings, beyond which the difference of velocity tells nothing
 
@@ -75,15 +77,34 @@ class ExternalTorqueObserver:
         self._stribeck, stribeck_sd = _column(binding, "stribeck_nm", zero)
         self._load, _ = _column(binding, "load_friction_per_nm", zero)
         self._loaded = bool(self._load.any())
-        # A goal is a step of each period. The servo is read just before the next: its torque is then below
-        # the mean by what its stiffness makes of half of a step.
-        stiffness, _ = _column(binding, "stiffness_nm_per_rad", binding.ratings.stiffness)
-        self._stairs = np.nan_to_num(HALF * period * stiffness)
+        # Joints whose servos report no current; their goals act late, but in this model at once.
+        self._unmeasured = np.isnan([joint.type.effort_lsb_nm for joint in binding.robot.joints])
+        self._modelled = bool(self._unmeasured.any())
+        self._goal = index(binding.actuators)
+        self._model.actuator_delay[servo_rows(self._model, binding.actuators)] = 0.0
+        self._delay, _ = _column(binding, "delay_s", zero)
+        self._timing = np.where(self._unmeasured, 1.0, HALF)
+        self._period = period
+        self.take_gains(binding)
         self._variance = dry_sd**2 + stribeck_sd**2 + LEAST**2
         self._torque = zero
         self._noise = np.zeros(len(modelled))  # (N·m)², of the raw residual
         self._last: JointState | None = None
+        self._effort = zero  # N·m, of the last reading
+        self._sent: Floats | None = None  # the goal before the present one
         self.external: ExternalTorque | None = None
+
+    def take_gains(self, binding: Binding) -> None:
+        """Use the servos of `binding`, the same robot with other gains, from now on."""
+        for name in SERVO_FIELDS:
+            getattr(self._model, name)[:] = getattr(binding.model, name)
+        stiffness, deviation = _column(binding, "stiffness_nm_per_rad", binding.ratings.stiffness)
+        # A goal is a step of each period. The servo is read just before the next: its torque is then below
+        # the mean by what its stiffness makes of half of a step.
+        self._stairs = np.nan_to_num(HALF * self._period * stiffness)
+        share = np.divide(deviation, stiffness, out=np.full(len(stiffness), np.nan), where=stiffness > 0.0)
+        self._open = np.where(self._unmeasured, share, 0.0)  # share of the motor's torque
+        self._unknown = bool(np.isnan(self._open).any())
 
     def reset(self) -> None:
         """Begin anew: the next reading follows no other."""
@@ -91,16 +112,22 @@ class ExternalTorqueObserver:
         self._torque = np.zeros(len(self._dry))
         self.external = None
 
-    def update(self, measured: JointState, *, held: bool) -> None:
-        """Take a reading. `held`: servos follow a goal of each period.
+    def update(self, measured: JointState, *, held: bool, goal: Floats | None = None) -> None:
+        """Take a reading. `held`: servos follow a goal of each period; `goal` (n,): rad, the one before it.
 
-        After a gap, or where a joint is silent or has no effort, there is no estimate.
+        After a gap, or where a joint is silent or its torque unknown, there is no estimate.
         """
         last = self._last
-        if last is measured or not every(measured.heard):
-            self._last = self.external = None
+        blind = self._unknown or (self._modelled and not (held and goal is not None))
+        if last is measured or blind or not every(measured.heard):
+            self._last = self._sent = self.external = None
             return
         self._last = measured
+        effort = measured.effort
+        before = self._effort
+        if self._modelled and goal is not None:
+            effort = np.where(self._unmeasured, self._by_servo(measured, goal), effort)
+        self._effort = effort
         if last is None:
             return
         elapsed = measured.time - last.time
@@ -108,7 +135,7 @@ class ExternalTorqueObserver:
             return
         needed = self._needed(measured, last, elapsed)
         speed = 0.5 * (measured.velocity + last.velocity)
-        motor = 0.5 * (measured.effort + last.effort)
+        motor = 0.5 * (effort + before)
         stairs = self._stairs * speed if held else 0.0
         motor = motor + stairs
         sign = np.tanh(speed / SLOW)
@@ -121,11 +148,29 @@ class ExternalTorqueObserver:
             return
         self._torque = self._torque + self._gain * off
         open_ = friction * (1.0 - np.abs(sign))  # N·m that static friction may hold either way
-        systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2 + (HALF * stairs) ** 2
+        systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2
+        systematic += (self._timing * stairs) ** 2
+        if self._modelled:
+            systematic += (self._open * motor) ** 2
         squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
         self._noise += self._forget * (squared - self._noise)
         deviation = np.sqrt(systematic + self._smoothing * self._noise)
         self.external = ExternalTorque(self._torque, deviation)
+
+    def _by_servo(self, measured: JointState, goal: Floats) -> Floats:
+        """Return the torque (n,) of the model's servos at `goal` (n,), rad."""
+        model = self._model
+        data = self._data
+        speed = 0.0 if self._sent is None else (goal - self._sent) / self._period
+        self._sent = goal
+        data.qpos[self._place] = measured.position
+        data.qvel[self._speed] = measured.velocity
+        data.ctrl[self._goal] = goal - self._delay * speed
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        torque: Floats = data.qfrc_actuator[self._speed].copy()
+        return torque
 
     def _needed(self, measured: JointState, last: JointState, elapsed: float) -> Floats:
         """Return the torque (n,) between two readings, without friction; valid until the next call."""

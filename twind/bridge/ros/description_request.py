@@ -30,6 +30,8 @@ class DescriptionRequest:
         self._lives = lives
         self._tell = tell
         self._stop = stop
+        # Of one daemon at a time: a thread of an older one publishes nothing once a newer one has begun.
+        self._publishing = threading.Lock()
 
     def start(self, life: int) -> None:
         """Ask daemon number `life` in a thread."""
@@ -37,9 +39,9 @@ class DescriptionRequest:
 
     def run(self, life: int) -> None:
         """Ask until it succeeds; until then there is no description, for another robot's would be wrong."""
-        self._publish(None)
+        self._publish_for(life, None)
         told = ""
-        while self._lives() == life:
+        while self._lives() == life and not self._stop.is_set():
             try:
                 with self._observer() as client:
                     found = self._describe(client.call("GetRobot"))
@@ -50,6 +52,11 @@ class DescriptionRequest:
                 if self._stop.wait(AGAIN):
                     return
                 continue
+            self._publish_for(life, found)
+            return
+
+    def _publish_for(self, life: int, found: RobotModelMessages | None) -> None:
+        """Publish for daemon number `life`, unless a newer one was found: its own thread withdraws this."""
+        with self._publishing:
             if self._lives() == life:
                 self._publish(found)
-            return

@@ -1,6 +1,7 @@
 """The table of joints: a row each, what is wrong in colour and in words. Pure.
 
-Columns that have no room are dropped in this order: verified, V, N·m, ms, rad/s, torque, commanded, °C.
+Columns that have no room are dropped in this order: verified, V, N·m, ms, rad/s, torque, commanded, from
+outside, °C. The torque from outside has a column only where the daemon estimates it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -55,7 +56,8 @@ def joints(view: DashboardState, width: int) -> DashboardBlock:
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
     status = view.status or {"armed": False, "mode": ""}
     looks = _JointColumns(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
-    columns = _columns(width, width - name - 2 - NOTES)
+    estimated = any(joint.get("external_nm") is not None for joint in view.joints)
+    columns = _columns(width, width - name - 2 - NOTES, estimated=estimated)
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {align_left('joint', name)}{''.join(titles)}  notes", "dim"))
     rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
@@ -88,10 +90,10 @@ def _worst(styles: Sequence[str]) -> str:
     return next((style for style in ("bad", "warn") if style in styles), "")
 
 
-def _columns(width: int, room: int) -> list[_Shown]:
-    """Title, width and cell of the columns that there is room for."""
+def _columns(width: int, room: int, *, estimated: bool) -> list[_Shown]:
+    """Title, width and cell of columns that have room; `estimated`: torque from outside is known."""
     roomy = width >= EVERYTHING
-    kept = list(_COLUMNS)
+    kept = [each for each in _COLUMNS if estimated or each is not _OUTSIDE]
     while len(kept) > 2 and sum(each.width if roomy else each.narrow for each in kept) > room:
         kept.remove(max(kept, key=lambda each: each.rank))
     return [
@@ -115,6 +117,8 @@ def _notes(joint: Answer, known: DisplayThresholds, looks: _JointColumns) -> lis
     if volt is not None and volt <= known.low:
         notes.append(("SUPPLY LOW", "bad") if volt <= known.flat else ("supply low", "warn"))
     notes += [(fault, "bad") for fault in joint["faults"]]
+    if joint.get("contact"):
+        notes.append(("contact", "warn"))
     if looks.robot and not joint["calibrated"]:
         notes.append(("uncalibrated", "warn"))
     elif joint.get("verified") is False:
@@ -162,6 +166,12 @@ def _age(joint: Answer, _known: DisplayThresholds) -> Span:
     return text, "bad" if value >= STALE else "warn" if value >= OLD else ""
 
 
+def _outside(joint: Answer, _known: DisplayThresholds) -> Span:
+    value = joint.get("external_nm")
+    text = "-" if value is None else f"{round(value, 2) + 0.0:+.2f}"
+    return text, "warn" if joint.get("contact") else ""
+
+
 def _torque(joint: Answer, _known: DisplayThresholds) -> Span:
     torque: bool | None = joint["torque"]
     return ("-", "") if torque is None else ("on", "") if torque else ("off", "dim")
@@ -172,15 +182,17 @@ def _verified(joint: Answer, _known: DisplayThresholds) -> Span:
     return ("-", "") if verified is None else ("yes", "") if verified else ("NO", "warn")
 
 
+_OUTSIDE = _TableColumn("outside", 9, "ext", 7, _outside, 2)
 _COLUMNS = (
-    _TableColumn("commanded", 10, "goal", 8, _number("goal", 3), 2),
+    _TableColumn("commanded", 10, "goal", 8, _number("goal", 3), 3),
     _TableColumn("measured", 9, "is", 8, _number("position", 3), 0),
     _TableColumn("error", 8, "error", 7, _error, 0),
-    _TableColumn("rad/s", 7, "rad/s", 6, _number("velocity", 2), 4),
-    _TableColumn("N·m", 7, "N·m", 6, _number("effort", 2), 6),
+    _TableColumn("rad/s", 7, "rad/s", 6, _number("velocity", 2), 5),
+    _TableColumn("N·m", 7, "N·m", 6, _number("effort", 2), 7),
+    _OUTSIDE,
     _TableColumn("°C", 4, "°C", 4, _heat, 1),
-    _TableColumn("V", 6, "V", 5, _supply, 7),
-    _TableColumn("ms", 5, "ms", 5, _age, 5),
-    _TableColumn("torque", 7, "trq", 4, _torque, 3),
-    _TableColumn("verified", 9, "ver", 4, _verified, 8),
+    _TableColumn("V", 6, "V", 5, _supply, 8),
+    _TableColumn("ms", 5, "ms", 5, _age, 6),
+    _TableColumn("torque", 7, "trq", 4, _torque, 4),
+    _TableColumn("verified", 9, "ver", 4, _verified, 9),
 )

@@ -281,6 +281,8 @@ def put_in_force(context: ProcedureContext, parts: LoopParts, one: BoundRobot) -
     context.executor.limits = binding.limits
     if context.robot.compensation is not None:
         context.robot.compensation.limit(binding.ratings, parts.guard.follow)
+    if context.robot.observer is not None:
+        context.robot.observer.take_gains(binding)
     context.robot.outlook = outlook
     context.robot.description = replace(
         context.robot.description,

@@ -107,7 +107,9 @@ class Loop:
         goal = self.guard(reference, target, now)
         self.robot.measured = self.hardware.exchange(goal if live and self.torque.armed else None, now)
         if self.robot.observer is not None:
-            self.robot.observer.update(self.robot.measured, held=live and self.torque.armed)
+            held = live and self.torque.armed
+            followed = self.robot.written if self.torque.soft_since is None else None
+            self.robot.observer.update(self.robot.measured, held=held, goal=followed)
         left = goal if self.hardware.left or not live else None
         self.robot.written = self.robot.written if left is None else left
         read = self.clock.now()

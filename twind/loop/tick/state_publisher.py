@@ -73,6 +73,9 @@ class StatePublisher:
         reference = context.executor.reference
         raw = context.hardware.readings.raw
         read = context.robot.measured.time
+        observer = context.robot.observer
+        external = None if observer is None else observer.external
+        rules = self._parts.guard.contact
         return link.Tick(
             time=now,
             sequence=self._figures.ticks,
@@ -88,7 +91,7 @@ class StatePublisher:
             heard=state.heard.tobytes(),
             goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
             simulated=context.robot.simulated.position.tobytes(),
-            external=b"" if context.robot.observer is None else _force(context.robot.observer.external),
+            external=b"" if external is None or rules is None else _force(external, rules.touched),
             read=read,
             raw=raw.ticks.tobytes(),
             raw_effort=raw.effort.tobytes(),
@@ -217,9 +220,9 @@ class StatePublisher:
         )
 
 
-def _force(external: ExternalTorque | None) -> bytes:
-    """Return torque and deviation as `Tick.external`."""
-    return b"" if external is None else np.concatenate((external.torque, external.deviation)).tobytes()
+def _force(external: ExternalTorque, touched: NDArray[np.bool_]) -> bytes:
+    """Return torque, deviation and contact as `Tick.external`."""
+    return np.concatenate((external.torque, external.deviation, touched)).tobytes()
 
 
 def _packed(imu: Imu) -> bytes:

@@ -156,6 +156,19 @@ def _effort(panel: Axes, sheet: PlotContext) -> None:
     _joints(panel, sheet, sheet.recording.time, sheet.recording.effort, "effort  (N·m)")
 
 
+def _external(panel: Axes, sheet: PlotContext) -> None:
+    known = sheet.recording.external
+    assert known is not None
+    _joints(panel, sheet, known.time, known.torque, "from outside\n(N·m)")
+    inside = (known.time >= sheet.window[0]) & (known.time <= sheet.window[1])
+    touched = np.flatnonzero(known.contact[inside].any(axis=0))
+    if touched.size:
+        names = ", ".join(sheet.recording.joints[place] for place in touched[:NAMED])
+        where = panel.transAxes
+        text = f"contact: {names}"
+        panel.text(0.01, 0.95, text, va="top", fontsize=6, color=NOTABLE, transform=where, parse_math=False)
+
+
 def _temperature(panel: Axes, sheet: PlotContext) -> None:
     slow = sheet.recording.slow
     assert slow is not None
@@ -264,6 +277,11 @@ def _has(values: Callable[[PlotContext], tuple[Floats, Floats] | None]) -> Calla
     return known
 
 
+def _outside(sheet: PlotContext) -> tuple[Floats, Floats] | None:
+    known = sheet.recording.external
+    return None if known is None else (known.time, known.torque)
+
+
 def _slow(sheet: PlotContext, name: str) -> tuple[Floats, Floats] | None:
     slow = sheet.recording.slow
     return None if slow is None else (slow.time, getattr(slow, name))
@@ -273,6 +291,7 @@ PANELS: Sequence[tuple[Callable[[Axes, PlotContext], None], float, Callable[[Plo
     (_tracking, 2.4, _has(lambda sheet: (sheet.recording.time, sheet.recording.target))),
     (_error, 1.5, _has(lambda sheet: (sheet.recording.time, sheet.recording.goal - sheet.recording.target))),
     (_effort, 1.2, _has(lambda sheet: (sheet.recording.time, sheet.recording.effort))),
+    (_external, 1.0, _has(_outside)),
     (_gap, 1.0, _has(lambda sheet: gap_shares(sheet.recording))),
     (_latency, 1.2, lambda sheet: any(_hop(sheet, name).time.size for name in HOPS)),
     (_temperature, 1.0, _has(lambda sheet: _slow(sheet, "temperature"))),

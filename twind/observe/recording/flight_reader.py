@@ -11,7 +11,7 @@ from twind.flight import LoadedFlight, load
 from twind.link import Tick
 from twind.observe.recording.flight_monitor_messages import answers, news
 from twind.observe.recording.foreign_content import refuse_foreign_content
-from twind.observe.recording.mcap_reader import hops, slow
+from twind.observe.recording.mcap_reader import external, hops, slow
 from twind.observe.recording.recording_columns import (
     Floats,
     ImuColumns,
@@ -85,6 +85,7 @@ def _recording(
         goal=column("goal"),
         simulated=column("simulated"),
         imu=_inertial(ticks),
+        external=external(topics.get("state", ()), joints),
         events=events,
         verdicts=tuple(
             RecordedMessage(each.time, _verdict(each.what)) for each in topics.get("verdicts", ())

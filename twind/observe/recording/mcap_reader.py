@@ -2,7 +2,7 @@
 
 import json
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from twind.observe.recording.foreign_content import refuse_foreign_content
 from twind.observe.recording.joint_rows import JointRows
 from twind.observe.recording.mcap_record_scanner import McapContent, McapRecordScanner
 from twind.observe.recording.recording_columns import (
+    ExternalColumns,
     Floats,
     ImuColumns,
     LatencyColumns,
@@ -154,6 +155,7 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
         goal=column("goal", 0),
         simulated=column("simulated", 0),
         imu=_inertial(taken.felt, times),
+        external=external(messages_of_topic(JOINTS), joints),
         events=events,
         verdicts=messages_of_topic(VERDICTS),
         statuses=messages_of_topic(STATUS),
@@ -223,19 +225,34 @@ def slow(message: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColum
     """The slow columns of messages {"joints": [Joint]}; None: there are none."""
     if not message:
         return None
-    tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in message]
-
-    def column(make: Callable[[Mapping[str, object]], Any]) -> Floats:
-        rows = [[make(table.get(name, {})) for name in joints] for table in tables]
-        return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
-
-    return SlowColumns(
-        np.array([each.time for each in message]),
-        column(lambda joint: joint.get("temperature")),
-        column(lambda joint: joint.get("voltage")),
-        column(lambda joint: joint.get("torque")),
-        column(lambda joint: joint.get("age_ms")) / 1e3,
+    temperature, voltage, torque, age = _fields(
+        message, joints, ("temperature", "voltage", "torque", "age_ms")
     )
+    return SlowColumns(_times(message), temperature, voltage, torque, age / 1e3)
+
+
+def external(message: Sequence[RecordedMessage], joints: Sequence[str]) -> ExternalColumns | None:
+    """The torque from outside in messages {"joints": [Joint]}; None: there is none."""
+    torque, deviation, contact = _fields(message, joints, ("external_nm", "external_sd_nm", "contact"))
+    if not np.isfinite(torque).any():
+        return None
+    return ExternalColumns(_times(message), torque, deviation, contact == 1.0)
+
+
+def _times(message: Sequence[RecordedMessage]) -> Floats:
+    return np.array([each.time for each in message])
+
+
+def _fields(
+    message: Sequence[RecordedMessage], joints: Sequence[str], keys: Sequence[str]
+) -> tuple[Floats, ...]:
+    """Fields of each joint, (m, n) each; NaN where one is unknown."""
+    rows = []
+    for each in message:
+        table = {joint.get("name"): joint for joint in each.what.get("joints") or ()}
+        rows.append([[table.get(name, {}).get(key) for name in joints] for key in keys])
+    columns = np.array(rows, np.float64).reshape(len(rows), len(keys), len(joints))  # None becomes NaN
+    return tuple(columns[:, place] for place in range(len(keys)))
 
 
 def hops(message: Sequence[tuple[float, Sequence[Mapping[str, object]]]]) -> dict[str, LatencyColumns]:

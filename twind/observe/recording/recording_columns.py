@@ -49,6 +49,19 @@ class SlowColumns:
 
 
 @dataclass(frozen=True, slots=True)
+class ExternalColumns:
+    """Torque from outside as the daemon estimated it. `time` (m,); the others (m, n), NaN: no estimate.
+
+    Every tick of a flight file; of an .mcap the slow messages of joints.
+    """
+
+    time: Floats  # s
+    torque: Floats  # N·m
+    deviation: Floats  # N·m, one standard deviation
+    contact: NDArray[np.bool_]  # CONTACT was present
+
+
+@dataclass(frozen=True, slots=True)
 class LatencyColumns:
     """Latency of one hop. Every column (m,), in ms, NaN: unknown; `violations` a count."""
 
@@ -86,6 +99,7 @@ class RobotRecording:
     goal: Floats  # rad
     simulated: Floats  # rad
     imu: ImuColumns | None = None  # None: there is none in it
+    external: ExternalColumns | None = None  # None: no torque from outside was ever estimated
     events: tuple[RecordedMessage, ...] = ()  # Event of the interface
     verdicts: tuple[RecordedMessage, ...] = ()  # Verdict
     statuses: tuple[RecordedMessage, ...] = ()  # Status

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from heapq import merge
 from itertools import count
 
+import numpy as np
+
 from twind.observe.recording.recording_columns import RobotRecording
 from twind_drivers.clock import Clock
 
@@ -43,7 +45,7 @@ def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, li
         if time < due:
             continue
         due = time + frame
-        told = {key: column[place].tolist() for key, column in columns.items()}
+        told = {key: column[place].tolist() for key, column in columns.items()} | _external(recording, time)
         yield (
             time,
             [
@@ -52,6 +54,20 @@ def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, li
                 for joint, name in enumerate(recording.joints)
             ],
         )
+
+
+def _external(recording: RobotRecording, time: float) -> dict[str, list[float]]:
+    """Return the last torque from outside that was known at `time`, s; empty: none."""
+    known = recording.external
+    if known is None or time < known.time[0]:
+        return {}
+    place = int(np.searchsorted(known.time, time, "right")) - 1
+    columns = {
+        "external_nm": known.torque,
+        "external_sd_nm": known.deviation,
+        "contact": known.contact,
+    }
+    return {key: column[place].tolist() for key, column in columns.items()}
 
 
 def _null_if_nan(value: float) -> float | None:

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind.robot.arrays import Floats
 from twind.robot_client.jog_motion import SLIDER, SPEED
@@ -22,13 +23,14 @@ def joint_rows(robot: Mapping[str, Any], *, jogs: bool) -> str:
     return f'<div class="tw-joints">{_poses(robot["poses"]) if jogs else ""}{"".join(rows)}</div>'
 
 
-def joint_values(position: Floats, goal: Floats) -> str:
-    """Values (n,), rad, as JSON for the page; unknown ones are null."""
+def joint_values(position: Floats, goal: Floats, external: Floats, contact: NDArray[np.bool_]) -> str:
+    """Values (n,), rad and N·m, as JSON for the page; unknown ones are null."""
 
     def column(values: Floats) -> Sequence[float | None]:
         return [round(float(value), 4) if np.isfinite(value) else None for value in values]
 
-    return json.dumps({"position": column(position), "goal": column(goal)})
+    known = {"position": column(position), "goal": column(goal), "external": column(external)}
+    return json.dumps(known | {"contact": contact.tolist()})
 
 
 def _poses(poses: Mapping[str, Any]) -> str:
@@ -52,6 +54,7 @@ def _joint_row(place: int, joint: Mapping[str, Any], *, jogs: bool) -> str:
     return (
         f'<div {data} class="tw-row" title="{title}"><span class="tw-name">{escape(name)}</span>'
         f'<span {slides}>{marks}</span><span class="tw-number">–</span>'
+        '<span class="tw-outside" title="N·m from outside"></span>'
         f"<span>{buttons if jogs else ''}</span>{_ANSWER}</div>"
     )
 

@@ -26,6 +26,7 @@ SIMULATED: Colour = (20, 170, 90)
 OLD: Colour = (245, 170, 0)
 UNHEARD: Colour = (225, 30, 30)
 FAULTY: Colour = (190, 0, 190)
+CONTACT: Colour = (0, 190, 215)
 LEVELS: dict[str, Colour] = {"clear": (60, 160, 60), "warned": OLD, "refused": UNHEARD}
 TOUCH: Colour = (255, 220, 0)
 
@@ -43,10 +44,10 @@ def ghosts(choice: str, mode: str) -> tuple[bool, bool]:
 
 
 def marked(now: ViewerSnapshot, model: RobotModel) -> dict[int, Colour]:
-    """Colours of bodies whose joints have a problem. The joints must be known."""
+    """Colours of bodies whose joints have a problem or are in contact. The joints must be known."""
     assert now.joints is not None
     faulty = np.array([bool(each) for each in now.joints.faults])
-    which = ((now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD))
+    which = ((now.joints.contact, CONTACT), (now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD))
     return {int(body): colour for each, colour in which for body in model.bodies_of[each]}
 
 

@@ -52,7 +52,8 @@ class RobotViewer:
         if now.told is not None and now.told is not self._told:
             self._describe(now.told)
         if now.joints is not None:
-            self._site.channel.values = joint_values(now.joints.measured, now.joints.goal)
+            told = now.joints
+            self._site.channel.values = joint_values(told.measured, told.goal, told.external, told.contact)
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.draw(now, self._page.ghost)

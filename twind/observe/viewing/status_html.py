@@ -13,7 +13,7 @@ from twind.observe.viewing.robot_model import NearestBodies, RobotModel
 from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
 
 # the page's style has the lighter ones of its dark scheme
-RED, AMBER, GREEN, GREY, PURPLE = (
+RED, AMBER, GREEN, GREY, PURPLE, CYAN = (
     f"var(--tw-{name}, {colour})"
     for name, colour in (
         ("red", "#c81e1e"),
@@ -21,6 +21,7 @@ RED, AMBER, GREEN, GREY, PURPLE = (
         ("green", "#1a7f37"),
         ("grey", "#6b7280"),
         ("purple", "#be00be"),
+        ("cyan", "#0e7490"),
     )
 )
 
@@ -124,7 +125,10 @@ def _state(now: ViewerSnapshot) -> list[str]:
 
 
 def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
-    """Build one HTML row per problem (missing, old, faults) with the joints among `names` that have it."""
+    """Build one HTML row per condition (missing, old, faults, contact) with the joints that have it.
+
+    `names`: those of all joints, in their order.
+    """
     told = now.joints
     if told is None:
         return []
@@ -133,6 +137,7 @@ def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
         ("not heard", ~told.heard, RED),
         ("old", now.stale, AMBER),
         ("faults", np.array([bool(each) for each in told.faults]), PURPLE),
+        ("contact", told.contact, CYAN),
     ):
         these = [name for name, marked in zip(names, which, strict=True) if marked]
         if these:

@@ -143,6 +143,11 @@
       const text = typeof value === "number" ? value.toFixed(3) : "–";
       const number = row.querySelector(".tw-number");
       if (number.textContent !== text) number.textContent = text;
+      const torque = values.external?.[place]; // N·m, with an identified model alone
+      const outside = typeof torque === "number" ? `${torque < 0 ? "−" : "+"}${Math.abs(torque).toFixed(2)} N·m` : "";
+      const felt = row.querySelector(".tw-outside");
+      if (felt.textContent !== outside) felt.textContent = outside;
+      row.dataset.contact = String(values.contact?.[place] === true);
     }
   }
 

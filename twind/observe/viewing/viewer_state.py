@@ -52,6 +52,8 @@ class JointsMessage:
     heard: Any  # (n,) bool
     age: Floats  # ms
     faults: tuple[tuple[str, ...], ...]
+    external: Floats  # N·m, from outside
+    contact: Any  # (n,) bool: the daemon reports CONTACT
 
     @property
     def error(self) -> Floats:
@@ -78,6 +80,8 @@ def joints_of(message: Message, mode: str) -> JointsMessage:
         heard=np.array([bool(row.get("heard", True)) for row in rows]),
         age=column("age_ms"),
         faults=tuple(tuple(row.get("faults") or ()) for row in rows),
+        external=column("external_nm"),
+        contact=np.array([bool(row.get("contact")) for row in rows], np.bool_),
     )
 
 
