@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.support.guard_rig import LIMITS, N, facts
+from twind.robot.arrays import Floats
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.finding import ReasonCode
-from twind.safety.contact_rules import BEGIN, END, ContactRules
+from twind.safety.contact_rules import BEGIN, END, LOST, ContactRules
 from twind.safety.guard import Guard, Reaction
 
 SD = 0.1
@@ -58,7 +59,32 @@ def test_robot_without_own_torque_is_not_held(rules: ContactRules) -> None:
     assert not rules.judge(facts(external=external_of(9.0, 0.0, 0.0), torque_expected=False))
 
 
-def test_unknown_torque_ends_a_contact(rules: ContactRules) -> None:
-    codes(rules, 9.0, 0.0, 0.0)
+def test_a_hold_lasts_while_the_torque_is_unknown(rules: ContactRules) -> None:
+    hold = {(ReasonCode.CONTACT_HOLD, 0)}
+    assert hold <= codes(rules, 9.0, 0.0, 0.0)
+    found = rules.judge(facts(external=None))
+    assert [one.finding.code for one in found] == [ReasonCode.CONTACT_HOLD]
+    assert not rules.judge(facts(external=external_of(0.0, 0.0, 0.0)))
     assert not rules.judge(facts(external=None))
-    assert (ReasonCode.CONTACT, 0) not in codes(rules, 9.0, 0.0, 0.0)
+
+
+def test_a_hold_of_unknown_torque_ends_without_own_torque(rules: ContactRules) -> None:
+    codes(rules, 9.0, 0.0, 0.0)
+    assert not rules.judge(facts(external=None, torque_expected=False))
+    assert not rules.judge(facts(external=None))
+
+
+@pytest.mark.parametrize("bound", [BOUND, np.full(N, np.inf)])
+def test_torque_unknown_for_long_is_reported_where_contacts_would_hold(bound: Floats) -> None:
+    rules = ContactRules(bound, ["arm"] * N)
+    rules.judge(facts(now=1.0, external=external_of(0.0, 0.0, 0.0)))
+    assert not rules.judge(facts(now=1.0 + LOST, external=None))
+    found = rules.judge(facts(now=1.0 + LOST + 1e-6, external=None))
+    reported = [(one.finding.code, one.reaction) for one in found]
+    assert reported == ([(ReasonCode.DETECTION_LOST, Reaction.NONE)] if bound is BOUND else [])
+
+
+def test_unknown_torque_ends_a_contact(rules: ContactRules) -> None:
+    codes(rules, 0.0, 9.0, 0.0)
+    assert not rules.judge(facts(external=None))
+    assert (ReasonCode.CONTACT, 1) not in codes(rules, 0.0, 9.0, 0.0)

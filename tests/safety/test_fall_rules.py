@@ -79,7 +79,33 @@ def test_a_capture_point_outside_for_a_while_is_a_fall(margin: float, falls: boo
     before = robot.steps(HOLD.seconds, LEAN)
     assert not any(map(fell, before))
     assert fell(robot.step(LEAN)) == falls
-    assert robot.falls.state is (FallState.FALLING if falls else FallState.UPRIGHT)
+    state = FallState.UNKNOWN if isnan(margin) else FallState.UPRIGHT
+    assert robot.falls.state is (FallState.FALLING if falls else state)
+
+
+def test_an_unknown_capture_point_is_reported_while_the_robot_leans() -> None:
+    robot = Robot()
+    robot.capture.value = nan
+    assert not robot.step(0.0).findings
+    assert [finding.code for finding in robot.step(LEAN).findings] == [ReasonCode.DETECTION_LOST]
+    robot.capture.value = 0.05
+    robot.step(LEAN)
+    assert robot.falls.state is FallState.UPRIGHT
+
+
+def test_a_fallen_robot_does_not_stand_before_its_capture_point_is_known() -> None:
+    robot = Robot()
+    robot.step(1.0)
+    robot.capture.value = nan
+    robot.steps(2 * UPRIGHT_FOR)
+    assert robot.falls.state is not FallState.UPRIGHT
+
+
+def test_a_silent_imu_is_reported_once_under_torque_only() -> None:
+    robot = Robot()
+    codes = [finding.code for _ in range(50) for finding in robot.step(imu=False).findings]
+    assert codes == [ReasonCode.DETECTION_LOST]
+    assert not robot.step(imu=False, held=False).findings
 
 
 def test_a_capture_point_that_returns_in_time_is_none() -> None:

@@ -250,5 +250,14 @@ def a_hand_holds_the_elbow(_: Path) -> Told:
         rig.close()
 
 
+def the_imu_of_a_standing_robot_falls_silent(_: Path) -> Told:
+    with closing(FallRig(FallReaction.HOLD)) as made:
+        made.stand()
+        faults(made).drop(1000, 200)
+        made.seconds(0.5)
+        return reported_codes(made)
+
+
+SCENES[ReasonCode.DETECTION_LOST] = the_imu_of_a_standing_robot_falls_silent
 SCENES[ReasonCode.CONTACT] = a_hand_holds_the_elbow
 SCENES[ReasonCode.CONTACT_HOLD] = a_hand_holds_the_elbow

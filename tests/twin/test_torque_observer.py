@@ -68,6 +68,26 @@ def test_joint_without_effort_and_silent_joint_leave_no_estimate() -> None:
         assert observer.external is None
 
 
+@pytest.mark.parametrize("pause", [PERIOD, 60.0])
+def test_after_a_gap_the_estimate_is_unknown_then_unbiased(pause: float) -> None:
+    observer = ExternalTorqueObserver(BINDING, PERIOD)
+    pressed = np.zeros(len(H24.names))
+    pressed[H24.names.index("r_elbow")] = 2.0
+    moved(observer, pressed, 1.0, 0.0)
+    simulation = Simulation(BINDING, PERIOD)
+    at_rest = simulation.state(1.0)
+    if pause == PERIOD:
+        observer.update(replace(at_rest, heard=np.zeros(24, np.bool_)), held=False)
+    found = []
+    for tick in range(10):
+        simulation.step(BINDING.rest)
+        observer.update(replace(simulation.state(1.0 + pause + tick * PERIOD)), held=False)
+        found.append(observer.external)
+    assert found[:2] == [None, None]
+    assert all(one is None or np.abs(one.torque).max() < 0.3 for one in found)
+    assert found[-1] is not None
+
+
 @settings(max_examples=8, deadline=None)
 @given(
     torque=st.floats(-0.5, 0.5),

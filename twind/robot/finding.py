@@ -78,6 +78,7 @@ class ReasonCode(StrEnum):
     LOOKAHEAD_COLLISION = "LOOKAHEAD_COLLISION"
     CONTACT = "CONTACT"  # torque from outside, reported only
     CONTACT_HOLD = "CONTACT_HOLD"  # torque from outside beyond `gate.contact.hold_nm`
+    DETECTION_LOST = "DETECTION_LOST"  # contacts or falls cannot be detected: readings lack
     STEP_LIMIT = "STEP_LIMIT"
     WIRE_CLAMP = "WIRE_CLAMP"
     TX_BACKLOG = "TX_BACKLOG"

@@ -1,6 +1,7 @@
 """Rules CONTACT and CONTACT_HOLD: torque from outside that the model of the robot does not explain. Pure."""
 
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 
@@ -11,6 +12,17 @@ from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, 
 BEGIN = 5.0  # standard deviations at which a contact begins ...
 END = 2.5  # ... and below which it ends
 TICKS = 2  # in a row that a contact takes to begin
+LOST = 0.2  # s without an estimate, from which on it is reported
+
+
+BLIND = RuleResult(
+    Finding(
+        ReasonCode.DETECTION_LOST,
+        message="no estimate of torque from outside, so that no contact holds the robot: a joint is silent "
+        "or its torque unknown",
+    ),
+    Reaction.NONE,
+)
 
 
 class ContactRules:
@@ -22,19 +34,24 @@ class ContactRules:
         self._limbs = limbs
         self._beyond = np.zeros(len(hold_nm), np.int64)
         self._active = False  # a joint was beyond its threshold in the last tick
+        self._bounded = some(np.isfinite(hold_nm))
+        self._stops: list[RuleResult] = []  # of the last estimate
+        self._estimated = -inf  # s, when there was one, or the robot without torque
         self.touched = np.zeros(len(hold_nm), np.bool_)  # (n,), the joints in contact
 
     def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
-        """Return CONTACT of each joint while it lasts, and CONTACT_HOLD while the robot must stand still."""
+        """Return CONTACT of each joint while it lasts, and CONTACT_HOLD while the robot must stand still.
+
+        Without an estimate a hold lasts, and is reported as blind after `LOST`.
+        """
         external = facts.external
         if external is None:
-            self.touched[:] = False
-            self._beyond[:] = 0
-            self._active = False
-            return NOTHING
+            return self._blind(facts)
+        self._estimated = facts.now
         size = np.abs(external.torque)
         deviation = external.deviation
         if not self._active and every(size <= np.minimum(BEGIN * deviation, self._bound + deviation)):
+            self._stops = []
             return NOTHING
         over = size > np.where(self.touched, END, BEGIN) * deviation
         stopping = (size - deviation > self._bound) & facts.torque_held
@@ -42,12 +59,24 @@ class ContactRules:
         self._beyond = np.where(over, self._beyond + 1, 0)
         self.touched = over & (self._beyond >= TICKS)
         torque = external.torque
-        found = [
+        self._stops = [
             self._stop(facts, joint, float(torque[joint])) for joint in np.flatnonzero(stopping).tolist()
         ]
-        return found + [
+        return self._stops + [
             self._touch(joint, float(torque[joint])) for joint in np.flatnonzero(self.touched).tolist()
         ]
+
+    def _blind(self, facts: GuardInput) -> Sequence[RuleResult]:
+        self.touched[:] = False
+        self._beyond[:] = 0
+        self._active = False
+        if not facts.torque_held or not self._bounded:
+            self._estimated = facts.now
+            self._stops = []
+            return NOTHING
+        if facts.now - self._estimated <= LOST:
+            return self._stops
+        return [*self._stops, BLIND]
 
     def _stop(self, facts: GuardInput, joint: int, torque: float) -> RuleResult:
         message = f"N·m from outside on {self._limbs[joint]}: holding until it is released"

@@ -5,7 +5,7 @@ torque of this daemon it may be carried and laid down: nothing is reported, and 
 """
 
 from collections.abc import Sequence
-from math import atan2, hypot, inf
+from math import atan2, hypot, inf, isnan
 
 from twind.robot.attitude import up
 from twind.robot.fall_settings import FallReaction, FallSettings, FallState
@@ -21,6 +21,14 @@ AHEAD = 0.1
 REST = 0.5  # rad/s: a fallen robot turns slower ...
 REST_FOR = 0.3  # s ... for so long
 UPRIGHT_FOR = 1.0  # s inside all thresholds, before a fall counts as over
+
+
+def _lost(message: str) -> tuple[RuleResult]:
+    return (RuleResult(Finding(ReasonCode.DETECTION_LOST, message=message), Reaction.NONE),)
+
+
+SILENT = _lost("the IMU gives no reading, so that no fall is detected")
+UNBALANCED = _lost("a joint has no position, so that only the tilt tells a fall")
 
 
 class FallRules:
@@ -43,7 +51,7 @@ class FallRules:
         imu = None if facts.measured is None else facts.measured.imu
         if imu is None or not facts.now - imu.time <= OLD:
             self._lose()
-            return NOTHING
+            return SILENT if facts.torque_held else NOTHING
         if imu.time <= self._read:
             return self._results if facts.torque_held else NOTHING
         self._read = imu.time
@@ -69,12 +77,15 @@ class FallRules:
         now = self._read
         outside = margin < -allowed.outside
         self._outside_since = min(self._outside_since, now) if outside else inf
-        stands = tilt <= allowed.upright and not margin < 0.0
+        stands = tilt <= allowed.upright and margin >= 0.0
         self._upright_since = min(self._upright_since, now) if stands else inf
         self._rest_since = min(self._rest_since, now) if rate <= REST else inf
         long = now - self._outside_since >= allowed.seconds - ROUNDING
         if self.state in (FallState.UNKNOWN, FallState.UPRIGHT):
-            self.state = FallState.FALLING if long or tilt > allowed.tilt else FallState.UPRIGHT
+            falls = long or tilt > allowed.tilt
+            self.state = (
+                FallState.FALLING if falls else FallState.UNKNOWN if isnan(margin) else FallState.UPRIGHT
+            )
             self._by_tilt = not long
         elif now - self._upright_since >= UPRIGHT_FOR - ROUNDING:
             self.state = FallState.UPRIGHT
@@ -82,6 +93,8 @@ class FallRules:
             self.state = FallState.FALLEN
         if self.state is FallState.UPRIGHT:
             return NOTHING
+        if self.state is FallState.UNKNOWN:
+            return UNBALANCED
         return (RuleResult(self._finding(tilt, rate, margin), self._reaction(facts), latches=True),)
 
     def _finding(self, tilt: float, rate: float, margin: float) -> Finding:

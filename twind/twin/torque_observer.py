@@ -29,6 +29,7 @@ HALF = 0.5  # share of the correction for goals in steps that is open
 LEAST = 0.02  # N·m, standard deviation: a step of a current register and cogging
 UNKNOWN = 0.5  # share of a friction, or of the torque by a stiffness, that was not identified
 OUTLIER = 3.0  # noise of a joint is measured without values beyond so many deviations
+FIRST = 3  # readings after a gap from whose mean the filter begins
 LONGEST = 3.5  # periods between two readings, beyond which the difference of velocity tells nothing
 
 
@@ -70,7 +71,6 @@ class ExternalTorqueObserver:
         self._longest = LONGEST * period
         self._gain = 1.0 - float(np.exp(-period / TIME))
         self._forget = period / MEMORY
-        self._smoothing = self._gain / (2.0 - self._gain)  # variance of the filtered, of that of the raw
         modelled = self._model.dof_frictionloss[binding.dof]
         self._dry, dry_sd = _column(binding, "friction_nm", modelled)
         zero = np.zeros(len(modelled))
@@ -88,6 +88,8 @@ class ExternalTorqueObserver:
         self.take_gains(binding)
         self._variance = dry_sd**2 + stribeck_sd**2 + LEAST**2
         self._torque = zero
+        self._count = 0  # readings since a gap
+        self._smoothing = 1.0  # variance of the filtered, of that of the raw
         self._noise = np.zeros(len(modelled))  # (N·m)², of the raw residual
         self._last: JointState | None = None
         self._effort = zero  # N·m, of the last reading
@@ -108,9 +110,9 @@ class ExternalTorqueObserver:
 
     def reset(self) -> None:
         """Begin anew: the next reading follows no other."""
-        self._last = None
+        self._last = self._sent = self.external = None
         self._torque = np.zeros(len(self._dry))
-        self.external = None
+        self._count = 0
 
     def update(self, measured: JointState, *, held: bool, goal: Floats | None = None) -> None:
         """Take a reading. `held`: servos follow a goal of each period; `goal` (n,): rad, the one before it.
@@ -120,7 +122,7 @@ class ExternalTorqueObserver:
         last = self._last
         blind = self._unknown or (self._modelled and not (held and goal is not None))
         if last is measured or blind or not every(measured.heard):
-            self._last = self._sent = self.external = None
+            self.reset()
             return
         self._last = measured
         effort = measured.effort
@@ -132,6 +134,8 @@ class ExternalTorqueObserver:
             return
         elapsed = measured.time - last.time
         if not 0.0 < elapsed <= self._longest:
+            self.reset()
+            self._last = measured
             return
         needed = self._needed(measured, last, elapsed)
         speed = 0.5 * (measured.velocity + last.velocity)
@@ -146,7 +150,10 @@ class ExternalTorqueObserver:
         if not np.isfinite(off.dot(off)):
             self.reset()
             return
-        self._torque = self._torque + self._gain * off
+        self._count += 1
+        gain = max(self._gain, 1.0 / self._count)  # the mean of the readings, until the filter's is less
+        self._torque = self._torque + gain * off
+        self._smoothing = (1.0 - gain) ** 2 * self._smoothing + gain**2
         open_ = friction * (1.0 - np.abs(sign))  # N·m that static friction may hold either way
         systematic = self._variance + (MODEL * needed) ** 2 + (STUCK * open_) ** 2
         systematic += (self._timing * stairs) ** 2
@@ -155,7 +162,7 @@ class ExternalTorqueObserver:
         squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
         self._noise += self._forget * (squared - self._noise)
         deviation = np.sqrt(systematic + self._smoothing * self._noise)
-        self.external = ExternalTorque(self._torque, deviation)
+        self.external = ExternalTorque(self._torque, deviation) if self._count >= FIRST else None
 
     def _by_servo(self, measured: JointState, goal: Floats) -> Floats:
         """Return the torque (n,) of the model's servos at `goal` (n,), rad."""

@@ -134,6 +134,11 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
         "Torque from outside exceeds `gate.contact.hold_nm` of the joint; new motions wait until it is gone.",
         "release the joint; if nothing touches the robot, raise the bound or identify again",
     ),
+    ReasonCode.DETECTION_LOST: ReasonText(
+        "warning",
+        "Contacts (`gate.contact`) or falls (`fall`) are not detected: a joint or the IMU gives no reading.",
+        "stop the motion; check the device that the message or STATE_STALE names",
+    ),
     ReasonCode.STEP_LIMIT: ReasonText(
         "goal withheld, HOLD",
         "A goal is farther from the last one sent than the velocity limit allows in one tick.",
