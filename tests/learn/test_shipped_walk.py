@@ -1,6 +1,7 @@
 """The policy that comes with h24-standing walks as it is asked to."""
 
 import math
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -15,13 +16,22 @@ from twind import robots
 from twind.config.robot_file import load_robot
 from twind.learn.batch.batch_core import BatchCore
 from twind.learn.cards.card_file import load_any
+from twind.learn.cards.driven_policy import actor_for
+from twind.learn.cards.policy_rollout import roll_out
+from twind.learn.environment.sim_body import SimBody
+from twind.learn.policy.policy_card import PolicyRobot
 from twind.learn.policy.policy_file import read
+from twind.learn.randomise.randomisation_ranges import RandomisationRanges
 from twind.learn.task.learning_tasks import WALK
+from twind.learn.task.plant_model import plant_of
 from twind.virtual.robot_ground_truth import random_truth
 
 FILE = Path(robots.__file__).with_name("h24-standing.walk.onnx")
 LARGEST = 1_000_000  # bytes
 PERIOD = WALK.shaping.period
+COMMAND = (0.15, 0.0, 0.0)  # m/s forward
+SECONDS = 40.0
+NEAR = 0.2  # of the return, and of the spread of a joint
 
 
 def walked(
@@ -91,17 +101,53 @@ def test_it_bears_pushes_while_it_walks(eighth: int) -> None:
         assert end is None
 
 
-def through_the_daemon(rig: StandingRig, push: float, direction: float = 0.0) -> tuple[float, str | None]:
-    """Walk 40 s at 0.15 m/s, pushed by N·s every 4 s; the way by strides, m, and why it ended early."""
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [None, 0, 1, 2, 3, 4])
+def test_return_and_joints_are_alike_in_training_simulation_and_daemon(seed: int | None) -> None:
+    """`seed`: of the friction and play of the robot behind the daemon, which the simulation lacks; None: none."""
+    robot = load_robot("h24-standing")
+    plant = plant_of(robot, period=1.0 / robot.rate_hz)
+    described = PolicyRobot.from_limits(robot.name, plant.layout, plant.binding.limits, robot.rate_hz)
+    body = SimBody(plant, RandomisationRanges(), 1.0 / robot.rate_hz)
+    simulated: list[np.ndarray] = []
+    done = roll_out(
+        actor_for(load_any(FILE), described, plant.default),
+        plant,
+        body,
+        WALK,
+        np.array(COMMAND),
+        SECONDS,
+        look=lambda body: simulated.append(body.data.qpos[plant.position].copy()),
+    )
+    driven: list[np.ndarray] = []
+    with closing(StandingRig(truth=None if seed is None else random_truth(robot, seed))) as rig:
+        _, end = through_the_daemon(rig, 0.0, look=lambda: driven.append(rig.state_message().position))
+        assert end is None and not done.ended and rig.pilot is not None
+        there = rig.pilot.figures.returned / rig.pilot.figures.judged
+    here = done.returned / done.steps
+    legs = [place for place, name in enumerate(robot.names) if name in robot.legs]
+    # The wire's way is two ticks: the daemon's joints are one step behind.
+    away = (np.array(driven[1:]) - np.array(simulated[: len(driven) - 1]))[:, legs]
+    gap = np.sqrt((away**2).mean(axis=0)) / np.std(simulated, axis=0)[legs]
+    print(f"robot {seed}: return per step {here:.3f}, {there:.3f}; joints {np.median(gap):.3f}, {gap.max():.3f}")
+    assert abs(there - here) < NEAR * abs(here)
+    assert np.median(gap) < NEAR
+
+
+def through_the_daemon(
+    rig: StandingRig, push: float, direction: float = 0.0, look: Callable[[], None] = lambda: None
+) -> tuple[float, str | None]:
+    """Walk at 0.15 m/s, pushed by N·s every 4 s; the way by strides, m, and why it ended early."""
     rig.stand_up()
-    rig.pilots(load_any(FILE), (0.15, 0.0, 0.0))
+    rig.pilots(load_any(FILE), COMMAND)
     places: list[np.ndarray] = []
 
     def each(step: int) -> None:
+        look()
         places.append(rig.body.data.qpos[:2].copy())
         if push and step % 200 == 199:
             rig.base_support.push(push * math.cos(direction), push * math.sin(direction))
 
-    end = rig.drive(40.0, each)
+    end = rig.drive(SECONDS, each)
     strides = np.array(places)[:: round(WALK.stride / PERIOD)]
     return float(np.linalg.norm(np.diff(strides, axis=0), axis=1).sum()), end
