@@ -108,10 +108,14 @@ def test_a_servo_without_current_is_estimated_from_its_goal(torque: float, joint
     assert observer.external.torque == pytest.approx(pressed, abs=0.06)
 
 
-def test_a_servo_without_current_needs_torque_and_a_stiffness() -> None:
+def test_a_servo_without_current_needs_torque_and_a_stiffness_without_integral_gain() -> None:
     unknown = np.full(len(SO101.names), np.nan)
     soft = replace(ARM, ratings=replace(ARM.ratings, stiffness=unknown))
-    for binding, held in ((ARM, True), (ARM, False), (soft, True)):
+    kind = SO101.joints[1].type
+    winding = kind.with_gains({**dict.fromkeys(kind.gain_limits, 0), "p": 32, "i": 4})
+    joints = tuple(replace(joint, type=winding) for joint in SO101.joints)
+    winds = replace(ARM, robot=replace(ARM.robot, joints=joints))
+    for binding, held in ((ARM, True), (ARM, False), (soft, True), (winds, True)):
         observer = ExternalTorqueObserver(binding, PERIOD)
         for state, goal in swung(Simulation(ARM, PERIOD), 0.1, 0.0):
             observer.update(state, held=held, goal=goal)

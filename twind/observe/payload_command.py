@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         raise Rejected(
             "no torque from outside is known: it needs mode live, torque, and an identified model "
             "(twindctl identify) of a robot that does not stand on its feet; each servo reports its current, "
-            "or has a P gain"
+            "or has a P gain and no I gain"
         )
     positions, torques, deviations = zip(*rows, strict=True)
     try:

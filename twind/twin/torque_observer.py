@@ -12,6 +12,7 @@ import copy
 import mujoco
 import numpy as np
 
+from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Floats, every
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.joint_state import JointState
@@ -104,7 +105,9 @@ class ExternalTorqueObserver:
         # A goal is a step of each period. The servo is read just before the next: its torque is then below
         # the mean by what its stiffness makes of half of a step.
         self._stairs = np.nan_to_num(HALF * self._period * stiffness)
-        share = np.divide(deviation, stiffness, out=np.full(len(stiffness), np.nan), where=stiffness > 0.0)
+        joints = binding.robot.joints
+        proportional = (stiffness > 0.0) & ~np.array([_integrates(joint) for joint in joints])
+        share = np.divide(deviation, stiffness, out=np.full(len(joints), np.nan), where=proportional)
         self._open = np.where(self._unmeasured, share, 0.0)  # share of the motor's torque
         self._unknown = bool(np.isnan(self._open).any())
 
@@ -188,6 +191,11 @@ class ExternalTorqueObserver:
         mujoco.mj_inverse(self._model, data)
         needed: Floats = data.qfrc_inverse[self._speed]
         return needed
+
+
+def _integrates(joint: JointSpec) -> bool:
+    """Check for an integral gain: the torque of such a servo does not follow from its error."""
+    return bool(getattr(getattr(joint.type, "gains", None), "i", None))  # each family has gains of its own
 
 
 def _column(binding: Binding, parameter: str, default: Floats) -> tuple[Floats, Floats]:

@@ -75,7 +75,7 @@ def estimated(running: Daemon) -> dict[str, Any]:
 def test_a_held_mass_is_found_within_its_interval_from_both_sides(tmp_path: Path, grams: int) -> None:
     with holding(tmp_path, grams / 1000.0) as running:
         before = payload(running)
-        assert before.returncode == REFUSED and "no torque from outside is known" in before.stderr
+        assert before.returncode == REFUSED and "no torque from outside is known" in before.stdout
         with running.client() as client:
             arm(client)
         found = []
