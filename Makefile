@@ -20,7 +20,7 @@ EXTRAS ?=
 
 .PHONY: all help demo test test-fast test-slow campaigns check computed lived format lint types imports bench coverage oracle fuzz \
 	mutate clean faults soak kills lead-kills model cast pictures ros ros-if-here \
-	install uninstall deb extras docs FORCE
+	install uninstall deb release release-check audit extras docs FORCE
 
 all: $(VENV)/.ready
 	@echo 'twind is installed in $(VENV). Next: . $(BIN)/activate, then twind --mode sim; make help lists the targets'
@@ -36,6 +36,7 @@ help:
 	@echo 'make bench                measure this machine (docs/bench.md)'
 	@echo 'sudo make install         install the service; sudo make uninstall removes it'
 	@echo 'make deb                  build a Debian package, in dist/'
+	@echo 'make release              build all that is published, in dist/; make release-check tries it'
 	@echo 'make clean                remove $(VENV) and all that was built'
 
 demo: $(VENV)/.ready
@@ -159,6 +160,18 @@ uninstall:
 
 deb:
 	$(NAMED) packaging/deb.sh dist
+
+release:
+	$(NAMED) packaging/release.sh dist
+
+# What `make release` built: built again with the same bytes, installed and started in an empty environment of each
+# Python of this machine.
+release-check:
+	$(PYTHON) tools/check_release.py dist
+
+# What twind brings, looked up among published vulnerabilities. Needs the network.
+audit:
+	$(NAMED) packaging/sbom.sh audit
 
 ADD = $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 

@@ -6,6 +6,7 @@
 #
 # PYTHON   the interpreter to build with and for (as in install.sh)
 # PYTHONS  further versions to serve, "3.12 3.13": wheels for them are fetched too
+# ARCHITECTURE  of the robot, "arm64" (this machine's): its wheels are fetched, nothing is compiled
 # WHEELS   a folder that has all wheels already; nothing is fetched then
 # EXTRAS   further packages that come along and are installed (as in install.sh)
 # SOURCE_DATE_EPOCH  the time in the package; else that of the last commit. The same sources give the same package
@@ -22,7 +23,13 @@ export SOURCE_DATE_EPOCH
 
 version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' "$source/twind/version.py")
 [ -n "$version" ] || { echo "twind: no version in twind/version.py" >&2; exit 1; }
-architecture=$(dpkg --print-architecture)
+architecture=${ARCHITECTURE:-$(dpkg --print-architecture)}
+case $architecture in
+amd64) MACHINE=x86_64 ;;
+arm64) MACHINE=aarch64 ;;
+*) echo "twind: ARCHITECTURE=$architecture: packages are made for amd64 and arm64" >&2; exit 1 ;;
+esac
+export MACHINE
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 tree=$work/tree
@@ -39,15 +46,17 @@ if [ -n "${WHEELS:-}" ]; then
     mkdir -p "$tree/usr/lib/twind/wheels"
     cp "$WHEELS"/*.whl "$tree/usr/lib/twind/wheels"
 else
-    "$here/install.sh" wheels "$tree/usr/lib/twind/wheels"
+    "$here/install.sh" own "$tree/usr/lib/twind/wheels"
 fi
 pythons=$("$here/install.sh" version)
-for each in ${PYTHONS:-}; do
-    [ "$each" = "$pythons" ] || "$here/install.sh" foreign "$tree/usr/lib/twind/wheels" "$each"
-done
+ordered=$(printf '%s\n' "$pythons" ${PYTHONS:-} | sort -uV)
+if [ -z "${WHEELS:-}" ]; then
+    for each in $ordered; do
+        "$here/install.sh" foreign "$tree/usr/lib/twind/wheels" "$each"
+    done
+fi
 chmod 0644 "$tree"/usr/lib/twind/wheels/*.whl
 printf '%s\n' "${EXTRAS:-}" >"$tree/usr/lib/twind/extras"
-ordered=$(printf '%s\n' "$pythons" ${PYTHONS:-} | sort -V)
 first=$(echo "$ordered" | head -n 1)
 last=$(echo "$ordered" | tail -n 1)
 

@@ -3,8 +3,8 @@
 #
 #   install.sh install      wheels, files, settings, environment, users; then what to do next
 #   install.sh uninstall    stops the services, removes all of it but settings and state (PURGE=1: those too)
-#   and the steps of these, for the package: wheels DIR, foreign DIR PYTHON, files, settings, environment DIR,
-#   register, stop, remove, next, version
+#   and the steps of these, for the package: own DIR, wheels DIR, foreign DIR PYTHON, files, settings,
+#   environment DIR, register, stop, remove, next, version
 #
 # DESTDIR  a tree to install into instead of this machine: no users are made, nothing is started or reloaded
 # LIB      where units, rules, users and folders are described (/usr/local/lib)
@@ -12,6 +12,7 @@
 # BIN      where the commands are found (/usr/local/bin)
 # PYTHON   the interpreter (the first of /usr/bin/python3, /usr/local/bin/python3, python3 that will do)
 # WHEELS   a folder with wheels of twind and of what it needs; without it they are fetched
+# MACHINE  of `foreign`: the processor that wheels are for, "aarch64" (this one's)
 # EXTRAS   further packages by the names of pyproject.toml, "ros" or "zenoh,view" (those of the installation before)
 #
 # /opt/twind/versions/ID is a virtual environment, ID its version and a digest of what is in it; /opt/twind/bin points
@@ -71,13 +72,19 @@ python() {
 
 # ----------------------------------------------------------------------------------------------- the steps
 
-# Wheels of twind and of all it needs into folder $1. No compiler: what has no wheel for this machine is refused.
-wheels() {
+# The wheel of twind, or of the sources $2, into folder $1: built from Python alone. The same sources give the same bytes.
+own() {
     python=$(python)
     mkdir -p "$1"
     scratch
-    # Our own first and alone: it is the only one that is built, from Python alone.
-    pip wheel --no-deps --wheel-dir "$1" "$SOURCE" || fail "the wheel of twind was not built; its own words are above"
+    tools=$SOURCE/packaging/build-constraints.txt
+    PIP_CONSTRAINT=$tools PIP_BUILD_CONSTRAINT=$tools pip wheel --no-deps --wheel-dir "$1" "${2:-$SOURCE}" ||
+        fail "the wheel of ${2:-twind} was not built; its own words are above"
+}
+
+# Wheels of twind and of all it needs into folder $1. No compiler: what has no wheel for this machine is refused.
+wheels() {
+    own "$1"
     pip download --only-binary :all: --dest "$1" "$(extended "$1"/twind_robot-*.whl)" ||
         fail "a wheel is missing: without a way to the index, give a folder that has them with WHEELS="
 }
@@ -96,15 +103,16 @@ scratch() {
 
 pip() { "$SCRATCH/pip/bin/python" -m pip --disable-pip-version-check --quiet "$@"; }
 
-# Wheels into folder $1 for Python $2, another than ours: of what is not there already in one that fits both.
+# Wheels into folder $1 for Python $2 or MACHINE, another than ours, in the versions that are there already.
 foreign() {
     python=$(python)
-    machine=$("$python" -c 'import platform; print(platform.machine())')
+    machine=${MACHINE:-$("$python" -c 'import platform; print(platform.machine())')}
     set -- "$1" "$2" "cp$(say "$2" | tr -d .)"
     platforms=$(for minor in 5 12 17 24 26 27 28; do say "--platform manylinux_2_${minor}_$machine"; done)
     scratch
+    (cd "$1" && ls -- *.whl) | sed '/^twind_robot-/d; s/^\([^-]*\)-\([^-]*\)-.*/\1==\2/' >"$SCRATCH/versions"
     # shellcheck disable=SC2086  # one word each
-    pip download --only-binary :all: --dest "$1" --find-links "$1" --python-version "$2" --implementation cp \
+    pip download --only-binary :all: --dest "$1" --find-links "$1" --constraint "$SCRATCH/versions" --python-version "$2" --implementation cp \
         --abi "$3" --abi abi3 --abi none $platforms "$(extended "$1"/twind_robot-*.whl)" ||
         fail "a wheel for Python $2 is missing; its own words are above"
 }
@@ -410,6 +418,7 @@ uninstall_all() {
 case ${1:-} in
 install) install_all ;;
 uninstall) uninstall_all ;;
+own) [ $# = 2 ] || [ $# = 3 ] || fail "own needs a folder"; "$@" ;;
 wheels | environment) [ $# = 2 ] || fail "$1 needs a folder"; "$1" "$2" ;;
 foreign) [ $# = 3 ] || fail "$1 needs a folder and a version of Python"; "$1" "$2" "$3" ;;
 files | settings | register | stop | remove | next | version) "$1" ;;

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.doc_pages_text import FENCE, PAGES, README, ROOT, fenced, name
+from tests.support.doc_pages_text import FENCE, NOT_ON_THE_SITE, PAGES, README, ROOT, fenced, name
 from tests.support.docs_rig import readme_lines
 from twind import cli
 from twind.config import daemon_settings
@@ -20,7 +20,7 @@ from twind.virtual import virtual_main as virtual
 
 
 def test_every_relative_link_leads_somewhere() -> None:
-    for page in PAGES:
+    for page in [*PAGES, *NOT_ON_THE_SITE]:
         prose = FENCE.sub("", page.read_text())
         links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
         broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
@@ -28,7 +28,7 @@ def test_every_relative_link_leads_somewhere() -> None:
 
 
 def test_every_path_of_this_repository_that_is_named_exists() -> None:
-    for page in PAGES:
+    for page in [*PAGES, *NOT_ON_THE_SITE]:
         spans = re.findall(
             r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
         )
@@ -95,10 +95,11 @@ def test_the_commands_are_found_in_the_pages_at_all() -> None:
 
 def test_every_make_command_is_a_target() -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    pages = [*PAGES, *NOT_ON_THE_SITE]
     asked = [
-        line for page in PAGES for block in fenced(page.read_text(), "sh") for line in block.splitlines()
+        line for page in pages for block in fenced(page.read_text(), "sh") for line in block.splitlines()
     ]
-    asked += [span for page in PAGES for span in re.findall(r"`(make [^`]+)`", page.read_text())]
+    asked += [span for page in pages for span in re.findall(r"`(make [^`]+)`", page.read_text())]
     makes = [line.split()[1] for line in asked if line.startswith("make ")]
     assert {"demo", "test"} <= set(makes) <= targets
 

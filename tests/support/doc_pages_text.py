@@ -11,6 +11,7 @@ PAGES = sorted(
         *(ROOT / room / "README.md" for room in ("drivers", "calibration", "systemd", "packaging/metrics")),
     ]
 )
+NOT_ON_THE_SITE = [ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]  # read where the sources are
 README = (ROOT / "README.md").read_text()
 SAFETY = (ROOT / "docs" / "safety.md").read_text()
 REASON_CODES = (ROOT / "docs" / "reason-codes.md").read_text()

@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, Protocol
 
 from tests.proof.fuzz.mangle import mangled, pieces
 from tests.support.loop_stand_in import NAMES, StandIn
@@ -55,12 +55,71 @@ TEXTS = (
 )
 
 
-class Frames:
-    """A front and a loop that stands in, attacked one connection after the other."""
+class StandInTarget:
+    """A front with a loop that stands in, started to be attacked.
+
+    `folder` has its sockets, `attacked` names those that are connected to, the more often the more.
+    """
+
+    attacked: tuple[str, ...] = ("control", "control", "observe")
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="twind-fuzz-"))
-        self.loop = StandIn(self.folder)
+        self._loop = StandIn(self.folder)
+
+    def cause_news(self) -> None:
+        """An event and a verdict, for calls that wait for one."""
+        now = time.monotonic()
+        self._loop.send(link.Event(time=now, sequence=1, level="info", code="FUZZ", message="happened"))
+        self._loop.send(link.VerdictReport(time=now, sequence=1, id="fuzz", verdict=NOTHING))
+
+    def forget(self) -> None:
+        """What the loop was asked is not kept."""
+        self._loop.commands.clear()
+        self._loop.paths.clear()
+
+    def require_running(self) -> None:
+        """Raise AssertionError where the front has ended, or a call broke it."""
+        assert self._loop.front.poll() is None, f"the front ended with {self._loop.front.poll()}"
+        log = self._loop.log.read_text()
+        assert "CALL_BROKE" not in log, log[-2000:]
+
+    def resident(self) -> int | None:
+        """Bytes that it keeps in memory; None: it has ended."""
+        if self._loop.front.poll() is not None:
+            return None
+        return resident(self._loop.front.pid)
+
+    def close(self) -> None:
+        """End the front."""
+        self._loop.close()
+        shutil.rmtree(self.folder)
+
+
+class Target(Protocol):
+    """What is attacked: `StandInTarget`, or a service (`tests/proof/fuzz/service_frames.py`)."""
+
+    folder: Path
+    attacked: tuple[str, ...]
+
+    def cause_news(self) -> None: ...
+    def forget(self) -> None: ...
+    def require_running(self) -> None: ...
+    def resident(self) -> int | None: ...
+    def close(self) -> None: ...
+
+
+def resident(pid: int) -> int:
+    """Bytes that a process keeps in memory."""
+    pages = Path(f"/proc/{pid}/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+class Frames:
+    """Sockets, attacked one connection after the other."""
+
+    def __init__(self, target: Target | None = None) -> None:
+        self._target = StandInTarget() if target is None else target
         self.interfaces = [load(CONTROL), load(SERVICE)]
         self.frames = self.answered = self.hung_up = self.connections = 0
         self.slowest = 0.0
@@ -71,32 +130,28 @@ class Frames:
     def one(self, rng: Random) -> int:
         """One connection with some frames; how many. Raises whatever is wrong."""
         frames = [self._frame(rng) for _ in range(rng.choice((1, 3, 8, 20)))]
-        self._converse(rng, rng.choice(("control", "control", "observe")), b"\0".join(frames) + b"\0")
+        self._converse(rng, rng.choice(self._target.attacked), b"\0".join(frames) + b"\0")
         self.frames += len(frames)
-        self.loop.commands.clear()
-        self.loop.paths.clear()
+        self._target.forget()
         if self.frames - self._checked > CHECKED:
             self._checked = self.frames
             self._alive()
         if self.size is None and self.frames > SETTLED:
-            self.size = self._resident()
+            self.size = self._target.resident()
         return len(frames)
 
     def finish(self) -> None:
         """Alive to the end, no bigger, and no handler broke."""
         self._alive()
-        if self.size is not None:
-            assert self._resident() - self.size < GROWTH, f"grew from {self.size} to {self._resident()} bytes"
-        assert "CALL_BROKE" not in self.loop.log.read_text(), self.loop.log.read_text()[-2000:]
+        assert self._grown() < GROWTH, f"grew by {self._grown()} bytes from {self.size}"
 
     def close(self) -> None:
-        """End the front."""
-        self.loop.close()
-        shutil.rmtree(self.folder)
+        """End what was started."""
+        self._target.close()
 
     def summary(self) -> str:
         """Summary of the run."""
-        grown = (self._grown() or 0) >> 10
+        grown = self._grown() >> 10
         return (
             f"{self.connections} connections, {self.answered} answers, {self.hung_up} hung up by the front, "
             f"slowest {self.slowest:.2f} s, grown {grown} KiB"
@@ -115,7 +170,7 @@ class Frames:
         ending = rng.choices(("last call", "half closed", "gone"), (90, 3, 7))[0]
         data += LAST if ending == "last call" else b""
         with socket.socket(socket.AF_UNIX) as peer:
-            peer.connect(str(self.folder / f"{name}.sock"))
+            peer.connect(str(self._target.folder / f"{name}.sock"))
             peer.settimeout(PATIENCE)
             try:
                 for piece in pieces(rng, data) if len(data) < 5000 else [data]:
@@ -147,19 +202,15 @@ class Frames:
             except TimeoutError:
                 if time.monotonic() - begun > PATIENCE:
                     raise
-                now = time.monotonic()
-                self.loop.send(
-                    link.Event(time=now, sequence=1, level="info", code="FUZZ", message="happened")
-                )
-                self.loop.send(link.VerdictReport(time=now, sequence=1, id="fuzz", verdict=NOTHING))
+                self._target.cause_news()
 
     def _alive(self) -> None:
         """A new peer is answered."""
-        assert self.loop.front.poll() is None, f"the front ended with {self.loop.front.poll()}"
+        self._target.require_running()
         begun = time.monotonic()
         while True:
             with socket.socket(socket.AF_UNIX) as peer:
-                peer.connect(str(self.folder / "control.sock"))
+                peer.connect(str(self._target.folder / f"{self._target.attacked[0]}.sock"))
                 peer.settimeout(PATIENCE)
                 peer.sendall(json.dumps({"method": f"{CONTROL}.GetStatus"}).encode() + b"\0")
                 heard = b""
@@ -171,14 +222,10 @@ class Frames:
             assert time.monotonic() - begun < PATIENCE, heard[:300]
             time.sleep(0.02)
 
-    def _resident(self) -> int:
-        pages = Path(f"/proc/{self.loop.front.pid}/statm").read_text().split()[1]
-        return int(pages) * os.sysconf("SC_PAGE_SIZE")
-
-    def _grown(self) -> int | None:
-        return (
-            None if self.size is None or self.loop.front.poll() is not None else self._resident() - self.size
-        )
+    def _grown(self) -> int:
+        """Bytes since `size` was measured; 0 where it was not."""
+        now = self._target.resident()
+        return 0 if self.size is None or now is None else now - self.size
 
     # -------------------------------------------------------------------------------------------- frames
 

@@ -1,0 +1,37 @@
+#!/bin/sh
+# Builds all that a release publishes: `make release`, or release.sh FOLDER. `tools/check_release.py` tries it.
+#
+#   twind_robot-*.whl, lerobot_robot_twind-*.whl    the distributions of this repository
+#   twind_*_amd64.deb, twind_*_arm64.deb            with the wheels of all that twind needs
+#   twind_*.cdx.json                                what is in them, as CycloneDX
+#   SHA256SUMS
+#
+# PYTHONS        versions that the packages serve ("3.11 3.12 3.13")
+# ARCHITECTURES  of the packages ("amd64 arm64")
+# PYTHON, SOURCE_DATE_EPOCH  as in deb.sh. The same sources and wheels give the same files
+set -eu
+umask 022
+
+here=$(cd "$(dirname "$0")" && pwd)
+source=$(dirname "$here")
+out=${1:?usage: release.sh FOLDER}
+export PYTHONS="${PYTHONS:-3.11 3.12 3.13}"
+SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git -C "$source" log -1 --format=%ct)}
+export SOURCE_DATE_EPOCH
+mkdir -p "$out"
+rm -f "$out"/*.whl "$out"/*.deb "$out"/*.cdx.json "$out"/SHA256SUMS
+
+"$here/install.sh" own "$out"
+"$here/install.sh" own "$out" "$source/integrations/lerobot"
+# All packages and the bill of materials have the versions of the first package.
+versions=$(mktemp)
+trap 'rm -f "$versions"' EXIT
+for each in ${ARCHITECTURES:-amd64 arm64}; do
+    package=$(ARCHITECTURE=$each "$here/deb.sh" "$out")
+    dpkg-deb --fsys-tarfile "$package" | tar --list |
+        sed -n '/twind_robot-/d; s|.*/wheels/\([^-]*\)-\([^-]*\)-.*|\1==\2|p' | sort -u >"$versions"
+    export PIP_CONSTRAINT="$versions"
+done
+"$here/sbom.sh" "$out"
+(cd "$out" && sha256sum -- *.whl *.deb *.cdx.json >SHA256SUMS)
+ls -l "$out"
