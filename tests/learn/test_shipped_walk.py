@@ -104,7 +104,7 @@ def test_it_bears_pushes_while_it_walks(eighth: int) -> None:
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [None, 0, 1, 2, 3, 4])
 def test_return_and_joints_are_alike_in_training_simulation_and_daemon(seed: int | None) -> None:
-    """`seed`: of the friction and play of the robot behind the daemon, which the simulation lacks; None: none."""
+    """`seed`: of friction and play of the robot behind the daemon, which the simulation lacks."""
     robot = load_robot("h24-standing")
     plant = plant_of(robot, period=1.0 / robot.rate_hz)
     described = PolicyRobot.from_limits(robot.name, plant.layout, plant.binding.limits, robot.rate_hz)
@@ -129,7 +129,9 @@ def test_return_and_joints_are_alike_in_training_simulation_and_daemon(seed: int
     # The wire's way is two ticks: the daemon's joints are one step behind.
     away = (np.array(driven[1:]) - np.array(simulated[: len(driven) - 1]))[:, legs]
     gap = np.sqrt((away**2).mean(axis=0)) / np.std(simulated, axis=0)[legs]
-    print(f"robot {seed}: return per step {here:.3f}, {there:.3f}; joints {np.median(gap):.3f}, {gap.max():.3f}")
+    print(
+        f"robot {seed}: return per step {here:.3f}, {there:.3f}; joints {np.median(gap):.3f}, {gap.max():.3f}"
+    )
     assert abs(there - here) < NEAR * abs(here)
     assert np.median(gap) < NEAR
 
