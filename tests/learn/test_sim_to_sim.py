@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
-from tests.support.card_files import carded, linear
+from tests.support.card_files import FOREARM, INTO_PELVIS, carded, linear
 from tests.support.policy_files import plain
 from tests.support.simulated_drives import ROBOT, simulated_drive
 from tests.support.standing_policy import CARD, bending
@@ -69,21 +69,10 @@ def test_knees_and_return_are_alike(rig: StandingRig, policy: Any) -> None:
     print(f"return per step {here:.3f} here, {there:.3f} there; knee off by {1e3 * away.std():.1f} mrad rms")
 
 
-ARM = """\
-format: twind-card/1
-robot: h24-standing
-rate_hz: 50.0
-joints: [l_shoulder_yaw, l_elbow]
-default_rad: {l_shoulder_yaw: 0.0, l_elbow: 0.0}
-inputs: {obs: {terms: {joint_position: {}}}}
-action: {output: actions, scale_rad: 1.0, path: hold}
-"""
-
-
 def test_a_forearm_on_its_way_into_the_pelvis_is_held_in_both_at_the_same_time(
     rig: StandingRig, tmp_path: Path
 ) -> None:
-    policy = load_any(carded(tmp_path, linear(2, 2, bias=[-1.4, -2.1]), ARM))
+    policy = load_any(carded(tmp_path, linear(2, 2, bias=INTO_PELVIS), FOREARM))
     done = simulated_drive(policy, 1.0)
     assert "LOOKAHEAD_COLLISION" in done.ended and done.slowed.keys() == {"l_forearm-pelvis"}
     rig.pilots(policy)
