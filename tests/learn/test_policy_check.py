@@ -9,7 +9,16 @@ import pytest
 
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
-from tests.support.card_files import STANDING, STANDING_LSTM, STANDING_PLAIN, carded, linear, lstm
+from tests.support.card_files import (
+    FOREARM,
+    INTO_PELVIS,
+    STANDING,
+    STANDING_LSTM,
+    STANDING_PLAIN,
+    carded,
+    linear,
+    lstm,
+)
 from tests.support.policy_files import plain
 from tests.support.standing_policy import CARD, bending
 from twind.ctl.ctl_main import main
@@ -56,6 +65,14 @@ def test_a_policy_that_the_limits_slow_is_reported_by_joint(
     network = linear(ENTRIES, 4, weight=weight, bias=[1.0, 0.0, 0.0, 0.0])
     _, lines = checked(carded(tmp_path, network, STANDING + text), capsys)
     assert lines["limits in motion"][0] == "warn" and "_LIMIT l_knee in " in lines["limits in motion"][1]
+
+
+def test_a_policy_on_its_way_into_a_collision_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, lines = checked(carded(tmp_path, linear(2, 2, bias=INTO_PELVIS), FOREARM), capsys)
+    assert code == 1 and "held by LOOKAHEAD_COLLISION" in lines["drive"][1]
+    assert lines["collision"][0] == "warn" and "l_forearm-pelvis in " in lines["collision"][1]
 
 
 def test_an_action_that_reaches_beyond_the_limits_is_reported(

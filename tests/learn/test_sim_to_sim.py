@@ -9,21 +9,14 @@ import pytest
 
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
-from tests.support.card_files import carded, linear
+from tests.support.card_files import FOREARM, INTO_PELVIS, carded, linear
 from tests.support.policy_files import plain
+from tests.support.simulated_drives import ROBOT, simulated_drive
 from tests.support.standing_policy import CARD, bending
 from tests.support.standing_rig import StandingRig
-from twind.config.robot_file import load_robot
 from twind.learn.cards.card_file import load_any
-from twind.learn.cards.driven_policy import actor_for, task_for
-from twind.learn.cards.policy_rollout import roll_out
-from twind.learn.environment.sim_body import SimBody
-from twind.learn.policy.policy_card import PolicyRobot
 from twind.learn.policy.policy_file import save
-from twind.learn.randomise.randomisation_ranges import RandomisationRanges
-from twind.learn.task.plant_model import plant_of
 
-ROBOT = load_robot("h24-standing")
 SECONDS = 3.0
 NEAR = 0.2  # of the return
 SQUAT = """\
@@ -57,20 +50,10 @@ def policy(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
 
 
 def test_knees_and_return_are_alike(rig: StandingRig, policy: Any) -> None:
-    plant = plant_of(ROBOT, period=1.0 / ROBOT.rate_hz)
-    described = PolicyRobot.from_limits("h24", plant.layout, plant.binding.limits, ROBOT.rate_hz)
     knee = ROBOT.names.index("l_knee")
     simulated: list[float] = []
-    actor = actor_for(policy, described, plant.default)
-    body = SimBody(plant, RandomisationRanges(), 1.0 / ROBOT.rate_hz)
-    done = roll_out(
-        actor,
-        plant,
-        body,
-        task_for(policy),
-        np.zeros(3),
-        SECONDS,
-        look=lambda body: simulated.append(float(body.data.qpos[plant.position][knee])),
+    done = simulated_drive(
+        policy, SECONDS, lambda body: simulated.append(float(body.data.qpos[body.plant.position][knee]))
     )
     driven: list[float] = []
     pilot = rig.pilots(policy)
@@ -84,3 +67,21 @@ def test_knees_and_return_are_alike(rig: StandingRig, policy: Any) -> None:
     away = np.array(driven[2:]) - np.array(simulated[: len(driven) - 2])
     assert np.sqrt(np.mean(away**2)) < NEAR * np.std(simulated), np.sqrt(np.mean(away**2)) / np.std(simulated)
     print(f"return per step {here:.3f} here, {there:.3f} there; knee off by {1e3 * away.std():.1f} mrad rms")
+
+
+def test_a_forearm_on_its_way_into_the_pelvis_is_held_in_both_at_the_same_time(
+    rig: StandingRig, tmp_path: Path
+) -> None:
+    policy = load_any(carded(tmp_path, linear(2, 2, bias=INTO_PELVIS), FOREARM))
+    done = simulated_drive(policy, 1.0)
+    assert "LOOKAHEAD_COLLISION" in done.ended and done.slowed.keys() == {"l_forearm-pelvis"}
+    rig.pilots(policy)
+    held: list[int] = []
+
+    def look(step: int) -> None:
+        if any(event.stop == "hold" for event in rig.events("LOOKAHEAD_COLLISION")):
+            held.append(step)
+
+    rig.drive(1.0, look)
+    assert abs(held[0] - done.steps) <= 1
+    assert rig.refused["SELF_COLLISION"]  # it goes on after the hold; a check ends there

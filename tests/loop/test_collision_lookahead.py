@@ -11,7 +11,6 @@ from tests.support.clearance_rig import Oracle, arm, arm_file, at, h24
 from tests.support.daemon_rig import MakeRig, Rig
 from twind import link
 from twind.config.robot_file import read_robot
-from twind.loop.tick.collision_lookahead import CLEAR, LEAST, NEARER, CollisionLookahead
 from twind.motion.predicted_path import along, braking
 from twind.motion.stop_profiles import StopRamp
 from twind.motion.trajectory_executor import TrajectoryExecutor
@@ -22,6 +21,7 @@ from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.guard_types import ClearanceAhead
 from twind.twin.binding import Binding, bind
 from twind.twin.clearance_bound import REACH
+from twind.twin.collision_lookahead import CLEAR, LEAST, NEARER, CollisionLookahead
 from twind.twin.collision_model import CollisionModel
 
 PERIOD = 0.01

@@ -130,3 +130,13 @@ inputs: {obs: {terms: {joint_position: {}, base_angular_velocity: {}}}}
 state: {h_in: {output: h_out, shape: [1, 1, 16]}, c_in: {output: c_out, shape: [1, 1, 16]}}
 action: {output: actions, scale_rad: 0.5}
 """
+FOREARM = """\
+format: twind-card/1
+robot: h24-standing
+rate_hz: 50.0
+joints: [l_shoulder_yaw, l_elbow]
+default_rad: {l_shoulder_yaw: 0.0, l_elbow: 0.0}
+inputs: {obs: {terms: {joint_position: {}}}}
+action: {output: actions, scale_rad: 1.0, path: hold}
+"""
+INTO_PELVIS = [-1.4, -2.1]  # its actions that push the forearm into the pelvis

@@ -35,11 +35,15 @@ class LookaheadCollisionRules:
             return NOTHING
         if facts.motion not in MOVING or facts.state in REACTING:
             return NOTHING
-        if not outlook.clearance > outlook.block:  # NaN too
-            return (RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD, transient=True),)
-        room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
-        pace = max(self._bounds.least_pace, room)
-        return (RuleResult(_near(outlook, outlook.warn, "slower"), pace=pace),)
+        return (reaction_to(outlook, self._bounds.least_pace),)
+
+
+def reaction_to(outlook: ClearanceAhead, least_pace: float) -> RuleResult:
+    """Return the hold or the pace, at least `least_pace`, of a motion whose clearance is below `warn`."""
+    if not outlook.clearance > outlook.block:  # NaN too
+        return RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD, transient=True)
+    room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
+    return RuleResult(_near(outlook, outlook.warn, "slower"), pace=max(least_pace, room))
 
 
 def _near(outlook: ClearanceAhead, bound: float, what: str) -> Finding:

@@ -172,5 +172,8 @@ def _rollout(done: RolloutResult, settings: CheckSettings) -> Iterator[CheckLine
     refused = ", ".join(f"{name} {times} times" for name, times in done.refused.most_common(3)) or "none"
     yield CheckLine("fail" if done.refused else "ok", "gate", f"refused setpoints: {refused}")
     late = ", ".join(f"{name} in {times / steps:.0%}" for name, times in done.late.most_common(4)) or "never"
+    near = ", ".join(f"{pair} in {ticks} ticks" for pair, ticks in done.slowed.most_common(3)) or "none"
+    verdict = "warn" if done.slowed else "ok"
+    yield CheckLine(verdict, "collision", f"pairs so near that the loop slows the motion: {near}")
     text = f"followed late: {late}; {done.clipped / steps:.2f} targets per step were cut to the limits"
     yield CheckLine("warn" if done.limited else "ok", "limits in motion", text)

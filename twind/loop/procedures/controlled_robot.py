@@ -11,13 +11,13 @@ from math import nan
 import numpy as np
 
 from twind.loop.tick.bound_robot import BoundRobot
-from twind.loop.tick.collision_lookahead import CollisionLookahead
 from twind.motion.gravity_compensation import GravityCompensation
 from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.joint_map import JointMap
 from twind.robot.joint_state import JointState
+from twind.twin.collision_lookahead import CollisionLookahead
 from twind.twin.torque_observer import ExternalTorqueObserver
 
 

@@ -26,7 +26,6 @@ from twind.loop.process.power_child import PowerChild
 from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
-from twind.loop.tick.collision_lookahead import NEAR, CollisionLookahead
 from twind.loop.tick.control_loop import Loop
 from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.gravity_compensation import GravityCompensation
@@ -47,8 +46,7 @@ from twind.telemetry.command_latency import CommandLatencyTracer
 from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
 from twind.twin.binding_transfer import packed
-from twind.twin.clearance_bound import REACH
-from twind.twin.collision_model import CollisionModel
+from twind.twin.collision_lookahead import CollisionLookahead
 from twind.twin.dynamics import Dynamics
 from twind.twin.load_survey import worst_load
 from twind.twin.standing_feet import inside
@@ -117,7 +115,7 @@ def build(
         live_denied=live_denied,
         rewire=rewire,
         power=power,
-        outlook=_outlook(binding, period),
+        outlook=CollisionLookahead.of(binding, period),
         compensation=gravity_compensation(robot.file, binding, guard),
         observer=observer_of(binding, period),
     )
@@ -186,17 +184,6 @@ def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
     return {
         bus.name: bus.joints.tolist() for bus in maps if family(robot.bus(bus.name).kind).medium is Medium.CAN
     }
-
-
-def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
-    """Return the look-ahead, or None without body pairs that can collide.
-
-    Raises InvalidInput for names in `collision:` that the model lacks.
-    """
-    bodies = CollisionModel(binding, NEAR)
-    if not bodies.pairs:
-        return None
-    return CollisionLookahead(bodies, bodies.reaching(REACH), binding.limits, period)
 
 
 def _torque_at_rest(binding: Binding) -> TorqueAtRest | None:

@@ -12,7 +12,6 @@ from twind.loop.process.power_child import PowerChild
 from twind.loop.process.realtime import Granted
 from twind.loop.process.service_notify import Notifier
 from twind.loop.tick.bound_robot import BoundRobot
-from twind.loop.tick.collision_lookahead import CollisionLookahead
 from twind.motion.gravity_compensation import GravityCompensation
 from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
@@ -21,6 +20,7 @@ from twind.safety.guard import Guard
 from twind.safety.lease import Lease
 from twind.telemetry.command_latency import CommandLatencyTracer
 from twind.telemetry.timing_monitor import TimingMonitor
+from twind.twin.collision_lookahead import CollisionLookahead
 from twind.twin.torque_observer import ExternalTorqueObserver
 from twind.twin.twin import Twin
 from twind_drivers.clock import Clock

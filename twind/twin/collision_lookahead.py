@@ -1,6 +1,6 @@
 """Look-ahead on the commanded path: the least clearance just ahead (LOOKAHEAD_COLLISION).
 
-Loop's process.
+Loop's process, and the check of a policy.
 
 The path is checked for the time that the robot needs to brake. While it stays the same, only the newly
 reached time is checked, for several ticks at once; when it changes, all of it again. Poses that one earlier
@@ -21,7 +21,8 @@ from twind.robot.finding import Finding
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Motion
 from twind.safety.guard_types import ClearanceAhead
-from twind.twin.clearance_bound import ClearanceBound
+from twind.twin.binding import Binding
+from twind.twin.clearance_bound import REACH, ClearanceBound
 from twind.twin.collision_model import CollisionModel
 
 LEAST = 0.3  # s of the look-ahead at least
@@ -56,6 +57,17 @@ class CollisionLookahead:
         self._tick = self._due = self._patient = 0
         self._way: tuple[object, ...] | None = None
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
+
+    @classmethod
+    def of(cls, binding: Binding, period: float) -> CollisionLookahead | None:
+        """Return the look-ahead of a robot, or None without body pairs that can collide.
+
+        Raises InvalidInput for names in `collision:` that the model lacks.
+        """
+        bodies = CollisionModel(binding, NEAR)
+        if not bodies.pairs:
+            return None
+        return cls(bodies, bodies.reaching(REACH), binding.limits, period)
 
     def within(self, limits: JointLimits) -> CollisionLookahead:
         """Return a look-ahead with the same bodies and new limits, for a robot at rest."""
