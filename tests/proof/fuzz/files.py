@@ -55,6 +55,10 @@ class Files:
         shutil.copy(load_robot("h24").mjcf_path, self.folder / "arm.xml")
         self.accepted = 0
 
+    def finish(self) -> str:
+        """Number of accepted inputs."""
+        return f"{self.accepted} accepted"
+
     def close(self) -> None:
         """Remove the folder."""
         shutil.rmtree(self.folder)

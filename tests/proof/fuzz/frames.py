@@ -82,25 +82,22 @@ class Frames:
             self.size = self._resident()
         return len(frames)
 
-    def finish(self) -> None:
+    def finish(self) -> str:
         """Alive to the end, no bigger, and no handler broke."""
         self._alive()
         if self.size is not None:
             assert self._resident() - self.size < GROWTH, f"grew from {self.size} to {self._resident()} bytes"
         assert "CALL_BROKE" not in self.loop.log.read_text(), self.loop.log.read_text()[-2000:]
-
-    def close(self) -> None:
-        """End the front."""
-        self.loop.close()
-        shutil.rmtree(self.folder)
-
-    def summary(self) -> str:
-        """Summary of the run."""
         grown = (self._grown() or 0) >> 10
         return (
             f"{self.connections} connections, {self.answered} answers, {self.hung_up} hung up by the front, "
             f"slowest {self.slowest:.2f} s, grown {grown} KiB"
         )
+
+    def close(self) -> None:
+        """End the front."""
+        self.loop.close()
+        shutil.rmtree(self.folder)
 
     # -------------------------------------------------------------------------------------- one connection
 
