@@ -45,8 +45,12 @@ SUBJECTS = {
     subject.name: subject
     for subject in (
         _fuzz("wire", 200_000, 1e8),
+        _fuzz("checksum", 200_000, 1e8),
+        _fuzz("can", 50_000, 1e8),
         _fuzz("frames", 20_000, 1e7),
         _fuzz("files", 2_000, 1e6),
+        _fuzz("settings", 20_000, 1e6),
+        _fuzz("cards", 20_000, 1e6),
         _fuzz("recordings", 500, 1e6),
         CampaignSubject(
             "oracle",

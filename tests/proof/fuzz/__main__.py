@@ -1,4 +1,4 @@
-"""`make fuzz [N=…] [SEED=…] [WHAT=wire|frames|files|recordings] [FIRST=…]`: N inputs of each kind.
+"""`make fuzz [N=…] [SEED=…] [WHAT=KIND] [FIRST=…]`: N inputs of each kind.
 
 An input that breaks something is printed with the number that makes it again: `SEED=… FIRST=… N=1`.
 """
@@ -11,9 +11,12 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple, Protocol
 
+from tests.proof.fuzz.can import Can
+from tests.proof.fuzz.checksum import Checksum
 from tests.proof.fuzz.files import Files
 from tests.proof.fuzz.frames import Frames
 from tests.proof.fuzz.recordings import Recordings
+from tests.proof.fuzz.settings import Cards, Settings
 from tests.proof.fuzz.wire import Wire
 
 
@@ -39,8 +42,12 @@ class FuzzKind(NamedTuple):
 
 KINDS = {
     "wire": FuzzKind(Wire, 20_000),
+    "checksum": FuzzKind(Checksum, 20_000),
+    "can": FuzzKind(Can, 5_000),
     "frames": FuzzKind(Frames, 2_000),
     "files": FuzzKind(Files, 300),
+    "settings": FuzzKind(Settings, 1_000),
+    "cards": FuzzKind(Cards, 1_000),
     "recordings": FuzzKind(Recordings, 200),
 }
 
