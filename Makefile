@@ -19,7 +19,7 @@ CHANGED ?=
 EXTRAS ?=
 
 .PHONY: all help demo test test-fast test-slow campaigns check computed lived format lint types imports bench coverage oracle fuzz \
-	mutate clean faults soak kills lead-kills model cast pictures ros ros-if-here \
+	proof mutate clean faults soak kills lead-kills model cast pictures ros ros-if-here \
 	install uninstall deb release release-check audit extras docs FORCE
 
 all: $(VENV)/.ready
@@ -33,6 +33,7 @@ help:
 	@echo 'make campaigns            run the long forms of tests'
 	@echo 'make extras EXTRAS=learn  add extras of pyproject.toml to $(VENV)'
 	@echo 'make docs                 build the documents as a site, in site/'
+	@echo 'make proof                run the proof campaign on, for days (docs/proof.md)'
 	@echo 'make bench                measure this machine (docs/bench.md)'
 	@echo 'sudo make install         install the service; sudo make uninstall removes it'
 	@echo 'make deb                  build a Debian package, in dist/'
@@ -101,6 +102,11 @@ bench: $(VENV)/.bench $(VENV)/.learn
 coverage: $(VENV)/.ready
 	$(BIN)/coverage erase
 	$(BIN)/python -m tests.proof.mutation.coverage
+
+# All harnesses on, each with its next inputs, up to the goals of the version: days. It tells first how many hours.
+proof: $(VENV)/.ready
+	$(BIN)/python -m tests.proof.campaign $(foreach each,$(SUBJECT),--subject '$(each)') $(if $(HOURS),--hours $(HOURS)) \
+		$(if $(AGAIN),--again)
 
 oracle: $(VENV)/.ready
 	$(BIN)/python -m tests.proof.oracle $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST))

@@ -96,6 +96,19 @@ def test_an_echo_is_no_reply_even_where_it_has_the_form_of_one() -> None:
     assert made.unasked == [p.ChecksumPacket(1, 2, b"\x38\x02")]
 
 
+@given(st.integers(1, 20))
+def test_whole_replies_have_no_strays_wherever_their_bytes_are_cut(size: int) -> None:
+    ids = (1, 2, 3)
+    made = ChecksumReply(ids, 2, [p.read(id, 56, 2) for id in ids])
+    data = b"".join(p.instruction(id, 0, b"\x18\x05") for id in ids)
+    for at in range(0, len(data), size):
+        piece = data[at : at + size]
+        made.receive_buffer()[: len(piece)] = piece
+        made.take(len(piece))
+    made.end()
+    assert (made.whole, made.strays, list(made.unasked)) == (True, 0, [])
+
+
 def test_the_weak_cases_of_the_checksum_are_sound_packets() -> None:
     """That is why a position must be plausible as well: low + high byte 256 has the sum of zero."""
     for position in (511, 2041, 4081):

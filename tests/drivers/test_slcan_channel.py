@@ -124,6 +124,9 @@ def test_an_accepted_slcan_line_encodes_back_to_itself(texts: list[bytes]) -> No
         b"t12G1AA",
         b"t1231A\x80",
         b"t1231A ",
+        b"t1238AABBCCDDEETT1122",  # letters of lines in place of digits
+        b"t1238AABBCCDDEEtt1122",
+        b"T000001238AABBCCDDEETT1122",
         b"t 231AA",
         b"t1232AABBt1232CCDD",  # two run together
         b"t8001AA",  # beyond 11 bits

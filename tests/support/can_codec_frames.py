@@ -37,10 +37,11 @@ def wire(frames: Frames) -> list[tuple[int, str]]:
 
 def noise(ids: Sequence[int]) -> st.SearchStrategy[Frames]:
     """Up to 80 frames of any id, size and content; half of them of `ids`, so that some nearly fit."""
-    return st.integers(0, 2**32 - 1).map(lambda seed: _noise(np.random.default_rng(seed), ids))
+    return st.integers(0, 2**32 - 1).map(lambda seed: noise_of(np.random.default_rng(seed), ids))
 
 
-def _noise(chance: np.random.Generator, ids: Sequence[int]) -> Frames:
+def noise_of(chance: np.random.Generator, ids: Sequence[int]) -> Frames:
+    """One such batch."""
     count = int(chance.integers(0, 81))
     made = np.frombuffer(chance.bytes(count * FRAME.itemsize), FRAME).copy()
     near = chance.random(count) < 0.5

@@ -220,7 +220,7 @@ def _alike(text: bytes) -> Frames | None:
     if rest or not count or text[width - 1 :: width] != b"\r" * count or text[::width] != begin * count:
         return None
     # What is a letter, an end or a space at another place leaves too few digits, or too many letters.
-    if extended and text.count(b"T") != count:
+    if text.count(b"T") != (count if extended else 0):
         return None
     try:
         packed = bytes.fromhex(text.translate(TO_ZERO, b"t\r").decode("ascii"))

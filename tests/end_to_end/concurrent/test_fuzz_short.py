@@ -7,7 +7,10 @@ from tests.proof.fuzz.files import Files
 from twind_drivers.dynamixel.packet import Framer, Packet
 
 
-@pytest.mark.parametrize(("what", "count"), [("wire", 2000), ("files", 60)])
+@pytest.mark.parametrize(
+    ("what", "count"),
+    [("wire", 2000), ("checksum", 1000), ("can", 400), ("files", 60), ("settings", 100), ("cards", 300)],
+)
 def test_no_input_breaks_it(what: str, count: int) -> None:
     assert run(what, 4, 0, count) == 0
 

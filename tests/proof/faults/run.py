@@ -117,6 +117,7 @@ def main(arguments: list[str] | None = None) -> int:
     bad = sum(row["wrong"] for row in table) + len(hours.get("wrong", []))
     total = sum(row["injected"] for row in table)
     print(f"{total} injections, {bad} wrong, {time.monotonic() - begun:.0f} s; {OUT.name} has them")
+    print(f"next FIRST={max(seeds.stop, reals.stop)}")
     return 1 if bad else 0
 
 

@@ -1,4 +1,4 @@
-"""`make fuzz [N=…] [SEED=…] [WHAT=wire|frames|files|recordings] [FIRST=…]`: N inputs of each kind.
+"""`make fuzz [N=…] [SEED=…] [WHAT=KIND] [FIRST=…]`: N inputs of each kind.
 
 An input that breaks something is printed with the number that makes it again: `SEED=… FIRST=… N=1`.
 """
@@ -9,53 +9,87 @@ import time
 import traceback
 from collections.abc import Callable
 from random import Random
+from typing import NamedTuple, Protocol
 
-from tests.proof.fuzz import wire
+from tests.proof.fuzz.can import Can
+from tests.proof.fuzz.checksum import Checksum
 from tests.proof.fuzz.files import Files
 from tests.proof.fuzz.frames import Frames
 from tests.proof.fuzz.recordings import Recordings
+from tests.proof.fuzz.settings import Cards, Settings
+from tests.proof.fuzz.wire import Wire
 
-USUAL = {"wire": 20_000, "frames": 2_000, "files": 300, "recordings": 200}  # some seconds of each
+
+class FuzzTarget(Protocol):
+    """A program that is given inputs of one kind."""
+
+    def one(self, rng: Random) -> int | None:
+        """Give one input, or as many as it returns. Raises whatever is wrong."""
+
+    def finish(self) -> str:
+        """Summary of the run. Raises where the target did not live through it."""
+
+    def close(self) -> None:
+        """Remove what it left."""
+
+
+class FuzzKind(NamedTuple):
+    """A kind of input."""
+
+    target: Callable[[], FuzzTarget]
+    usual: int  # inputs in some seconds
+
+
+KINDS = {
+    "wire": FuzzKind(Wire, 20_000),
+    "checksum": FuzzKind(Checksum, 20_000),
+    "can": FuzzKind(Can, 5_000),
+    "frames": FuzzKind(Frames, 2_000),
+    "files": FuzzKind(Files, 300),
+    "settings": FuzzKind(Settings, 1_000),
+    "cards": FuzzKind(Cards, 1_000),
+    "recordings": FuzzKind(Recordings, 200),
+}
 
 
 def run(what: str, seed: int, first: int, count: int) -> int:
     """Inputs `first` .. `first + count` of a kind. Prints what it did; the number of failures (1 at most)."""
     begun = time.monotonic()
     number = first
-    files = Files() if what == "files" else Recordings() if what == "recordings" else None
-    frames = Frames() if what == "frames" else None
-    one: Callable[[Random], object] = files.one if files else frames.one if frames else wire.one
+    target = KINDS[what].target()
     done = 0
+    broke = 0
+    summary = ""
     try:
         while done < count:
-            done += int(one(Random(f"{what} {seed} {number}")) or 1)
+            done += target.one(Random(f"{what} {seed} {number}")) or 1
             number += 1
-        if frames:
-            frames.finish()
-    except BaseException:
+        summary = target.finish()
+    except (Exception, SystemExit):
         traceback.print_exc()
         again = f"make fuzz WHAT={what} SEED={seed} FIRST={number} N=1"
         print(f"{what}: input {number} of seed {seed} breaks it: {again}")
-        return 1
+        broke = 1
+        done += 1
+        number += 1
     finally:
-        for open_ in (files, frames):
-            if open_:
-                open_.close()
-    summary = f", {files.accepted} accepted" if files else f", {frames.summary()}" if frames else ""
-    print(f"{what}: {done} inputs of seed {seed} in {time.monotonic() - begun:.0f} s{summary}", flush=True)
-    return 0
+        target.close()
+    print(f"{what}: {done} inputs of seed {seed} in {time.monotonic() - begun:.0f} s, {broke} broke", end="")
+    print(f"{summary and f', {summary}'}, next FIRST={number}", flush=True)
+    return broke
 
 
 def main(arguments: list[str]) -> int:
     """Exit code 0: nothing broke."""
+    usual = ", ".join(f"{name} {kind.usual}" for name, kind in KINDS.items())
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__)
-    parser.add_argument("-n", type=int, help="inputs of each kind; usual: " + str(USUAL))
+    parser.add_argument("-n", type=int, help=f"inputs of each kind; usual: {usual}")
     parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--what", choices=USUAL, action="append")
+    parser.add_argument("--what", choices=KINDS, action="append")
     asked = parser.parse_args(arguments)
-    kinds = asked.what or list(USUAL)
-    return sum(run(what, asked.seed, asked.first, asked.n or USUAL[what]) for what in kinds)
+    kinds = asked.what or list(KINDS)
+    return sum(run(what, asked.seed, asked.first, asked.n or KINDS[what].usual) for what in kinds)
 
 
 if __name__ == "__main__":

@@ -140,22 +140,18 @@ class Frames:
             self.size = self._target.resident()
         return len(frames)
 
-    def finish(self) -> None:
-        """Alive to the end, no bigger, and no handler broke."""
+    def finish(self) -> str:
+        """Alive to the end, no bigger, and no handler broke; the summary."""
         self._alive()
         assert self._grown() < GROWTH, f"grew by {self._grown()} bytes from {self.size}"
+        return (
+            f"{self.connections} connections, {self.answered} answers, {self.hung_up} hung up by the front, "
+            f"slowest {self.slowest:.2f} s, grown {self._grown() >> 10} KiB"
+        )
 
     def close(self) -> None:
         """End what was started."""
         self._target.close()
-
-    def summary(self) -> str:
-        """Summary of the run."""
-        grown = self._grown() >> 10
-        return (
-            f"{self.connections} connections, {self.answered} answers, {self.hung_up} hung up by the front, "
-            f"slowest {self.slowest:.2f} s, grown {grown} KiB"
-        )
 
     # -------------------------------------------------------------------------------------- one connection
 

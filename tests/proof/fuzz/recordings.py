@@ -61,6 +61,10 @@ class Recordings:
         self._mcap = write(self.folder / "whole.mcap", 0.2).read_bytes()
         self.accepted = 0
 
+    def finish(self) -> str:
+        """Number of accepted inputs."""
+        return f"{self.accepted} accepted"
+
     def close(self) -> None:
         """Remove the folder."""
         shutil.rmtree(self.folder)

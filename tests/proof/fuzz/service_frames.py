@@ -47,8 +47,8 @@ def main(folder: str, name: str, count: str, seed: str) -> None:
         except Exception as error:
             raise AssertionError(f"input {number} of seed {seed}") from error
         number += 1
-    frames.finish()
-    print(f"{name}: {frames.frames} frames of seed {seed}: {frames.summary()}")
+    summary = frames.finish()
+    print(f"{name}: {frames.frames} frames of seed {seed}: {summary}")
 
 
 if __name__ == "__main__":

@@ -11,15 +11,25 @@ HOSTILE = (0xFF, 0xFF, 0xFD, 0x00, 0x55)
 KINDS = ("noise", "noise", "noise", "round trip", "reply")
 
 
-def one(rng: Random) -> None:
-    """One input. Raises whatever is wrong."""
-    kind = rng.choice(KINDS)
-    if kind == "round trip":
-        _round_trip(rng)
-    elif kind == "reply":
-        _reply(rng)
-    else:
-        _noise(rng)
+class Wire:
+    """The framer and the replies of Protocol 2.0."""
+
+    def one(self, rng: Random) -> None:
+        """One input. Raises whatever is wrong."""
+        kind = rng.choice(KINDS)
+        if kind == "round trip":
+            _round_trip(rng)
+        elif kind == "reply":
+            _reply(rng)
+        else:
+            _noise(rng)
+
+    def finish(self) -> str:
+        """Nothing to add."""
+        return ""
+
+    def close(self) -> None:
+        """Nothing to remove."""
 
 
 def _params(rng: Random) -> bytes:

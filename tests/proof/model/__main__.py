@@ -31,7 +31,7 @@ def main() -> int:
         suppress_health_check=list(HealthCheck),
     )
     run_state_machine_as_test(seed(number)(Daemon), settings=chosen)
-    print(f"no invariant broken; {time.monotonic() - began:.0f} s")
+    print(f"{options.count} lives, no invariant broken; {time.monotonic() - began:.0f} s")
     for what, times in sorted(Daemon.counted.items()):
         print(f"{times:7d} {what}")
     return 0

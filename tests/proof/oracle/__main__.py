@@ -139,6 +139,7 @@ def main(arguments: list[str]) -> int:
         f"  {seen.exact} looked at in rationals; changed {dict(seen.changed)}; refused {dict(seen.refused)}"
     )
     print(f"  {len(seen.false_accepts)} false accepts, {len(seen.false_refusals)} false refusals")
+    print(f"  next FIRST={end}")
     for number, words in seen.false_accepts[:20]:
         print(f"  FALSE ACCEPT of number {number}: {words}")
     for number, words in seen.false_refusals[:20]:

@@ -57,6 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
     bad = sum(len(each["wrong"]) for each in found)
     OUT.write_text(json.dumps(found, indent=1))
     print(f"{bad} wrong, {time.monotonic() - begun:.0f} s; {OUT.name} has it")
+    if not bad:
+        print(f"passed: {options.minutes:g} min" if options.real else f"passed: {options.hours:g} h")
     return 1 if bad else 0
 
 
