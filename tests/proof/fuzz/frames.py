@@ -74,7 +74,7 @@ class StandInTarget:
         self._loop.send(link.VerdictReport(time=now, sequence=1, id="fuzz", verdict=NOTHING))
 
     def forget(self) -> None:
-        """What the loop was asked is not kept."""
+        """Drop what the loop was asked."""
         self._loop.commands.clear()
         self._loop.paths.clear()
 
@@ -97,7 +97,7 @@ class StandInTarget:
 
 
 class Target(Protocol):
-    """What is attacked: `StandInTarget`, or a service (`tests/proof/fuzz/service_frames.py`)."""
+    """Sockets to attack: `StandInTarget`, or those of a service (`tests/proof/fuzz/service_frames.py`)."""
 
     folder: Path
     attacked: tuple[str, ...]
