@@ -19,6 +19,7 @@ from twind.exceptions import InvalidInput
 from twind.gap.gap_figures import JointGap
 from twind.gap.gap_replay import resample
 from twind.gap.motion_samples import MotionSamples
+from twind.identification.carried_robot import require_carried
 from twind.identification.identified_robot import DataOrigin, RobotIdentification, identify_robot
 from twind.identification.identified_table import model_lines
 from twind.identification.live_excitation import excite_robot
@@ -59,6 +60,7 @@ def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
         raise Rejected(
             f"the daemon is in mode {mode}, in which the robot does not move: start it with --mode live"
         )
+    require_carried(known["robot"], "the excitation of `identify --live`")
     try:
         require_sent_goals(known["robot"])  # before the robot moves for minutes
     except InvalidInput as error:

@@ -13,6 +13,7 @@ from twind.command_line.verb import Rejected, UsageError, observer, operator, sh
 from twind.config.robot_file import RobotFile
 from twind.ctl.robot_file_edit import RobotFileEdit
 from twind.exceptions import InvalidInput
+from twind.identification.carried_robot import require_carried
 from twind.identification.step_bench import StepBench
 from twind.robot_client.daemon_robot_file import robot_file_of
 from twind.robot_client.robot import Robot
@@ -35,6 +36,7 @@ def tune_gains(options: argparse.Namespace, names: Sequence[str]) -> None:
     with observer(options) as client:
         answer = client.call("GetRobot")
     joints = _joints_of_one_type(answer["robot"], names)
+    require_carried(answer["robot"], "`tune gains`, which takes its torque for each try,")
     try:
         file = robot_file_of(answer)
         kind = next(joint.type for joint in file.joints if joint.name in joints)
