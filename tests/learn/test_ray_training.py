@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -64,12 +65,15 @@ def test_a_worker_that_is_killed_costs_no_steps(tmp_path: Path) -> None:
     events = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
+        bound = threading.Timer(600.0, process.terminate)
+        bound.start()
         for line in process.stdout:
             events.append(json.loads(line))
             if [each["event"] for each in events].count("progress") == 1 and events[-1][
                 "event"
             ] == "progress":
                 os.kill(events[0]["workers"][0][1], signal.SIGKILL)
+        bound.cancel()
     assert process.returncode == 0
     steps = [each["steps"] for each in events if each["event"] == "progress"]
     assert steps == list(range(64, 513, 64))
