@@ -6,7 +6,8 @@ the first longer than it helps, and the simulations, which do use every core, wa
 
 import io
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,11 @@ SLOWEST = 0.05  # share of the learning rate that is left at the end
 RECENT = 100  # episodes that the running figures are of
 
 
-def environments(settings: TrainingSettings) -> Any:
-    """As the settings say, not normalised yet. Raises what `RobotEnv` does."""
+def environments(settings: TrainingSettings, threads: int | None = None) -> Any:
+    """As the settings say, not normalised yet; `threads` of a batch: None, every core.
+
+    Raises what `RobotEnv` does.
+    """
     if settings.kind == "batch":
         from twind.learn.batch.vec_env import BatchVecEnv
 
@@ -36,6 +40,7 @@ def environments(settings: TrainingSettings) -> Any:
             robot=settings.robot,
             randomise=settings.profile,
             identified=settings.identified,
+            threads=threads,
         )
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
@@ -65,43 +70,63 @@ def _make_env(settings: TrainingSettings) -> Any:
     return TimeLimit(env, env.task.steps(env.shaping.period))
 
 
+def make_ppo(
+    settings: TrainingSettings, rate: Callable[[float], float], *, threads: int | None = None
+) -> Any:
+    """SB3's PPO on a VecNormalize of the settings' environments. `rate`: share that is left -> learning rate.
+
+    `threads` of a batch: None, every core.
+    """
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    return PPO(
+        "MlpPolicy",
+        VecNormalize(VecMonitor(environments(settings, threads)), gamma=settings.gamma),
+        learning_rate=rate,
+        n_steps=settings.rollout,
+        batch_size=min(settings.batch, settings.rollout * settings.envs),
+        n_epochs=settings.epochs,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
+        clip_range=settings.clip,
+        policy_kwargs={
+            "net_arch": list(settings.hidden),
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": float(np.log(settings.std)),
+        },
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
 class PpoLearner:
     """One PPO with its environments, stepped an update at a time. `close` gives them back."""
 
     def __init__(
-        self, settings: TrainingSettings, state: bytes | None = None, logs: Path | None = None
+        self,
+        settings: TrainingSettings,
+        state: bytes | None = None,
+        logs: Path | None = None,
+        workers: Any = None,
     ) -> None:
         """`state`: of a checkpoint, to go on from; `logs`: folder for TensorBoard.
+
+        `workers`: `RolloutWorkers` that collect; the environments here then serve imitation alone.
 
         Raises ValueError: the state is none of ours.
         """
         import torch
-        from stable_baselines3 import PPO
         from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-        from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
         torch.set_num_threads(THREADS)
         self.settings = settings
-        self._normal = VecNormalize(VecMonitor(environments(settings)), gamma=settings.gamma)
         self.model: Any = None  # while it is made it asks for the learning rate
-        self.model = PPO(
-            "MlpPolicy",
-            self._normal,
-            learning_rate=lambda _: self._rate(),
-            n_steps=settings.rollout,
-            batch_size=min(settings.batch, settings.rollout * settings.envs),
-            n_epochs=settings.epochs,
-            gamma=settings.gamma,
-            gae_lambda=settings.gae_lambda,
-            clip_range=settings.clip,
-            policy_kwargs={
-                "net_arch": list(settings.hidden),
-                "activation_fn": torch.nn.Tanh,
-                "log_std_init": float(np.log(settings.std)),
-            },
-            seed=settings.seed,
-            device="cpu",
-        )
+        self.model = make_ppo(settings, lambda _: self._rate())
+        self._normal = self.model.get_vec_normalize_env()
+        if workers is not None:
+            self.model.collect_rollouts = partial(workers.fill, self.model)
         self._logger = Logger(None, [] if logs is None else [TensorBoardOutputFormat(str(logs))])
         self.model.set_logger(self._logger)
         self.model.ep_info_buffer = deque(maxlen=RECENT)

@@ -16,7 +16,7 @@ from typing import Any
 
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import DONE, Rejected, UsageError
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 group = "learn"
@@ -76,6 +76,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tensorboard-log", type=Path, metavar="DIR", help="logs for TensorBoard, as SB3 writes them"
     )
+    parser.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="workers of the Ray cluster at HOST:PORT, auto (the one of this machine) or local (a new one of "
+        "processes here) share the simulations; --out is then best on a disk that the machines share",
+    )
+    parser.add_argument(
+        "--ray-workers", type=_count, metavar="N", help="how many (default: one for each core of the cluster)"
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--out", type=Path, metavar="DIR", help="folder to make (default: TASK-DATE-TIME here)"
@@ -109,6 +118,13 @@ def _sizes(text: str) -> tuple[int, ...]:
     return sizes
 
 
+def _count(text: str) -> int:
+    """A number of 1 or more. Raises ArgumentTypeError."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: at least 1 is needed")
+    return int(text)
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: trained, or stopped with a checkpoint. Raises UsageError, Rejected."""
     missing = [name for name in NEEDED if find_spec(name) is None]
@@ -116,6 +132,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
     if options.tensorboard_log is not None and find_spec("tensorboard") is None:
         raise UsageError(f"--tensorboard-log needs tensorboard: {how_to_add('tensorboard')}")
+    if options.ray is not None and find_spec("ray") is None:
+        raise UsageError(f"--ray needs ray: {how_to_add('ray')}")
+    if options.ray_workers is not None and options.ray is None:
+        raise UsageError("--ray-workers: name a cluster with --ray")
     from twind.config.yaml_tree import ConfigError
     from twind.learn.training.training_folder import lock_folder, require_fresh
 
@@ -200,6 +220,27 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
 
 
 def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
+    if options.ray is None:
+        return _run_trainer(options, settings, folder, before)
+    from twind.learn.training.ray_cluster import ray_workers
+    from twind.learn.training.training_folder import RUN
+    from twind.learn.training.training_reporter import TrainingReporter
+
+    reporter = TrainingReporter(options)
+    try:
+        with ray_workers(options.ray, options.ray_workers, settings) as workers:
+            reporter.workers(workers.places, None)
+            done = _run_trainer(options, settings, folder, before, workers)
+            reporter.workers(workers.places, workers.restarts)
+            return done
+    except OperationFailed as error:
+        kept = f"; the last checkpoint stands: --resume {folder.path}" if (folder.path / RUN).exists() else ""
+        raise Rejected(f"{error}{kept}") from None
+
+
+def _run_trainer(
+    options: argparse.Namespace, settings: Any, folder: Any, before: Any, workers: Any = None
+) -> int:
     from twind.command_line.progress import ProgressLine
     from twind.command_line.stop_signals import catch_stop_signals
     from twind.learn.training.trainer import Trainer
@@ -207,7 +248,9 @@ def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: An
 
     with catch_stop_signals() as stop, ProgressLine(options, "train") as progress:
         progress.update("making simulations, judging the zero policy")
-        course = Trainer(settings, folder, TrainingReporter(options), before, options.tensorboard_log)
+        course = Trainer(
+            settings, folder, TrainingReporter(options), before, options.tensorboard_log, workers
+        )
         try:
             course.run(stop, progress)
         except OSError as error:

@@ -70,8 +70,11 @@ class Trainer:
         reporter: TrainingReporter,
         before: Mapping[str, object] | None,
         logs: Path | None = None,
+        workers: Any = None,
     ) -> None:
         """`before`: the run's file of a training that goes on; `logs`: folder for TensorBoard.
+
+        `workers`: `RolloutWorkers` that collect, else this process does.
 
         Raises Rejected: its checkpoint is none.
         """
@@ -80,7 +83,7 @@ class Trainer:
         self._reporter = reporter
         state = None if before is None else _checkpoint(folder.path / CHECKPOINT)
         try:
-            self._learner = PpoLearner(settings, state, logs)
+            self._learner = PpoLearner(settings, state, logs, workers)
         except ValueError as error:
             where = folder.path if state is None else folder.path / CHECKPOINT
             raise Rejected(f"{where}: {error}") from None

@@ -1,6 +1,7 @@
 """Output of a training: a growing table for people, a line of JSON per report with --json."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,6 +62,14 @@ class TrainingReporter:
             names = ("return", "length", "falls")
             known = dict(zip(names, recent, strict=True)) if recent else dict.fromkeys(names)
             show(self.options, {"event": "progress", "steps": steps, "steps_per_s": rate, **known}, "")
+
+    def workers(self, places: Sequence[tuple[str, int]], restarts: int | None) -> None:
+        """Print where the workers of Ray run: machine and process id; at the end, how many started again."""
+        hosts = len({host for host, _ in places})
+        known = "" if restarts is None else f", {restarts} started again after they died"
+        data = {"event": "workers", "workers": [list(each) for each in places], "restarts": restarts or 0}
+        machines = "one machine" if hosts == 1 else f"{hosts} machines"
+        show(self.options, data, f"Ray: {len(places)} workers on {machines}{known}")
 
     def ended(
         self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
