@@ -197,7 +197,7 @@ def _moved(jacobian: Floats, changed: Floats, noise: Floats) -> Floats:
     """Return by how much errors that are `changed` (samples, windows) move the numbers of the fit (p,)."""
     rows = np.nan_to_num(jacobian / noise).reshape(len(jacobian), -1)
     target = np.nan_to_num(changed / noise).ravel()
-    return np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ target)
+    return np.asarray(np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ target), np.float64)
 
 
 def _finite(errors: Floats) -> Floats:
