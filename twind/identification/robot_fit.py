@@ -10,7 +10,7 @@ from twind.config.identified_spec import PARAMETERS, GapReference, IdentifiedJoi
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.joint_fit import JointFit, fit_joint
 from twind.identification.joint_loads import joint_loads
-from twind.identification.link_weights import SPRING, LinkWeights, link_weights
+from twind.identification.link_weights import LARGEST, SPRING, LinkWeights, link_weights
 from twind.identification.motion_windows import JointWindows, join_windows, windows_of, with_cable
 from twind.identification.servo_parameters import FITTED, LOAD, ServoPriors, priors_of
 from twind.identification.servo_response import respond
@@ -42,13 +42,18 @@ def identify_joints(
     """Return the identified joints by name; those that move too little are left out.
 
     `motions`: even samples of one period, as `resample` makes them. `joints`: only these. `earlier`: results
-    from which these begin; the weight behind the joints then is that of `binding`.
+    from which these begin; the weight behind the joints then is that of `binding`. Joints with no more weight
+    than a cable pulls keep them: of what acts like weight there, no mass is the cause.
     """
     weights = link_weights(binding, motions)
     loads = [joint_loads(binding, each.time, each.position) for each in motions]
     found = {}
     for place, name in enumerate(binding.robot.names):
         if joints is not None and name not in joints:
+            continue
+        priors = model_priors(binding, place, weights)
+        if earlier is not None and name in earlier and priors.sd[FITTED.index(LOAD)] >= LARGEST:
+            found[name] = earlier[name]
             continue
         passive = float(binding.model.dof_damping[binding.dof[place]])
         parts = [
@@ -58,7 +63,6 @@ def identify_joints(
         moved = [part for part in parts if part is not None]
         windows = join_windows(moved) if moved else None
         if windows is not None and windows.held_out.any() and (~windows.held_out).sum() >= LEAST:
-            priors = model_priors(binding, place, weights)
             found[name] = _identify(windows, priors, None if earlier is None else earlier[name].joint)
     return found
 
@@ -101,15 +105,15 @@ def _identify(windows: JointWindows, priors: ServoPriors, earlier: IdentifiedJoi
     def errors(values: Floats) -> Floats:
         return _errors(windows, priors, values)[:, :, ~windows.held_out]
 
+    pulled = with_cable(windows, SPRING * priors.stall_nm)
+
+    def disturbed(values: Floats) -> Floats:
+        return _errors(pulled, priors, values)[:, :, ~windows.held_out]
+
     if earlier is None:
-        fit = fit_joint(errors, priors)
+        fit = fit_joint(errors, priors, disturbed=disturbed)
     else:
         start = np.array([*(each.value for each in earlier.estimates().values()), 1.0])
-        pulled = with_cable(windows, SPRING * priors.stall_nm)
-
-        def disturbed(values: Floats) -> Floats:
-            return _errors(pulled, priors, values)[:, :, ~windows.held_out]
-
         fit = fit_joint(errors, priors, start=start, held=np.array(FITTED) == LOAD, disturbed=disturbed)
     estimates = estimates_of(fit, priors)
     load = estimates.pop(LOAD)
