@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.gap_rig import FORWARD, PERIOD, identified_arm, stretched_arm
+from tests.support.gap_rig import FORWARD, PERIOD, GapRig, identified_arm, stretched_arm
 from twind.gap.gap_figures import total_gap
 from twind.gap.gap_replay import GapReplay
 from twind.gap.motion_samples import MotionSamples
@@ -41,3 +41,23 @@ def test_after_identification_a_heavier_robot_shows_in_the_second_norm() -> None
     assert after < 0.1 < 0.2 < grown
     assert after < 0.7 * before
     assert spread < 0.05
+
+
+@pytest.mark.slow
+def test_the_effort_of_a_stiff_and_light_robot_shows_masses_that_encoder_steps_hide() -> None:
+    shares = []
+    for factor in (1.0, 1.5):
+        rig = GapRig("h24", factor)
+        rig.arm()
+        rig.samples()
+        for motion in ("wave", "squat", "reach"):
+            rig.play(motion)
+        known = rig.known_servos()
+        rig.close()
+        gaps = GapReplay(known, PERIOD).gaps(rig.samples())
+        found = total_gap(gaps, "effort")
+        assert found is not None and found.unexplained is not None
+        shares.append(found.unexplained)
+        print(found, total_gap(gaps))
+    assert shares[1] > 1.5 * shares[0]
+    assert shares[0] < 0.2 < shares[1]

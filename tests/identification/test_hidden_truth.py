@@ -48,4 +48,5 @@ def test_an_arm_of_virtual_servos_moved_by_the_daemon() -> None:
     assert inside >= 0.9
     assert width <= 0.5
     assert np.median(after[:, 0]) < 0.05
+    assert after[:, 0].max() < 0.2
     assert np.median(after[:, 1] / before[:, 1]) < 0.75

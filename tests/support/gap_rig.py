@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from tests.support.body_rig import BodyRig
+from tests.support.true_servos import true_servos
 from twind import link
-from twind.config.identified_spec import IdentifiedBody, IdentifiedModel, ParameterEstimate
+from twind.command_line.trajectory_files import load_motion
+from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.config.robot_file import load_robot
 from twind.gap.gap_replay import resample
 from twind.gap.motion_samples import MotionSamples
@@ -52,8 +54,8 @@ class GapRig(BodyRig):
         if not made:
             overlay = heavier(bind(self.made.robot, None), self.factor)
             spec = replace(self.made, robot=replace(self.made.robot, identified=overlay))
-            body = body_for(spec, now=self.clock.now())
-            made.update(buses(self.made, physics=False, body=body, now=self.clock.now()))
+            self.body = body_for(spec, now=self.clock.now())
+            made.update(buses(self.made, physics=False, body=self.body, now=self.clock.now()))
         return made[bus]
 
     def excite(self, joints: Sequence[str], amplitude: float, shift: float = 0.0) -> None:
@@ -95,6 +97,28 @@ class GapRig(BodyRig):
             if any(not reply.continues for reply in self.replies(ticket)):
                 break
         assert self.replies(ticket)[-1].parameters.get("phase") == "succeeded", self.replies(ticket)[-1]
+
+    def play(self, name: str) -> None:
+        """Run a motion that comes with the robot to its end."""
+        motion = load_motion(name, self.robot.motions)
+        points = motion["points"]
+        times = np.array([point["time_from_start"] for point in points], np.float64)
+        columns = [self.names.index(joint) for joint in motion["joint_names"]]
+        rows = np.tile(self.loop.executor.reference.position, (len(points), 1))
+        rows[:, columns] = [point["positions"] for point in points]
+        self.follow(Trajectory(times, rows, np.isin(np.arange(len(self.names)), columns), None))
+
+    def known_servos(self) -> Binding:
+        """Return the robot with the true servos of its body, the masses being those of its file."""
+        columns = true_servos(self.body.model, self.robot)
+        joints = {
+            name: IdentifiedJoint(
+                **{key: ParameterEstimate(float(each[at]), 0.0, 1.0, 0.0) for key, each in columns.items()}
+            )
+            for at, name in enumerate(self.names)
+        }
+        found = IdentifiedModel(self.robot.name, UNKNOWN, "test", "servos", 0.0, 0.0, joints, {})
+        return bind(replace(self.robot, identified=found), None)
 
     def samples(self) -> MotionSamples:
         """Return what the daemon has published since the last call."""

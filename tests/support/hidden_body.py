@@ -11,6 +11,7 @@ import numpy as np
 
 from tests.support.daemon_rig import Rig
 from tests.support.hidden_robot import HiddenRobot
+from tests.support.true_servos import true_servos
 from twind import link
 from twind.config.identified_spec import IdentifiedJoint, IdentifiedModel, ParameterEstimate
 from twind.gap.gap_replay import resample
@@ -59,21 +60,14 @@ class HiddenBodyRig(Rig):
 
     def true_parameters(self) -> IdentifiedModel:
         """Return what the body of the armed robot has; it knows no dead band, sag or friction near rest."""
-        model = self.body.model
-        dofs = [model.joint(joint.model_joint).dofadr[0] for joint in self.robot.joints]
-        columns = {
-            "stiffness_nm_per_rad": -model.actuator_biasprm[:, 1],
-            "damping_nm_s_per_rad": model.dof_damping[dofs],
-            "armature_kg_m2": model.dof_armature[dofs],
-        }
+        columns = true_servos(self.body.model, self.robot)
         columns |= dict.fromkeys(
             ("stribeck_nm", "dead_band_rad", "backlash_rad", "sag_per_nm"), np.zeros(len(self.names))
         )
         joints = {}
         for at, name in enumerate(self.names):
             found = {key: ParameterEstimate(float(each[at]), 0.0, 0.0, 0.0) for key, each in columns.items()}
-            friction = self._hidden.truth.joints[name].friction_nm
-            joints[name] = IdentifiedJoint(**found, friction_nm=friction)
+            joints[name] = IdentifiedJoint(**found)
         return replace(self._hidden.truth, joints=joints)
 
     def _try(self, names: list[str], amplitude: float) -> None:

@@ -11,7 +11,7 @@ from twind.config.identified_spec import IdentifiedBody, IdentifiedJoint, Identi
 from twind.config.robot_file import RobotFile
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.excitation import RATE, ExcitationBounds, excite
-from twind.identification.robot_fit import model_priors
+from twind.identification.robot_fit import model_priors, sent_goals
 from twind.identification.servo_parameters import FITTED
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, bind
@@ -107,12 +107,12 @@ def goals_of(binding: Binding, rest: Floats, spread: float = 1.0) -> Floats:
 
 
 def record(robot: HiddenRobot, goals: Floats, unmodelled: bool = True) -> MotionSamples:
-    """Return the motion of the hidden robot that gets `goals` (t, n), from the first on."""
+    """Return the motion of the hidden robot that gets `goals` (t, n), from the first on, in whole counts."""
     simulation = Simulation(robot.hidden, PERIOD / 4.0)
     data, dof = simulation.data, robot.hidden.dof
     simulation.place(goals[0])
     shown = np.empty_like(goals)
-    for at, goal in enumerate(goals):
+    for at, goal in enumerate(sent_goals(robot.binding, goals)):
         shown[at] = simulation.state(0.0).position
         for _ in range(4):
             if unmodelled:

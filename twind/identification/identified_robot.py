@@ -56,19 +56,23 @@ def identify_robot(
     `plain`: the robot without an overlay; `motions`: even samples of one period; `rebind`: function that
     returns the robot's binding with an IdentifiedModel. Raises InvalidInput: no joint moved enough.
     """
-    found = identify_joints(plain, motions, joints)
-    if not found:
+    first = identify_joints(plain, motions, joints)
+    if not first:
         raise InvalidInput("no joint moved enough to identify it: each needs some 0.1 rad, several times")
-    model = IdentifiedModel(
+    masses = IdentifiedModel(
         robot=plain.robot.name,
         created=origin.created,
         tool=origin.tool,
         source=origin.source,
         seconds=float(sum(each.time[-1] - each.time[0] for each in motions)),
         held_out=SHARE,
-        joints=with_p_gains(plain.robot, {name: each.joint for name, each in found.items()}),
-        bodies=link_masses(plain, motions, {name: each.load for name, each in found.items()}),
+        joints={},
+        bodies=link_masses(plain, motions, {name: each.load for name, each in first.items()}),
     )
+    # Torques were found as shares of a weight that was fitted too; now of the weight that the model gets.
+    found = identify_joints(rebind(masses), motions, joints, first)
+    fitted = {name: each.joint for name, each in found.items()}
+    model = replace(masses, joints=with_p_gains(plain.robot, fitted))
     before = _gaps(plain, motions)
     after = _gaps(rebind(model), motions)
     judged_joints = {each.joint: each for each in after}

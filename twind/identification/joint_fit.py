@@ -37,30 +37,50 @@ class JointFit:
     noise: Floats  # rad, of one independent sample
 
 
-def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0, memory: int = ORDER) -> JointFit:
+def fit_joint(
+    errors: ErrorFunction,
+    priors: ServoPriors,
+    memory: int = ORDER,
+    start: Floats | None = None,
+    held: Bools | None = None,
+    disturbed: ErrorFunction | None = None,
+) -> JointFit:
     """Return the parameters that explain the motion best.
+
+    `start` (p,): those of an earlier fit, from which this one begins. `held` (p,): parameters that stay at
+    their prior; that they are uncertain widens the others. `disturbed`: the errors where an effect that the
+    model lacks is as large as may be expected; what it would change in a parameter, widens its uncertainty.
 
     `memory`: samples from which the next error is foretold; only the rest of it counts. Slow errors, of what
     the model lacks, then hide less of what is quick. 0: errors count as they are, for slow motion predicted
     as a whole.
     """
-    drawn = _drawn(priors, seed)
+    free = np.ones(len(priors.mean), np.bool_) if held is None else ~held
+    drawn = np.where(free, _drawn(priors) if start is None else priors.encode(start[None]), 0.0)
     found = _best_of(errors, priors, drawn)
     noise = np.full(1, np.sqrt(np.mean(_finite(errors(priors.decode(found[:1]))) ** 2)))
-    best = _polish(errors, priors, found, noise)
+    best = _polish(errors, priors, found, noise, free)
     plain = errors
     starts = drawn
     for _ in range(ROUNDS):
-        errors = _whitened(plain, _memory(plain(priors.decode(best[None]))[0], memory))
+        shares = _memory(plain(priors.decode(best[None]))[0], memory)
+        errors = _whitened(plain, shares)
         noise = _noise(errors(priors.decode(best[None]))[0])
         # Another start may be the better one for this measure of errors.
         others = _best_of(errors, priors, starts)
-        best = _polish(errors, priors, np.concatenate([best[None], others]), noise)
+        best = _polish(errors, priors, np.concatenate([best[None], others]), noise, free)
         starts = best[None]
     jacobian = _jacobian(errors, priors, best)
-    covariance = _covariance(jacobian, errors(priors.decode(best[None]))[0], noise)
+    error = errors(priors.decode(best[None]))[0]
+    # With what is held, the data may determine what they leave open without.
+    known = np.sqrt(np.diag(_covariance(jacobian * free[:, None, None], error, noise)))
+    determined = ((known < DETERMINED) | (np.abs(best) > MOVED)) & free
+    covariance = _covariance(jacobian, error, noise)
+    if disturbed is not None:
+        changed = _whitened(disturbed, shares)(priors.decode(best[None]))[0] - error
+        moved = _moved(jacobian, changed, noise)
+        covariance = covariance + np.outer(moved, moved)
     spread = np.sqrt(np.diag(covariance))
-    determined = (spread < DETERMINED) | (np.abs(best) > MOVED)
     best = _polish(errors, priors, np.where(determined, best, 0.0)[None], noise, determined)
     values = priors.decode(np.where(determined, best, 0.0))
     positive = priors.logarithmic > 0.0
@@ -68,9 +88,9 @@ def fit_joint(errors: ErrorFunction, priors: ServoPriors, seed: int = 0, memory:
     return JointFit(values, np.where(determined, sd, priors.sd), determined, covariance, noise)
 
 
-def _drawn(priors: ServoPriors, seed: int) -> Floats:
+def _drawn(priors: ServoPriors) -> Floats:
     """Return the prior's mean and many candidates drawn from it, as numbers of the fit (k, p)."""
-    drawn = np.random.default_rng(seed).normal(0.0, 1.0, (STARTS, len(priors.mean)))
+    drawn = np.random.default_rng(0).normal(0.0, 1.0, (STARTS, len(priors.mean)))
     drawn[0] = 0.0
     return np.maximum(drawn, priors.lowest)
 
@@ -81,11 +101,9 @@ def _best_of(errors: ErrorFunction, priors: ServoPriors, drawn: Floats) -> Float
     return drawn[np.argsort(cost)[:POLISHED]]
 
 
-def _polish(
-    errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools | None = None
-) -> Floats:
+def _polish(errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools) -> Floats:
     """Return the best minimum (p,) that is reached from `starts` (k, p); only those `free` (p,) change."""
-    moving = np.ones(len(priors.mean)) if free is None else free.astype(np.float64)
+    moving = free.astype(np.float64)
 
     def residuals(numbers: Floats) -> Floats:
         return np.append(_finite(errors(priors.decode(numbers[None]))[0]) / noise, numbers)
@@ -173,6 +191,13 @@ def _covariance(jacobian: Floats, error: Floats, noise: Floats) -> Floats:
     widened = np.maximum(np.diag(clustered) / np.diag(plain), 1.0)
     scale = np.sqrt(widened)
     return np.asarray(plain * scale[:, None] * scale, np.float64)
+
+
+def _moved(jacobian: Floats, changed: Floats, noise: Floats) -> Floats:
+    """Return by how much errors that are `changed` (samples, windows) move the numbers of the fit (p,)."""
+    rows = np.nan_to_num(jacobian / noise).reshape(len(jacobian), -1)
+    target = np.nan_to_num(changed / noise).ravel()
+    return np.asarray(np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ target), np.float64)
 
 
 def _finite(errors: Floats) -> Floats:

@@ -41,7 +41,7 @@ def smooth_motion(time: Floats, position: Floats) -> tuple[Floats, Floats, Float
 
 def joint_loads(binding: Binding, time: Floats, position: Floats) -> JointLoads:
     """Return the loads along readings `position` (t, n), rad, at even `time` (t,), s; NaN: no reading."""
-    smooth, speed, acceleration = smooth_motion(time, _without_holes(position))
+    smooth, speed, acceleration = smooth_motion(time, without_holes(position))
     model = bare_model(binding)
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
@@ -64,7 +64,7 @@ def joint_loads(binding: Binding, time: Floats, position: Floats) -> JointLoads:
     return JointLoads(smooth, speed, acceleration, inertia, bias, slope)
 
 
-def _without_holes(position: Floats) -> Floats:
+def without_holes(position: Floats) -> Floats:
     """Return readings (t, n), interpolated where they are NaN; a joint that never answered is at zero."""
     filled = position.copy()
     for column in filled.T:

@@ -103,6 +103,14 @@ def join_windows(parts: Sequence[JointWindows]) -> JointWindows:
     )
 
 
+def with_cable(windows: JointWindows, stiffness: float) -> JointWindows:
+    """Return the windows of a joint that a cable pulls to the middle of its motion. `stiffness`: N·m/rad."""
+    plain = windows.windows
+    away = plain.measured - plain.measured.mean()
+    pulled = replace(plain, bias=plain.bias + stiffness * away, slope=plain.slope + stiffness)
+    return replace(windows, windows=pulled)
+
+
 def _moving(goal: Floats, shown: Floats, lead: int, length: int) -> Ints:
     """Return the first rows of at most `MOST` windows in which the joint moves, spread over the motion."""
     begins = np.arange(length, len(shown) - length, length)

@@ -1,16 +1,18 @@
 """Fit of all joints of a robot to its recorded motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from twind.config.counts import rad_per_tick
 from twind.config.identified_spec import PARAMETERS, GapReference, IdentifiedJoint, ParameterEstimate
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.joint_fit import JointFit, fit_joint
 from twind.identification.joint_loads import joint_loads
-from twind.identification.motion_windows import JointWindows, join_windows, windows_of
-from twind.identification.servo_parameters import LOAD, ServoPriors, priors_of
+from twind.identification.link_weights import LARGEST, SPRING, LinkWeights, link_weights
+from twind.identification.motion_windows import JointWindows, join_windows, windows_of, with_cable
+from twind.identification.servo_parameters import FITTED, LOAD, ServoPriors, priors_of
 from twind.identification.servo_response import respond
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding
@@ -32,31 +34,51 @@ class IdentifiedServo:
 
 
 def identify_joints(
-    binding: Binding, motions: Sequence[MotionSamples], joints: Sequence[str] | None = None
+    binding: Binding,
+    motions: Sequence[MotionSamples],
+    joints: Sequence[str] | None = None,
+    earlier: Mapping[str, IdentifiedServo] | None = None,
 ) -> dict[str, IdentifiedServo]:
     """Return the identified joints by name; those that move too little are left out.
 
-    `motions`: even samples of one period, as `resample` makes them. `joints`: only these.
+    `motions`: even samples of one period, as `resample` makes them. `joints`: only these. `earlier`: results
+    from which these begin; the weight behind the joints then is that of `binding`. Joints with no more weight
+    than a cable pulls keep them: of what acts like weight there, no mass is the cause.
     """
+    weights = link_weights(binding, motions)
     loads = [joint_loads(binding, each.time, each.position) for each in motions]
     found = {}
     for place, name in enumerate(binding.robot.names):
         if joints is not None and name not in joints:
             continue
+        priors = model_priors(binding, place, weights)
+        if earlier is not None and name in earlier and priors.sd[FITTED.index(LOAD)] >= LARGEST:
+            found[name] = earlier[name]
+            continue
         passive = float(binding.model.dof_damping[binding.dof[place]])
         parts = [
-            windows_of(each.time, each.goal, each.position, load, place, passive)
+            windows_of(each.time, sent_goals(binding, each.goal), each.position, load, place, passive)
             for each, load in zip(motions, loads, strict=True)
         ]
         moved = [part for part in parts if part is not None]
         windows = join_windows(moved) if moved else None
         if windows is not None and windows.held_out.any() and (~windows.held_out).sum() >= LEAST:
-            found[name] = _identify(windows, model_priors(binding, place))
+            found[name] = _identify(windows, priors, None if earlier is None else earlier[name].joint)
     return found
 
 
-def model_priors(binding: Binding, place: int) -> ServoPriors:
-    """Return the priors of a joint from the model's servo and hinge, as they are without an overlay."""
+def sent_goals(binding: Binding, goal: Floats) -> Floats:
+    """Return goals (t, n), rad, as the bus carries them: whole counts, where no transmission is between."""
+    counts = [0.0 if each.transmission else abs(rad_per_tick(each)) for each in binding.robot.joints]
+    width = np.array(counts)
+    return np.where(width > 0.0, np.round(goal / np.maximum(width, 1e-9)) * width, goal)
+
+
+def model_priors(binding: Binding, place: int, weights: LinkWeights | None = None) -> ServoPriors:
+    """Return the priors of a joint from the model's servo and hinge, as they are without an overlay.
+
+    `weights`: along the motion, where the weight behind the joint is fitted.
+    """
     model = binding.model
     dof = binding.dof[place]
     row = int(servo_rows(model, binding.actuators[place : place + 1])[0])
@@ -75,14 +97,24 @@ def model_priors(binding: Binding, place: int) -> ServoPriors:
     stall = known["stiffness_nm_per_rad"] * (reach if limited else UNLIMITED)
     least = {"damping_nm_s_per_rad": 0.01 * stall, "friction_nm": 0.01 * stall, "armature_kg_m2": 1e-4}
     known |= {key: max(known[key], value) for key, value in least.items()}
-    return priors_of(known, stall)
+    fixed = {} if weights is None else {LOAD: (1.0, weights.uncertainty(place, stall))}
+    return priors_of(known, stall, **fixed)
 
 
-def _identify(windows: JointWindows, priors: ServoPriors) -> IdentifiedServo:
+def _identify(windows: JointWindows, priors: ServoPriors, earlier: IdentifiedJoint | None) -> IdentifiedServo:
     def errors(values: Floats) -> Floats:
         return _errors(windows, priors, values)[:, :, ~windows.held_out]
 
-    fit = fit_joint(errors, priors)
+    pulled = with_cable(windows, SPRING * priors.stall_nm)
+
+    def disturbed(values: Floats) -> Floats:
+        return _errors(pulled, priors, values)[:, :, ~windows.held_out]
+
+    if earlier is None:
+        fit = fit_joint(errors, priors, disturbed=disturbed)
+    else:
+        start = np.array([*(each.value for each in earlier.estimates().values()), 1.0])
+        fit = fit_joint(errors, priors, start=start, held=np.array(FITTED) == LOAD, disturbed=disturbed)
     estimates = estimates_of(fit, priors)
     load = estimates.pop(LOAD)
     before = _gap(windows, priors, priors.mean)

@@ -28,7 +28,7 @@ ZERO_BASED = {
     "delay_s": (0.010, 0.010),
     "dead_band_rad": (0.002, 0.004),
     "backlash_rad": (0.005, 0.006),
-    LOAD: (1.0, 0.4),  # wide: cables and springs act like weight
+    LOAD: (1.0, 0.4),  # at most, see `LinkWeights`: cables and springs act like weight
 }
 LOAD_FRICTION = (0.05, 0.1)  # of the stall torque, in friction at a gear loaded with it
 SAG = (0.1, 0.1)  # of the supply at stall torque
@@ -42,6 +42,7 @@ class ServoPriors:
     sd: Floats
     logarithmic: Floats  # 1.0: positive, fitted as its logarithm
     saturation_rad: float  # error at which the drive is at its full voltage
+    stall_nm: float  # largest torque
 
     def encode(self, values: Floats) -> Floats:
         """Return values (…, p) as numbers of the fit, in which the prior is standard normal."""
@@ -83,6 +84,7 @@ def priors_of(known: Mapping[str, float], stall_nm: float, **fixed: tuple[float,
         sd=table[:, 1],
         logarithmic=np.array([float(name in SPREAD) for name in FITTED]),
         saturation_rad=stall_nm / known["stiffness_nm_per_rad"],
+        stall_nm=stall_nm,
     )
 
 
