@@ -1,0 +1,105 @@
+"""The check of a release notices a wrong digest and a wrong bill of materials; wheels can be built again."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support.doc_pages_text import ROOT
+from tools import check_release as release
+
+WHEELS = (
+    "numpy-2.4.6-cp311-cp311-linux.whl",
+    "numpy-2.4.6-cp312-cp312-linux.whl",
+    "PyYAML-6.0-py3-none-any.whl",
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A release of one file and its bill of materials, with a folder of the wheels that a package brings."""
+    (tmp_path / "wheels").mkdir()
+    for name in WHEELS:
+        (tmp_path / "wheels" / name).write_text(name)
+    made = tmp_path / "dist"
+    made.mkdir()
+    components = [{"name": "numpy", "version": "2.4.6"}, {"name": "pyyaml", "version": "6.0"}]
+    (made / "twind_1.cdx.json").write_text(json.dumps({"components": components}))
+    (made / "twind.whl").write_text("a wheel")
+    sums = [f"{release.digest(each)}  {each.name}\n" for each in sorted(made.iterdir())]
+    (made / "SHA256SUMS").write_text("".join(sums))
+    return made
+
+
+def test_a_sound_release_passes(folder: Path) -> None:
+    release.check_digests(folder)
+    assert release.check_materials(folder, [folder.parent / "wheels"]) == 2
+
+
+@pytest.mark.parametrize("change", ["another byte", "another file", "a file less"])
+def test_a_file_that_is_not_the_listed_one_is_noticed(folder: Path, change: str) -> None:
+    if change == "another byte":
+        (folder / "twind.whl").write_text("a wheeL")
+    elif change == "another file":
+        (folder / "more.whl").write_text("")
+    else:
+        (folder / "twind.whl").unlink()
+    with pytest.raises(release.ReleaseFault, match="SHA256SUMS"):
+        release.check_digests(folder)
+
+
+@pytest.mark.parametrize("name", ["numpy-2.5.0-cp313-cp313-linux.whl", "more-1-py3-none-any.whl"])
+def test_a_wheel_that_the_bill_of_materials_does_not_name_is_noticed(folder: Path, name: str) -> None:
+    (folder.parent / "wheels" / name).write_text("")
+    with pytest.raises(release.ReleaseFault, match=r"(numpy==2\.5\.0|more==1)"):
+        release.check_materials(folder, [folder.parent / "wheels"])
+
+
+def test_what_fails_is_named_with_its_words() -> None:
+    with pytest.raises(release.ReleaseFault, match=r"exit code 3\n.*why"):
+        release.run("sh", "-c", "echo why >&2; exit 3")
+
+
+def test_each_interpreter_that_is_found_is_one_that_twind_serves() -> None:
+    found = list(release.interpreters())
+    assert found and len(found) == len(set(found))
+    for each in found:
+        assert Path(each).name in release.NAMES
+
+
+def test_a_package_for_a_processor_without_wheels_is_refused(tmp_path: Path) -> None:
+    given = os.environ | {"ARCHITECTURE": "armhf"}
+    done = subprocess.run([ROOT / "packaging/deb.sh", tmp_path], env=given, capture_output=True, text=True)
+    assert done.returncode == 1
+    if shutil.which("dpkg-deb"):
+        assert "ARCHITECTURE=armhf: packages are made for amd64 and arm64" in done.stderr
+
+
+@pytest.mark.slow
+def test_wheels_are_the_same_bytes_whatever_umask_and_time_of_the_files(tmp_path: Path) -> None:
+    """Needs the index, or a cache of it, for the tool that builds."""
+    again = tmp_path / "sources"
+    plugin = "integrations/lerobot"
+    hidden = shutil.ignore_patterns("__pycache__")
+    for each in ("twind", "drivers", "calibration", "packaging", plugin):
+        shutil.copytree(ROOT / each, again / each, copy_function=shutil.copyfile, ignore=hidden)
+    for each in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
+        shutil.copyfile(ROOT / each, again / each)
+    install = ROOT / "packaging/install.sh"
+    before = os.umask(0o077)
+    try:
+        for place, sources in (("one", ROOT), ("two", again)):
+            for project in (sources, sources / plugin):
+                command = [install, "own", tmp_path / place, project]
+                done = subprocess.run(command, capture_output=True, text=True, check=False)
+                if "No matching distribution" in done.stderr or "ConnectionError" in done.stderr:
+                    pytest.skip(f"no tool to build with: {done.stderr[-300:]}")
+                assert done.returncode == 0, done.stderr
+    finally:
+        os.umask(before)
+    built = {each.name: release.digest(each) for each in (tmp_path / "one").iterdir()}
+    assert len(built) == 2
+    assert {each.name: release.digest(each) for each in (tmp_path / "two").iterdir()} == built
