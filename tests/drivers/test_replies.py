@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from twind_drivers.dynamixel import packet as p
+from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 from twind_drivers.half_duplex.pending_reply import PendingReply
 
@@ -281,6 +282,23 @@ def test_a_fast_reply_of_others_is_not_ours() -> None:
     reply = FastSyncReadReply((3, 7, 4, 251), SIZE)
     give(reply, fast())
     assert reply.heard.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize("garbled", range(5))
+@pytest.mark.parametrize("size", [0, 1, 10, 27])
+def test_bytes_of_a_common_reply_that_were_garbled_for_the_later_devices_too_are_no_reading(
+    garbled: int, size: int
+) -> None:
+    """Two devices of one id speak at once: the later ones compute their CRCs over what they received."""
+    ids = (3, 4, 7, 8, 200)
+    reply = FastSyncReadReply(ids, size)
+    length = (len(ids) * (size + 4) + 1).to_bytes(2, "little")
+    data = p.HEADER + bytes((p.BROADCAST,)) + length + bytes((p.STATUS,))
+    for place, id in enumerate(ids):
+        data += bytes((0, id)) + bytes(size)
+        data += (crc16(data) ^ (0x0810 if place == garbled else 0)).to_bytes(2, "little")
+    give(reply, data)
+    assert reply.heard.tolist() == [place < garbled for place in range(len(ids))]
 
 
 def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:

@@ -12,6 +12,7 @@ from fastcrc import crc16 as _compiled
 from numpy.typing import NDArray
 
 POLYNOMIAL = 0x8005
+umts = _compiled.umts  # CRC of bytes; 0 for none
 
 
 @cache
@@ -53,4 +54,4 @@ class Crc:
 
 def crc16(data: bytes | bytearray | memoryview) -> int:
     """Return the CRC of `data`, 0 for no bytes."""
-    return int(_compiled.umts(data))
+    return int(umts(data))

@@ -6,11 +6,12 @@ the order of `ids`.
 """
 
 from collections.abc import Sequence
+from struct import Struct
 from typing import Any
 
 import numpy as np
 
-from twind_drivers.dynamixel.crc import Crc, crc16
+from twind_drivers.dynamixel.crc import Crc, crc16, umts
 from twind_drivers.dynamixel.packet import (
     BROADCAST,
     CAPACITY,
@@ -177,9 +178,11 @@ class StatusReply:
 class FastSyncReadReply:
     """Common status of a fast sync read: not stuffed, each block's CRC covers all bytes before it.
 
-    A missing device ends the reply (e-manual, "Fast Sync Read"). The intact prefix is kept: the CRC of its
-    last block proves it. Data of a device that reports an error number are dropped. A whole status of another
-    device in the middle of the reply is taken out.
+    A missing device ends the reply (e-manual, "Fast Sync Read"). The intact prefix is kept: blocks up to the
+    first whose CRC is wrong. The last CRC alone proves nothing: each device computes its own over the bytes
+    that it received, so what was garbled for all (two devices of one id) still ends in a right one. Data of a
+    device that reports an error number are dropped. A whole status of another device in the middle of the
+    reply is taken out.
     """
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
@@ -194,9 +197,10 @@ class FastSyncReadReply:
         self._head = HEADER + bytes((BROADCAST,)) + length + bytes((STATUS,))
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
-        self._all = self._view[: self.expected - 2]
-        self._last = self._view[self.expected - 2 : self.expected]
         self._rows = np.frombuffer(self._bytes, np.uint8, count * stride, 8).reshape(count, stride)
+        ends = [8 + (place + 1) * stride - 2 for place in range(count)]
+        self._covered = [self._view[:end] for end in ends]  # by the CRC of each block
+        self._unpack_crcs = Struct(f"<8x{f'{size + 2}xH' * count}").unpack_from
         self._wanted = bytes(self.ids)
         self._stride = stride
         self.heard = self.answered = np.zeros(count, np.bool_)
@@ -283,8 +287,7 @@ class FastSyncReadReply:
     def _intact(self) -> int:
         """Return the number of intact blocks from the first."""
         there = self._bytes[9 : self.expected : self._stride] if self._got >= self.expected else b""
-        # The last CRC covers all bytes before it, the other CRCs included: one check proves all blocks.
-        if there == self._wanted and crc16(self._all) == int.from_bytes(self._last, "little"):
+        if there == self._wanted and tuple(map(umts, self._covered)) == self._unpack_crcs(self._bytes):
             return len(self.ids)
         stride = self._stride
         for place, id in enumerate(self.ids):
