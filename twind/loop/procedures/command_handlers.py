@@ -321,13 +321,17 @@ class CommandHandlers:
         return context.procedures.rank is not None and context.procedures.rank >= Priority.DISARM
 
     def _reset(self, command: link.Reset, now: float) -> None:
-        """Acknowledge latches; torque must be off. Never arms: a fault that persists refuses the next Arm."""
+        """Acknowledge latches; torque must be off, and no procedure on its way there.
+
+        Never arms: a fault that persists refuses the next Arm. An e-stop that still runs does not begin again,
+        so one after a reset would not be latched.
+        """
         context = self._context
-        if torque_on(context):
+        if torque_on(context) or self._lowering():
             allowed = f"torque off: {LOWERING if self._lowering() else 'disarm'}"
-            context.reports.error(
-                command, "WrongState", state=f"{context.condition.state.value}, torque on", allowed=[allowed]
-            )
+            torque = "torque on" if torque_on(context) else "torque going off"
+            state = f"{context.condition.state.value}, {torque}"
+            context.reports.error(command, "WrongState", state=state, allowed=[allowed])
             return
         codes = [code.value for code in context.condition.latches]
         wanted = codes if command.codes is None else command.codes

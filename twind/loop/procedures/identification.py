@@ -310,8 +310,11 @@ class IdentificationState:
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
         self._gone.pop(bus, None)
-        armed = context.torque.armed
-        held = armed or context.torque.energising or context.procedures.rank is Priority.ARM
+        torque = context.torque
+        armed = torque.armed
+        # Torque off without a confirmation may be torque on there, and the other buses confirm only their own.
+        on = armed or torque.energising or torque.unconfirmed
+        held = on or context.procedures.rank is Priority.ARM
         if held:
             context.torque.lose_bus(context.robot.joints.on_bus(bus))
             context.condition.latch(finding)

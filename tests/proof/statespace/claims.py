@@ -1,0 +1,118 @@
+"""Claims that hold after every step. Judged by the devices, the requests and what was ordered."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twind.loop.procedures.procedure_runner import Priority
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Motion, RobotState
+from twind.safety.state_machine import LATCHED
+
+if TYPE_CHECKING:
+    from tests.proof.statespace.world import ModelWorld
+
+_S = RobotState
+STOPPED = (*LATCHED, _S.INHIBITED)
+AWAY = (_S.DISCONNECTED, _S.IDENTIFYING)  # a latch outlives the bus there, beside the state
+TORQUE = (_S.ARMED, _S.SETTLING, *STOPPED)
+CLIENT = (Motion.ACTIVE, Motion.STREAMING)
+
+
+class ClaimBroken(AssertionError):
+    """One claim does not hold; the text says which."""
+
+
+class Claims:
+    """Memory of what was ordered: a stop that was not followed by reset and arming, torque that was found."""
+
+    def __init__(self, world: ModelWorld) -> None:
+        self._world = world
+        self.stopped = False  # a stop was ordered, or a fault occurred; until an arming after a reset
+        self.acknowledged = False  # a reset was obeyed since
+        self.found = world.truth.torque.copy()  # torque that was on before this daemon
+        self.leased = False  # the Arm under way was ordered by the lease holder
+
+    @property
+    def memory(self) -> tuple[object, ...]:
+        """What tells two states apart besides the loop's own."""
+        return self.stopped, self.acknowledged, self.leased, tuple(self.found.tolist())
+
+    def stop(self) -> None:
+        """A stop is ordered."""
+        self.stopped = True
+        self.acknowledged = False
+
+    def reset(self) -> None:
+        """A reset was obeyed."""
+        torque = self._world.loop.torque
+        if torque.armed or torque.energising:
+            raise ClaimBroken("a reset was obeyed with torque on")
+        self.acknowledged = self.stopped
+
+    def arm(self, *, leased: bool) -> None:
+        """An arming is ordered."""
+        self.leased = leased
+
+    def request(self, name: str, joints: Any) -> None:
+        """One request or goal leaves for these joints (n,)."""
+        loop = self._world.loop
+        rank = loop.procedures.rank
+        if name == "torque False":
+            return
+        if loop.torque.inhibited and name in ("goal", "torque True", "damp"):
+            raise ClaimBroken(f"{name} while inhibited")
+        if name == "torque True" and not (
+            rank is Priority.ARM and self.leased and loop.condition.state is _S.ARMING
+        ):
+            raise ClaimBroken(f"torque on in state {loop.condition.state}, not by an arming of the holder")
+        if name == "torque True" and self.stopped:
+            raise ClaimBroken("torque on after a stop, without reset and arming")
+        if name == "goal":
+            self._goal(rank, joints)
+
+    def _goal(self, rank: Priority | None, joints: Any) -> None:
+        loop = self._world.loop
+        if loop.condition.state not in TORQUE or not loop.torque.armed:
+            raise ClaimBroken(f"a goal in state {loop.condition.state}, armed: {loop.torque.armed}")
+        if (joints & ~loop.torque.held).any():
+            raise ClaimBroken("a goal to a joint that is not held")
+        if rank is Priority.CUT:
+            raise ClaimBroken("a goal during a cut")
+        if self.stopped and rank is None and loop.executor.motion in CLIENT:
+            raise ClaimBroken("a goal of a client's motion after a stop")
+
+    def after_tick(self) -> None:
+        """After each tick."""
+        loop = self._world.loop
+        state = loop.condition.state
+        torque = loop.torque
+        on = self._world.truth.torque
+        self.found &= on
+        rank = loop.procedures.rank
+        if state is _S.ARMING and self.stopped and self.acknowledged:
+            self.stopped = False
+        if ReasonCode.INTERNAL in loop.condition.latches:
+            raise ClaimBroken(f"internal error: {loop.condition.latches[ReasonCode.INTERNAL].message}")
+        pending = torque.unconfirmed or torque.pending_restore
+        pending = pending or (torque.energising and (rank is not None or torque.inhibited))
+        if (on & ~torque.held & ~self.found).any() and not pending:
+            raise ClaimBroken(f"torque of this daemon without an owner, in state {state}")
+        if state is _S.ARMED and not torque.armed:
+            raise ClaimBroken("state armed without torque")
+        if torque.armed and state not in TORQUE:
+            raise ClaimBroken(f"torque held in state {state}")
+        if state is _S.ARMING and rank not in (Priority.ARM, Priority.DISARM):
+            raise ClaimBroken(f"state arming, and {rank} owns the torque")
+        if state is _S.SETTLING and rank is None and not loop.condition.finished:
+            raise ClaimBroken("state settling, and nothing lowers the robot")
+        if (
+            self.stopped
+            and not self.acknowledged
+            and not (state in STOPPED or (state in AWAY and loop.condition.latched))
+        ):
+            raise ClaimBroken(f"state {state} after a stop, without a reset")
+        if loop.condition.finished and (np.any(torque.held) or torque.energising) and not torque.inhibited:
+            raise ClaimBroken("the daemon ended with torque that it could write to")

@@ -1,0 +1,146 @@
+"""No history of commands, faults and deaths leaves torque without an owner, or a goal after a stop."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any
+
+import pytest
+
+from tests.proof.statespace.search import explore
+from tests.proof.statespace.world import CORE, ModelWorld
+from twind.loop.procedures import arming, robot_condition, torque_release
+from twind.loop.procedures.procedure_runner import ProcedureRunner
+from twind.loop.procedures.torque_state import TorqueState
+from twind.robot.modes import RobotState
+from twind.safety import state_machine
+from twind.safety.state_machine import RobotEvent
+
+S = RobotState
+E = RobotEvent
+FAST = 4
+SUPPORTS = ("gantry", "free")
+
+
+@pytest.mark.parametrize("support", SUPPORTS)
+def test_every_short_history_keeps_the_claims(support: str) -> None:
+    result = explore(FAST, CORE, lambda: ModelWorld(support))
+    print(result)
+    assert not result.broken, result
+    assert result.depth == FAST and result.states > 100, result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("support", SUPPORTS)
+def test_every_history_of_twelve_steps_keeps_the_claims(support: str) -> None:
+    result = explore(12, CORE, lambda: ModelWorld(support))
+    print(result)
+    assert not result.broken, result
+    assert result.seen == {str(state) for state in S} - {"calibrating", "inhibited"}, result
+
+
+# ---------------------------------------------------------------------- the search can fail
+
+
+@contextmanager
+def transition(event: RobotEvent, before: RobotState, after: RobotState | None) -> Iterator[None]:
+    """One entry of the table leads elsewhere, or is gone."""
+    entries = {state: each for state, each in state_machine.TABLE[event].items() if state is not before}
+    if after is not None:
+        entries[before] = after
+    table: Mapping[Any, Any] = MappingProxyType(dict(state_machine.TABLE) | {event: entries})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(state_machine, "TABLE", table)
+        patch.setattr(robot_condition, "TABLE", table)
+        yield
+
+
+TABLE_FAULTS = {
+    "an e-stop is not latched": (E.ESTOP, S.ARMED, S.ARMED, ("tick", "arm", "e-stop settle")),
+    "a lost bus is no fault": (E.FAULT, S.ARMED, S.ARMED, ("tick", "arm", "lower bus lost")),
+    "a failed arming counts as armed": (
+        E.ARM_FAILED,
+        S.ARMING,
+        S.ARMED,
+        ("tick", "arm", "tick, requests fail"),
+    ),
+    "a reset ends armed": (E.RESET, S.ESTOP, S.ARMED, ("tick", "e-stop settle", "reset")),
+    "a disarmed robot counts as armed": (E.SETTLED, S.SETTLING, S.ARMED, ("tick", "arm", "disarm")),
+    "an armed robot counts as connected": (E.ARMED, S.ARMING, S.CONNECTED, ("tick", "arm")),
+    "an e-stop is refused while settling": (
+        E.ESTOP,
+        S.SETTLING,
+        None,
+        ("tick", "arm", "disarm", "e-stop cut"),
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", TABLE_FAULTS)
+def test_a_wrong_entry_of_the_table_is_found(fault: str) -> None:
+    event, before, after, steps = TABLE_FAULTS[fault]
+    with transition(event, before, after):
+        result = explore(12, steps)
+    print(fault, "->", result)
+    assert result.broken
+
+
+def _forgetting(name: str, *fields: tuple[str, Any]) -> tuple[Any, str, Any]:
+    """A transition of the torque state that leaves fields as they should not be."""
+    real = getattr(TorqueState, name)
+
+    def wrong(torque: TorqueState, *args: Any) -> Any:
+        done = real(torque, *args)
+        for field, value in fields:
+            setattr(torque, field, value)
+        return done
+
+    return TorqueState, name, wrong
+
+
+def _nothing(*_args: Any, **_named: Any) -> Any:
+    return iter(())
+
+
+def _own_always(runner: Any, rank: Any, start: Any, ended: Any = lambda outcome: None) -> bool:
+    return runner._torque is None and _OWN(runner, rank, start, ended)
+
+
+_OWN = ProcedureRunner.own
+
+CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
+    "a release is not pending": (
+        _forgetting("begin_release", ("_unconfirmed", False), ("_energising", False)),
+        ("tick", "arm", "e-stop cut", "tick, requests fail"),
+    ),
+    "energising is not noted": (_forgetting("begin_energising", ("_energising", False)), ("tick", "arm")),
+    "a lost bus is forgotten": (
+        _forgetting("lose_bus", ("_pending_restore", False)),
+        ("tick", "arm", "lower bus lost"),
+    ),
+    "a failed arming leaves torque": (
+        (arming, "switch_torque_off", _nothing),
+        ("tick", "arm", "tick, requests fail"),
+    ),
+    "a release leaves torque": (
+        (torque_release, "switch_torque_off", _nothing),
+        ("tick", "arm", "disarm"),
+    ),
+    "a more urgent procedure waits": ((ProcedureRunner, "own", _own_always), ("tick", "arm", "e-stop cut")),
+}
+
+
+@pytest.mark.parametrize("fault", CODE_FAULTS)
+def test_a_wrong_step_of_a_procedure_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (where, name, wrong), steps = CODE_FAULTS[fault]
+    monkeypatch.setattr(where, name, wrong)
+    result = explore(12, steps)
+    print(fault, "->", result)
+    assert result.broken
+
+
+def test_a_counterexample_is_a_shortest_history() -> None:
+    with transition(E.RESET, S.ESTOP, S.ARMED):
+        result = explore(12, CORE)
+    assert len(result.path) == 3, "a stop, its end, and the reset"
+    assert str(result).endswith(f"after: {' > '.join(result.path)}")
