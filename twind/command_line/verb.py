@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 from twind.client import CallError, Client, ClientError, first_open
 from twind.exceptions import TwindError
@@ -176,10 +176,13 @@ def harmless_lines(text: str) -> str:
     return "\n".join(harmless(line) for line in text.split("\n"))
 
 
-def show(options: argparse.Namespace, data: Any, text: str) -> None:
-    """Print the result: `data` as one line of JSON, or `text` without its control characters."""
+def show(options: argparse.Namespace, data: Any, text: str, file: TextIO | None = None) -> None:
+    """Print the result: `data` as one line of JSON, or `text` without its control characters.
+
+    `file`: None, standard output.
+    """
     output = json.dumps(data, ensure_ascii=False) if options.json else harmless_lines(text)
-    print(output, flush=True)
+    print(output, flush=True, file=file)
 
 
 def complain(options: argparse.Namespace, error: Exception) -> None:

@@ -9,6 +9,8 @@ In the folder: policy.onnx (the best so far: `twindctl policy run`), last.onnx, 
 """
 
 import argparse
+import contextlib
+import sys
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -220,17 +222,22 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
 
 
 def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
-    if options.ray is None:
-        return _run_trainer(options, settings, folder, before)
-    from twind.learn.training.ray_cluster import ray_workers
-    from twind.learn.training.training_folder import RUN
     from twind.learn.training.training_reporter import TrainingReporter
 
-    reporter = TrainingReporter(options)
+    reporter = TrainingReporter(options, sys.stdout)
+    if options.ray is None:
+        return _run_trainer(options, settings, folder, before, reporter)
+    from twind.learn.training.ray_cluster import ray_workers
+    from twind.learn.training.training_folder import RUN
+
     try:
-        with ray_workers(options.ray, options.ray_workers, settings) as workers:
+        # Ray prints what happens to its workers, in between: on standard error it spoils no line of JSON.
+        with (
+            contextlib.redirect_stdout(sys.stderr),
+            ray_workers(options.ray, options.ray_workers, settings) as workers,
+        ):
             reporter.workers(workers.places, None)
-            done = _run_trainer(options, settings, folder, before, workers)
+            done = _run_trainer(options, settings, folder, before, reporter, workers)
             reporter.workers(workers.places, workers.restarts)
             return done
     except OperationFailed as error:
@@ -239,18 +246,15 @@ def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: An
 
 
 def _run_trainer(
-    options: argparse.Namespace, settings: Any, folder: Any, before: Any, workers: Any = None
+    options: argparse.Namespace, settings: Any, folder: Any, before: Any, reporter: Any, workers: Any = None
 ) -> int:
     from twind.command_line.progress import ProgressLine
     from twind.command_line.stop_signals import catch_stop_signals
     from twind.learn.training.trainer import Trainer
-    from twind.learn.training.training_reporter import TrainingReporter
 
     with catch_stop_signals() as stop, ProgressLine(options, "train") as progress:
         progress.update("making simulations, judging the zero policy")
-        course = Trainer(
-            settings, folder, TrainingReporter(options), before, options.tensorboard_log, workers
-        )
+        course = Trainer(settings, folder, reporter, before, options.tensorboard_log, workers)
         try:
             course.run(stop, progress)
         except OSError as error:

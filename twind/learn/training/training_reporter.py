@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TextIO
 
 from twind.command_line.verb import show
 from twind.learn.training.evaluation import EvaluationScore
@@ -17,6 +18,7 @@ class TrainingReporter:
     """Printer of the reports in the form that the options select."""
 
     options: argparse.Namespace
+    file: TextIO | None = None  # None: standard output
 
     def began(self, settings: TrainingSettings, path: Path, done: int, zero: EvaluationScore) -> None:
         """Print what is trained, and `zero`, the score of the policy that does nothing, as the reference."""
@@ -41,7 +43,7 @@ class TrainingReporter:
             "steps": done,
             "zero": zero.to_json(),
         }
-        show(self.options, data, "\n".join(lines))
+        self._show(data, "\n".join(lines))
 
     def evaluated(
         self, steps: int, rate: float, score: EvaluationScore, zero: EvaluationScore, best: bool
@@ -54,14 +56,14 @@ class TrainingReporter:
             "best": best,
             "score": score.to_json(),
         }
-        show(self.options, data, _row(_count(steps), f"{rate:.0f}", score, zero, " *" if best else ""))
+        self._show(data, _row(_count(steps), f"{rate:.0f}", score, zero, " *" if best else ""))
 
     def progress(self, steps: int, rate: float, recent: tuple[float, float, float] | None) -> None:
         """Print the progress after an update; with --json only, as a terminal shows the bar."""
         if self.options.json:
             names = ("return", "length", "falls")
             known = dict(zip(names, recent, strict=True)) if recent else dict.fromkeys(names)
-            show(self.options, {"event": "progress", "steps": steps, "steps_per_s": rate, **known}, "")
+            self._show({"event": "progress", "steps": steps, "steps_per_s": rate, **known}, "")
 
     def workers(self, places: Sequence[tuple[str, int]], restarts: int | None) -> None:
         """Print where the workers of Ray run: machine and process id; at the end, how many started again."""
@@ -69,7 +71,7 @@ class TrainingReporter:
         known = "" if restarts is None else f", {restarts} started again after they died"
         data = {"event": "workers", "workers": [list(each) for each in places], "restarts": restarts or 0}
         machines = "one machine" if hosts == 1 else f"{hosts} machines"
-        show(self.options, data, f"Ray: {len(places)} workers on {machines}{known}")
+        self._show(data, f"Ray: {len(places)} workers on {machines}{known}")
 
     def ended(
         self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
@@ -82,7 +84,10 @@ class TrainingReporter:
             lines += _verdict(best, zero, path)
         if not whole:
             lines.append(f"  twindctl train --resume {path} goes on with it")
-        show(self.options, data, "\n".join(lines))
+        self._show(data, "\n".join(lines))
+
+    def _show(self, data: Any, text: str) -> None:
+        show(self.options, data, text, self.file)
 
 
 def bar(steps: int, rate: float, recent: tuple[float, float, float] | None) -> str:
