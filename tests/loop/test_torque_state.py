@@ -132,9 +132,19 @@ def test_a_hold_of_some_joints_is_armed_and_settles_what_was_open() -> None:
     torque = busy()
     torque.take_hold(SOME)
     expected = {"held": (True, False, True), "energising": False, "unconfirmed": False}
-    assert values(torque) == EVERYTHING | expected | {"pending_restore": False}
+    assert values(torque) == EVERYTHING | expected
     torque.take_hold(NONE)
     assert torque.armed is False
+
+
+def test_a_hold_of_all_joints_but_limp_ones_leaves_no_lost_bus_to_come_back() -> None:
+    torque = busy()
+    torque.take_hold(SOME)
+    assert torque.pending_restore, "the knee may have torque on its bus"
+    torque.leave_limp(~SOME)
+    torque.take_hold(SOME)
+    assert not torque.pending_restore
+    assert not torque.unconfirmed
 
 
 def test_the_joints_that_are_held_are_a_read_only_copy() -> None:

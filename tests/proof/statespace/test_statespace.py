@@ -39,6 +39,21 @@ def test_every_history_of_twelve_steps_keeps_the_claims(support: str) -> None:
     assert result.seen == {str(state) for state in S} - {"calibrating", "inhibited"}, result
 
 
+@pytest.mark.parametrize(
+    "steps",
+    [
+        # A reset was obeyed while an e-stop ran: the next e-stop did not latch.
+        "arm > tick > lower bus lost > e-stop settle > buses back > lower bus lost > reset > e-stop settle",
+        # The other bus confirmed torque off, and that of the lost one was forgotten.
+        "arm > tick > tick, requests fail > tick, requests fail > lower bus lost > tick > tick > buses back",
+    ],
+)
+def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:
+    world = ModelWorld()
+    for name in (*steps.split(" > "), "until no procedure runs", "tick"):
+        world.step(name)
+
+
 # ---------------------------------------------------------------------- the search can fail
 
 

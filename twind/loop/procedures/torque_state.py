@@ -96,11 +96,12 @@ class TorqueState:
         self._energising = True
 
     def take_hold(self, joints: Bools) -> None:
-        """Hold `joints` (n,) at goals that the devices have confirmed."""
+        """Hold `joints` (n,) at goals that the devices have confirmed. A lost bus is still to come back."""
         self._set_held(joints)
         self._energising = False
         self._unconfirmed = False
-        self._pending_restore = False
+        if (joints | self._limp).all():
+            self._pending_restore = False
 
     def begin_release(self) -> None:
         """Torque off is sent to every joint. It counts as on until it is read back."""
