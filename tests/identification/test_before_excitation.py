@@ -1,7 +1,9 @@
 """Refusals of `identify --live` and `tune gains` before the lease is taken: nothing moves."""
 
+import math
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -9,9 +11,11 @@ import pytest
 
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
+from twind.exceptions import TwindError
 from twind.identification import identify_run, tune_run
 from twind.identification.identify_run import identify_live
 from twind.identification.tune_run import tune_gains
+from twind.virtual.virtual_robot_spec import make_spec, save
 
 OPTIONS = Namespace(
     socket=None,
@@ -92,3 +96,55 @@ def test_a_robot_on_a_gantry_or_a_fixed_base_is_moved(
     run_on(robot)
     with pytest.raises(LeaseAsked):
         program(joint)
+
+
+@pytest.fixture
+def calibrated(tmp_path: Path) -> Path:
+    """A folder with calibrations of pan-tilt, one of them under a name that no model can be saved beside."""
+    save(make_spec(load_robot("pan-tilt")), tmp_path / "mine.yaml")
+    (tmp_path / "broken.yaml").write_text("format: [")
+    (tmp_path / "My robot.yaml").write_text((tmp_path / "mine.yaml").read_text())
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"write": True}, "--write needs --robot and --calibration"),
+        ({"write": True, "robot": "pan-tilt"}, "--write needs --robot and --calibration"),
+        ({"write": True, "robot": "pan-tilt", "calibration": "My robot.yaml"}, "is no name for a file"),
+        ({"write": True, "robot": "pan-tilt", "calibration": "absent/mine.yaml"}, "folder is missing"),
+        ({"robot": "pan-tilt", "calibration": "broken.yaml"}, "broken.yaml:2:1: not YAML"),
+        ({"robot": "pan-tilt", "calibration": "absent.yaml"}, "absent.yaml: cannot be read"),
+        ({"robot": "absent.yaml"}, "absent.yaml: cannot be read"),
+        ({"robot": "koch"}, "its joints are not those of koch: "),
+        ({"robot": "koch", "calibration": "mine.yaml"}, "mine.yaml:"),
+        *(
+            ({"amplitude": wrong}, f"--amplitude {wrong:g}: above 0, at most 1.5 rad")
+            for wrong in (math.nan, 0.0, math.inf, -0.4, 1.51)
+        ),
+    ],
+)
+def test_a_command_line_that_cannot_be_carried_out_is_refused_before_the_robot_moves(
+    run_on: Callable[[str], None],
+    calibrated: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, Any],
+    reason: str,
+) -> None:
+    run_on("pan-tilt")
+    monkeypatch.chdir(calibrated)
+    given = {**vars(OPTIONS), **changes}
+    given["calibration"] = given["calibration"] and Path(given["calibration"])
+    with pytest.raises(TwindError) as caught:
+        identify_live(Namespace(**given), ["tilt"])
+    assert reason in str(caught.value)
+
+
+def test_a_command_line_that_can_be_carried_out_moves_the_robot(
+    run_on: Callable[[str], None], calibrated: Path
+) -> None:
+    run_on("pan-tilt")
+    given = {"robot": "pan-tilt", "calibration": calibrated / "mine.yaml", "write": True, "amplitude": 1.5}
+    with pytest.raises(LeaseAsked):
+        identify_live(Namespace(**{**vars(OPTIONS), **given}), ["tilt"])

@@ -130,3 +130,24 @@ def test_a_lease_that_lapsed_is_taken_anew_by_the_next_call(
     client.refusal = None
     connection.command("Arm")
     assert client.sent == ["AcquireLease", "Arm", "AcquireLease", "Arm"]
+
+
+def test_the_lease_is_taken_from_another_holder_only_once(client: RecordingClient) -> None:
+    asked: list[object] = []
+    call = client.call
+
+    def record(method: str, **parameters: Any) -> dict[str, Any]:
+        if method == "AcquireLease":
+            asked.append(parameters["take"])
+        return call(method, **parameters)
+
+    client.call = record  # type: ignore[method-assign]
+    connection = LeasedConnection(cast(Client, client), take=True)
+    finding = {"code": "LEASE_MISSING", "joint": None, "message": "an operator took it"}
+    client.refusal = Refused("io.twind.Control.Refused", {"findings": [finding]})
+    with pytest.raises(Refused):
+        connection.command("Arm")
+    client.refusal = None
+    connection.command("Arm")
+    connection.close()
+    assert asked == [True, None]

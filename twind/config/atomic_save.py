@@ -49,7 +49,7 @@ class LockedFolder:
         that read back differently), OSError (disk full, no permission): then the old file stands, whatever is
         beside it.
         """
-        _require_name(self.path, name)
+        require_name(self.path, name)
         current = f"{name}.yaml"
         fresh = f".{name}.yaml.new"
         _write(self._directory, fresh, text.encode(), rights)
@@ -64,7 +64,7 @@ class LockedFolder:
 
         Raises as `save_text`.
         """
-        _require_name(self.path, name)
+        require_name(self.path, name)
         path = draft_of(self.path, name)
         fresh = f"{path.name}.new"
         _write(self._directory, fresh, text.encode(), rights)
@@ -112,7 +112,8 @@ def _lock(directory: int) -> None:
         clock.sleep_until(clock.now() + PAUSE)
 
 
-def _require_name(folder: Path, name: str) -> None:
+def require_name(folder: Path, name: str) -> None:
+    """Require a name under which `save_text` saves. Raises ConfigError."""
     if not _NAME.fullmatch(name):
         raise file_error(
             str(folder),

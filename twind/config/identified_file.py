@@ -4,15 +4,16 @@
 in the model.
 """
 
+import os
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta
 
-from twind.config.atomic_save import save_text
+from twind.config.atomic_save import require_name, save_text
 from twind.config.calibration_file import HISTORY, Stamp, render
-from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text, file_error
 from twind.config.identified_spec import (
     BOUNDS,
     IdentifiedBody,
@@ -47,6 +48,14 @@ class IdentifiedKeys(ConfigStruct):
 def identified_path(calibration: Path) -> Path:
     """Return the path of the identified model of the robot with this calibration file, there or not."""
     return calibration.with_name(f"{calibration.stem}{SUFFIX}.yaml")
+
+
+def require_writable(calibration: Path) -> None:
+    """Require that a model can be written beside `calibration`. Raises ConfigError."""
+    path = identified_path(calibration)
+    require_name(path.parent, path.stem)
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise file_error(str(path), "cannot be written: its folder is missing or permits no new file")
 
 
 def load_identified(path: Path, robot: RobotFile) -> IdentifiedModel:

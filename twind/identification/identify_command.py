@@ -30,7 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--robot", metavar="NAME|FILE", help="robot file (default: the recorded robot)")
     add("--calibration", type=Path, metavar="FILE", help="its calibration, beside which --write writes")
     add("--write", action="store_true", help="write the identified model beside the calibration")
-    add("--amplitude", type=float, default=0.4, metavar="RAD", help="of --live, at most (default 0.4)")
+    add(
+        "--amplitude",
+        type=float,
+        default=0.4,
+        metavar="RAD",
+        help="of --live, at most (default 0.4, up to 1.5)",
+    )
     add("--take", action="store_true", help="of --live: take the lease from its present holder")
     add("--judge", nargs="+", default=[], type=Path, metavar="FILE", help="CSV that only judge the fit")
     add("--mass", type=float, metavar="KG", help="of a CSV: the mass that the servo swings")

@@ -3,7 +3,6 @@
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,14 @@ from typing import Any
 import msgspec
 
 from twind.command_line.verb import Rejected, UsageError, observer, show
-from twind.config.calibration_file import load_calibration
 from twind.config.identified_file import save_identified
 from twind.config.identified_spec import IdentifiedModel
-from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
 from twind.gap.gap_figures import JointGap
 from twind.gap.gap_replay import resample
 from twind.gap.motion_samples import MotionSamples
 from twind.identification.carried_robot import require_carried
+from twind.identification.fit_files import FitFiles, load_fit_files, require_place
 from twind.identification.identified_robot import DataOrigin, RobotIdentification, identify_robot
 from twind.identification.identified_table import model_lines
 from twind.identification.live_excitation import excite_robot
@@ -33,22 +31,27 @@ from twind.observe.measuring.measured_motion import (
 )
 from twind.observe.recording import open_recording
 from twind.robot_client.robot import Robot
-from twind.twin.binding import Binding, bind
 from twind.twin.simulation import hush
 from twind.version import __version__
 
+WIDEST = 1.5  # rad, of an amplitude
+
 
 def identify_files(options: argparse.Namespace, paths: Sequence[Path]) -> None:
-    """Identify from recordings of mode live. Raises Rejected, UsageError."""
+    """Identify from recordings of mode live. Raises Rejected, UsageError, ConfigError."""
+    require_place(options)
     recordings = [open_recording(path) for path in paths]
-    first = recordings[0]
     motions = [recorded_motion(each) for each in recordings]
     source = ", ".join(path.name for path in paths)
-    _identify(options, motions, source, first.robot, first.mjcf, None)
+    files = _files(options, recordings[0].robot, source)
+    _identify(options, files, motions, source, None)
 
 
 def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
-    """Identify from a motion that this makes now. Raises Rejected, UsageError, ClientError."""
+    """Identify from a motion that this makes now. Raises Rejected, UsageError, ConfigError, ClientError."""
+    if not 0.0 < options.amplitude <= WIDEST:
+        raise UsageError(f"--amplitude {options.amplitude:g}: above 0, at most {WIDEST:g} rad")
+    require_place(options)
     with observer(options) as client:
         known = client.call("GetRobot")
         mode = client.call("GetStatus")["status"]["mode"]
@@ -61,18 +64,36 @@ def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
             f"the daemon is in mode {mode}, in which the robot does not move: start it with --mode live"
         )
     require_carried(known["robot"], "the excitation of `identify --live`")
-    try:
-        require_sent_goals(known["robot"])  # before the robot moves for minutes
-    except InvalidInput as error:
-        raise Rejected(str(error)) from None
+    files = _files(options, known["robot"], "the daemon's robot", names)
     with Robot(options.socket, take=options.take) as robot:
+        if not robot.armed:
+            raise Rejected("a robot is identified armed: `twindctl arm`")
         listener = observer(options)
         messages = excite_robot(robot, listener, known["robot"], joints or robot.names, options.amplitude)
     if not messages:
         raise Rejected(
-            "the gate refused every motion: is the robot armed, in mode live, clear of its limits?"
+            "no joint moved: the gate refused every path, or all are too warm; give it room, let it cool, or "
+            "lower --amplitude"
         )
-    _identify(options, [received_motion(messages)], "live", known["robot"], known["mjcf"], joints or None)
+    _identify(options, files, [received_motion(messages)], "live", joints or None)
+
+
+def _files(
+    options: argparse.Namespace, described: Any, source: str, names: Sequence[str] | None = None
+) -> FitFiles:
+    """Load the files of a fit of a described robot with joints `names`. Raises Rejected, as `load_fit_files`.
+
+    A live motion takes minutes: what is wrong with them is reported before it begins.
+    """
+    hush()
+    try:
+        require_sent_goals(described)
+        files = load_fit_files(options, described)
+        if names is not None:
+            files.require_joints(names)
+    except InvalidInput as error:
+        raise Rejected(f"{source}: {error}") from None
+    return files
 
 
 def identify_pendulum(options: argparse.Namespace, paths: Sequence[Path]) -> None:
@@ -102,17 +123,14 @@ def identify_pendulum(options: argparse.Namespace, paths: Sequence[Path]) -> Non
 
 def _identify(
     options: argparse.Namespace,
+    files: FitFiles,
     motions: Sequence[MotionSamples],
     source: str,
-    robot: Any,
-    mjcf: str | None,
     joints: Sequence[str] | None,
 ) -> None:
-    """Fit, print and write. `robot`, `mjcf`: the recorded ones, where the options name none."""
-    hush()
+    """Fit, print and write."""
     try:
-        require_sent_goals(robot)
-        found, path = _fit(options, motions, source, (robot, mjcf), joints)
+        found, path = _fit(options, files, motions, source, joints)
     except InvalidInput as error:
         raise Rejected(f"{source}: {error}") from None
     lines = [*model_lines(found.model), *_gap_lines(found)]
@@ -125,35 +143,19 @@ def _identify(
 
 def _fit(
     options: argparse.Namespace,
+    files: FitFiles,
     motions: Sequence[MotionSamples],
     source: str,
-    recorded: tuple[Any, str | None],
     joints: Sequence[str] | None,
 ) -> tuple[RobotIdentification, Path | None]:
-    if options.write and (options.robot is None or options.calibration is None):
-        raise UsageError(
-            "--write needs --robot and --calibration: the model is written beside the calibration"
-        )
     period = control_period(motions[0])
     if period is None:
         raise InvalidInput("its samples are more than 0.05 s apart: record at a higher rate")
-    named = options.robot or (recorded[0] or {}).get("path")
-    if named is None:
-        raise UsageError("the recording holds no robot: name it by --robot")
-    plain_robot = replace(load_robot(named), identified=None)
-    calibration = options.calibration and load_calibration(options.calibration, plain_robot)
-
-    def rebind(model: IdentifiedModel) -> Binding:
-        return bind(replace(plain_robot, identified=model), calibration)
-
-    plain = bind(plain_robot, calibration)
     for each in motions:
-        if each.names != plain.robot.names:
-            raise InvalidInput(
-                f"its joints are not those of {plain.robot.name}: {', '.join(plain.robot.names)}"
-            )
+        files.require_joints(each.names)
     origin = DataOrigin(_now(), f"twind {__version__}", source)
-    found = identify_robot(plain, [resample(each, period) for each in motions], origin, rebind, joints)
+    samples = [resample(each, period) for each in motions]
+    found = identify_robot(files.plain, samples, origin, files.bound_with, joints)
     return found, save_identified(found.model, options.calibration) if options.write else None
 
 

@@ -1,7 +1,7 @@
 """Excitation of a robot through its daemon: each joint alone, then all together, every motion past the gate.
 
-An ordinary client with the lease. What the gate refuses is tried again smaller; a joint that is warm is left
-out.
+An ordinary client with the lease. A path that the gate refuses for its limits is tried again smaller; every
+other refusal ends the run. A joint that is warm is left out.
 """
 
 import threading
@@ -13,12 +13,28 @@ import numpy as np
 from twind.client import Refused
 from twind.identification.excitation import RATE, ExcitationBounds, excite
 from twind.robot.arrays import Floats
+from twind.robot.finding import ReasonCode
 from twind.robot_client.robot import Robot
 
 SMALLER = (1.0, 0.6, 0.35, 0.2)  # shares of the amplitude that are tried in turn
 TOGETHER = 0.6  # share of the amplitude when all joints move
 LONGEST = 900.0  # s of robot in all
 WARM = 55.0  # °C above which a joint is not excited
+# Refusals of a path that a smaller one may avoid; of a longer one too, as its slow parts become shorter.
+PATH_LIMITS = frozenset(
+    (
+        ReasonCode.POS_LIMIT,
+        ReasonCode.VEL_LIMIT,
+        ReasonCode.ACC_LIMIT,
+        ReasonCode.BRAKE_DISTANCE,
+        ReasonCode.START_JUMP,
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.KEEP_OUT,
+        ReasonCode.FLOOR,
+        ReasonCode.TORQUE_INFEASIBLE,
+        ReasonCode.TOO_MANY_POINTS,
+    )
+)
 
 
 class MessageRecorder:
@@ -55,9 +71,10 @@ class MessageRecorder:
 def excite_robot(
     robot: Robot, client: Any, described: Mapping[str, Any], joints: Sequence[str], amplitude: float
 ) -> list[Mapping[str, Any]]:
-    """Move the joints and return the states of all of it; empty: the gate refused every motion.
+    """Move the joints and return the states of all of it; empty: each was too warm, or refused for its path.
 
-    `client`: an observer; `described`: the robot as GetRobot answers. Raises ClientError.
+    `client`: an observer; `described`: the robot as GetRobot answers. Raises Refused: for another reason than
+    the limits of a path, such as an e-stop or a lease that an operator took; ClientError.
     """
     bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
     moved = False
@@ -85,7 +102,7 @@ def motion_of(
 
 
 def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> bool:
-    """Move joints as far as the gate lets them; False: refused, or too warm."""
+    """Move joints as far as the gate lets them; False: refused for limits of the path, or too warm."""
     readings = robot.joints
     start = {name: readings[name].goal for name in bounds if not _is_warm(readings[name])}
     held = {name: goal for name, goal in start.items() if goal is not None}
@@ -96,10 +113,18 @@ def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float)
         points, times = motion_of(cool, held, share * amplitude)
         try:
             robot.follow(list(cool), points, times, retime=True)
-        except Refused:
+        except Refused as refusal:
+            require_path_limits(refusal)
             continue
         return True
     return False
+
+
+def require_path_limits(refusal: Refused) -> None:
+    """Raise a refusal again unless a smaller motion may pass: all its findings are limits of the path."""
+    codes = {str(finding.get("code")) for finding in refusal.findings}
+    if not codes or not codes <= PATH_LIMITS:
+        raise refusal
 
 
 def _is_warm(reading: Any) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from twind.client import ClientError, Refused
 from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
-from twind.identification.live_excitation import SMALLER, MessageRecorder
+from twind.identification.live_excitation import SMALLER, MessageRecorder, require_path_limits
 from twind.robot.finding import ReasonCode
 from twind.robot_client.robot import Robot
 from twind.tuning.gain_search import Gains
@@ -69,7 +69,7 @@ class StepBench:
             ) from error
 
     def step(self, joint: str) -> StepResponse:
-        """Step a joint there and back. Raises Rejected: it is warm, or the gate refuses; ClientError."""
+        """Step a joint there and back. Raises Rejected: it is warm, or its path is refused; ClientError."""
         reading = self._robot.joints[joint]
         bound = float(self._joints[joint]["type"]["heat"]["cool"])
         if reading.temperature is not None and reading.temperature > bound:
@@ -81,6 +81,7 @@ class StepBench:
             try:
                 found = self._measured(joint, way)
             except Refused as error:
+                require_path_limits(error)
                 refusal = error
                 continue
             self._way[joint] = way

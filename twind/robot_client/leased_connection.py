@@ -22,7 +22,7 @@ class LeasedConnection:
     """
 
     def __init__(self, client: Client, *, take: bool = False) -> None:
-        """`take`: take the lease from another holder."""
+        """`take`: take the lease from another holder, at the first command; who takes it later keeps it."""
         self.client = client
         self._take = take
         self._calling = threading.RLock()
@@ -133,6 +133,7 @@ class LeasedConnection:
         self._connect()
         if not self._leased:
             self.client.call("AcquireLease", take=self._take or None)
+            self._take = False
             self._leased = True
             self._renewal.start()
 

@@ -60,8 +60,8 @@ class Robot:
         """Connect. Raises NoDaemon.
 
         `socket`: folder of the daemon's sockets; None: the usual places. `read_only`: as an observer, who
-        needs no operator's rights. `take`: take the lease from another holder. `disarm`: disarm in `close`.
-        `state_rate`: Hz of `state`.
+        needs no operator's rights. `take`: take the lease from another holder, at the first command
+        only. `disarm`: disarm in `close`. `state_rate`: Hz of `state`.
         """
         self._socket = socket
         self._role = "observe" if read_only else "control"
