@@ -22,7 +22,7 @@ JOINT = {
 OTHERS = sorted(set(ReasonCode) - PATH_LIMITS)
 
 
-class RefusingRobot:
+class CodedRefusalRobot:
     """An armed robot that refuses its motions with given codes; the motion after the last of them is made."""
 
     def __init__(self, *refusals: tuple[str, ...]) -> None:
@@ -56,25 +56,25 @@ class SilentClient:
     def close(self) -> None: ...
 
 
-def excite(robot: RefusingRobot) -> list[Any]:
+def excite(robot: CodedRefusalRobot) -> list[Any]:
     return list(excite_robot(robot, SilentClient(), {"joints": [JOINT]}, ["elbow"], 0.4))  # type: ignore[arg-type]
 
 
-def step(robot: RefusingRobot) -> object:
+def step(robot: CodedRefusalRobot) -> object:
     bench = StepBench(robot, SilentClient, {"elbow": JOINT}, {"p": 800.0}, 0.2)  # type: ignore[arg-type]
     return bench.step("elbow")
 
 
 @pytest.mark.parametrize("code", sorted(PATH_LIMITS))
 def test_a_path_beyond_a_limit_is_tried_again_smaller(code: str) -> None:
-    robot = RefusingRobot((code,), (code, "POS_LIMIT"))
+    robot = CodedRefusalRobot((code,), (code, "POS_LIMIT"))
     assert excite(robot)
     assert robot.reaches == pytest.approx([0.4 * share for share in SMALLER[:3]])
 
 
 @pytest.mark.parametrize("code", OTHERS)
 def test_any_other_refusal_ends_the_excitation_after_this_motion(code: str) -> None:
-    robot = RefusingRobot((code,))
+    robot = CodedRefusalRobot((code,))
     with pytest.raises(Refused):
         excite(robot)
     assert len(robot.reaches) == 1
@@ -82,7 +82,7 @@ def test_any_other_refusal_ends_the_excitation_after_this_motion(code: str) -> N
 
 @pytest.mark.parametrize("codes", [("POS_LIMIT", "ESTOP_LATCHED"), ("A_NEW_CODE",), ()])
 def test_a_limit_beside_another_reason_or_an_unknown_reason_ends_it_too(codes: tuple[str, ...]) -> None:
-    robot = RefusingRobot(codes)
+    robot = CodedRefusalRobot(codes)
     with pytest.raises(Refused):
         excite(robot)
     assert len(robot.reaches) == 1
@@ -90,7 +90,7 @@ def test_a_limit_beside_another_reason_or_an_unknown_reason_ends_it_too(codes: t
 
 @pytest.mark.parametrize("code", ["ESTOP_LATCHED", "FAULT_LATCHED", "LEASE_MISSING", "NOT_ARMED", "BUSY"])
 def test_a_tuning_asks_for_no_smaller_step_after_such_a_refusal(code: str) -> None:
-    robot = RefusingRobot((code,))
+    robot = CodedRefusalRobot((code,))
     with pytest.raises(Refused):
         step(robot)
     assert len(robot.reaches) == 1
