@@ -128,6 +128,32 @@ def test_a_model_of_primitive_shapes_needs_no_process(robot: str, monkeypatch: p
     require_readable_model(path, require_sane_numbers(path))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<custom><numeric name="n" size="900000" data="1"/></custom>',
+        "<asset>" + '<texture type="2d" builtin="flat" width="8192" height="8192"/>' * 25 + "</asset>",
+        '<sensor><user dim="400000000"/></sensor>',
+        '<sensor><gyro site="imu" nsample="200000000" delay="1"/></sensor>',
+        '<actuator><motor joint="pan" delay="1" nsample="200000000"/></actuator>',
+        '<actuator><general joint="pan" dyntype="user" actdim="400000000"/></actuator>',
+        '<worldbody><camera name="c" resolution="20000 20000"/></worldbody>',
+        '<size nkey="10000" nuserdata="1000000"/>',
+        '<worldbody><body user="1 2 3"/></worldbody>',
+        "<worldbody>" + '<site pos="0 0 0"/>' * 1000 + "</worldbody>",
+    ],
+)
+def test_a_model_that_may_reserve_memory_is_tried_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    tried: list[str] = []
+    monkeypatch.setattr(model_trial, "call_module", lambda worker, *others, **named: tried.append(worker))
+    path = tmp_path / "model.xml"
+    path.write_text(f"<mujoco>{text}<worldbody><body/></worldbody></mujoco>")
+    require_readable_model(path, require_sane_numbers(path))
+    assert tried == [model_trial.WORKER]
+
+
 def test_a_model_with_a_mesh_passes_its_trial(tmp_path: Path) -> None:
     (tmp_path / "cube.obj").write_text(
         "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1))

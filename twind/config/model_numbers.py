@@ -120,6 +120,7 @@ COUNTS: Mapping[str, Mapping[str, NumberBound]] = {
     "replicate": {"count": _whole(1, 10_000)},
     "composite": {"count": _whole(0, 1000, 3)},
     "flexcomp": {"count": _whole(0, 1000, 3)},
+    "numeric": {"size": _whole(0, 1_000_000)},
 }
 _ALL = {**BOUNDS, **COUNTS}
 MAX_FILES = 100  # of one model

@@ -1,7 +1,7 @@
 """Trial of a robot's model: MuJoCo compiles it once in a process with bounds of time and memory.
 
-A model that only has bodies of primitive shapes costs what its text costs, and needs no trial. Meshes, height
-fields, pictures, elements that make copies, and muscles do not say what they cost; decoders may crash.
+A model that only has elements of `_PLAIN` costs what its text costs, and needs no trial. All others may cost
+any memory and time: meshes, pictures, elements that make copies, muscles, sensors of cameras; decoders may crash.
 """
 
 import os
@@ -17,13 +17,14 @@ from twind.exceptions import InvalidInput
 BOUNDS = ProcessBounds(seconds=20, memory=3072, output=1)
 MAX_FILE = 64 << 20  # bytes of a mesh, height field or picture
 MAX_ALL = 256 << 20  # bytes of all of them
-MAX_PLAIN = 5000  # elements of a model without a trial
+MAX_PLAIN = 1000  # elements of a model without a trial; the largest built-in robot has some 200
 WORKER = "twind.twin.model_trial_worker"
 
-_COSTLY = frozenset(
-    ("mesh", "hfield", "skin", "replicate", "composite", "flexcomp", "flex", "attach", "model", "plugin")
+_PLAIN = frozenset(
+    ["mujoco", "include", "compiler", "option", "flag", "default", "visual", "global", "headlight", "rgba", "quality", "map", "scale", "statistic", "worldbody", "body", "inertial", "joint", "freejoint", "geom", "site", "light", "contact", "pair", "exclude", "equality", "connect", "weld", "actuator", "position", "velocity", "motor", "sensor", "accelerometer", "gyro", "framequat", "framepos", "force", "torque", "jointpos", "jointvel", "touch"]
 )
-_COSTLY |= {"muscle", "lengthrange"}
+# Attributes of plain elements that reserve memory by a number, or for all elements of a kind.
+_RESERVING = frozenset(["user", "dyntype", "actdim", "nsample", "delay", "interval", "resolution", "dim", "num", "mesh", "hfield"])
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -33,7 +34,8 @@ def require_readable_model(path: Path, elements: Sequence[ModelElement]) -> None
     Raises ConfigError: it cannot, or it names a file that is none or too large.
     """
     files = _require_files(elements)
-    if not files and len(elements) <= MAX_PLAIN and not any(each.name in _COSTLY for each in elements):
+    plain = all(each.name in _PLAIN and _RESERVING.isdisjoint(each.attributes) for each in elements)
+    if plain and not files and len(elements) <= MAX_PLAIN:
         return
     try:
         call_module(WORKER, {"path": str(path)}, BOUNDS, file=str(path))
