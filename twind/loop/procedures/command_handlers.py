@@ -323,8 +323,8 @@ class CommandHandlers:
     def _reset(self, command: link.Reset, now: float) -> None:
         """Acknowledge latches; torque must be off, and no procedure on its way there.
 
-        Never arms: a fault that persists refuses the next Arm. An e-stop that still runs does not begin again,
-        so one after a reset would not be latched.
+        Never arms: a fault that persists refuses the next Arm. An e-stop that still runs does not begin
+        again, so one after a reset would not be latched.
         """
         context = self._context
         if torque_on(context) or self._lowering():
