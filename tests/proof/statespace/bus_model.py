@@ -156,7 +156,7 @@ class BusModel(ScriptedHardware):
             port.identify()
 
     def lose(self, number: int) -> None:
-        """What waits for the bus fails, and its watchdogs trip."""
+        """Lose a bus: every pending request fails, and watchdogs trip."""
         port = self.ports[number]
         if port.reader is None:
             return

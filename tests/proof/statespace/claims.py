@@ -37,7 +37,7 @@ class Claims:
 
     @property
     def memory(self) -> tuple[object, ...]:
-        """What tells two states apart besides the loop's own."""
+        """Part of the key of a state."""
         return self.stopped, self.acknowledged, self.leased, tuple(self.found.tolist())
 
     def stop(self) -> None:

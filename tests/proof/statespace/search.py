@@ -17,7 +17,7 @@ from tests.proof.statespace.world import STEPS, ModelWorld
 
 @dataclass
 class SearchResult:
-    """What was visited; `path` and `broken`: a shortest history that breaks a claim, and which."""
+    """Counts of a search; `path` and `broken`: a shortest history that breaks a claim, and its text."""
 
     states: int = 0
     transitions: int = 0

@@ -28,18 +28,18 @@ DIGITS = 2  # of an angle in rad: the least that a procedure tells apart is 0.02
 
 
 def state_key(world: ModelWorld) -> tuple[Any, ...]:
-    """Return what tells this state from others. Left out: texts of findings, and counters of reports."""
+    """Return the key of the present state. Left out: texts of findings, and counters of reports."""
     loop = world.loop
     hardware = world.hardware
-    key = Key(world.clock.now(), loop.executor._tick)
+    key = Key(world.clock.now(), vars(loop.executor)["_tick"])
     return (
-        key.of(loop.condition._latch),
+        key.of(vars(loop.condition)["_latch"]),
         tuple(sorted(loop.condition.latches)),
         loop.condition.stop_wanted,
         loop.condition.finished,
         tuple((name, key.of(value)) for name, value in vars(loop.torque).items()),
-        key.procedure(loop.procedures._torque),
-        tuple(key.procedure(other) for other in loop.procedures._others),
+        key.procedure(vars(loop.procedures)["_torque"]),
+        tuple(key.procedure(other) for other in vars(loop.procedures)["_others"]),
         tuple(
             (port.link, port.holding, port.writer is None, port.identification is None)
             for port in hardware.ports
@@ -54,9 +54,9 @@ def state_key(world: ModelWorld) -> tuple[Any, ...]:
         key.of(loop.robot.written),
         key.of(loop.robot.measured.age),
         key.lease(world.lease),
-        loop.commands._arming_client if loop.procedures.rank is Priority.ARM else 0,
-        bool(loop.commands.stops._waiting),
-        key.of(loop.identity.verified._turn_known),
+        vars(loop.commands)["_arming_client"] if loop.procedures.rank is Priority.ARM else 0,
+        bool(vars(loop.commands.stops)["_waiting"]),
+        key.of(loop.identity.verified.turn_known),
         world.claims.memory,
     )
 
@@ -116,20 +116,22 @@ class Key:
 
     def lease(self, lease: Lease) -> Any:
         """Return the holder and the time left."""
-        if not lease._client:
+        held = vars(lease)
+        if not held["_client"]:
             return None
-        return lease._client, self.of(lease._renewed), lease._term, len(lease._pins)
+        return held["_client"], self.of(held["_renewed"]), held["_term"], len(held["_pins"])
 
     def executor(self, executor: TrajectoryExecutor) -> Any:
         """Return the motion, and how far it is."""
+        floor = vars(executor)["_floor"]
         return (
             executor.motion,
-            self.of(executor._reference),
+            self.of(executor.reference),
             tuple((layer.goal.id, self.of(layer.fraction(self._tick))) for layer in executor.layers),
-            self.of({} if executor._floor is None else _values(executor._floor)),
+            self.of({} if floor is None else _values(floor)),
             executor.stream is None,
-            executor._yielding is None,
-            len(executor._pending),
+            vars(executor)["_yielding"] is None,
+            executor.waiting,
         )
 
 

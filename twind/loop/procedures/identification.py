@@ -312,7 +312,7 @@ class IdentificationState:
         self._gone.pop(bus, None)
         torque = context.torque
         armed = torque.armed
-        # Torque off without a confirmation may be torque on there; other buses confirm only their own.
+        # Torque off without a confirmation may be torque on: the other buses confirm only their own.
         on = armed or torque.energising or torque.unconfirmed
         held = on or context.procedures.rank is Priority.ARM
         if held:
