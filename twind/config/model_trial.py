@@ -1,7 +1,7 @@
 """Trial of a robot's model: MuJoCo compiles it once in a process with bounds of time and memory.
 
 A model that only has elements of `_PLAIN` costs what its text costs, and needs no trial. All others may cost
-any memory and time: meshes, pictures, elements that make copies, muscles, sensors of cameras; decoders may crash.
+any memory and time: meshes, pictures, elements that make copies, muscles, cameras; decoders may crash.
 """
 
 import os
@@ -21,6 +21,7 @@ MAX_PLAIN = 1000  # elements of a model without a trial; the largest built-in ro
 WORKER = "twind.twin.model_trial_worker"
 
 _PLAIN = frozenset(
+<<<<<<< Updated upstream
     [
         "mujoco",
         "include",
@@ -81,6 +82,22 @@ _RESERVING = frozenset(
         "mesh",
         "hfield",
     ]
+=======
+    (
+        *("mujoco", "include", "compiler", "option", "flag", "default", "visual", "global", "headlight"),
+        *("rgba", "quality", "map", "scale", "statistic", "worldbody", "body", "inertial", "joint"),
+        *("freejoint", "geom", "site", "light", "contact", "pair", "exclude", "equality", "connect", "weld"),
+        *("actuator", "position", "velocity", "motor", "sensor", "accelerometer", "gyro", "framequat"),
+        *("framepos", "force", "torque", "jointpos", "jointvel", "touch"),
+    )
+)
+# Attributes of plain elements that reserve memory by a number, or for all elements of a kind.
+_RESERVING = frozenset(
+    (
+        *("user", "dyntype", "actdim", "nsample", "delay", "interval"),
+        *("resolution", "dim", "num", "mesh", "hfield"),
+    )
+>>>>>>> Stashed changes
 )
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 
