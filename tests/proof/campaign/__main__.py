@@ -67,6 +67,15 @@ def saved(all_totals: list[t.SubjectTotal]) -> None:
     rewrite_page(t.PAGE, lambda page: t.page_with_totals(page, all_totals))
 
 
+def commit() -> str:
+    """The commit of these sources; "-dirty" where a file but the totals and their page differs from it."""
+    ours = [f":(exclude){path.relative_to(ROOT)}" for path in (t.TOTALS, t.PAGE)]
+    git = ["git", "-C", str(ROOT)]
+    head = subprocess.run([*git, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+    changed = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", ".", *ours], check=False).returncode
+    return head.stdout.strip() + ("-dirty" if changed else "")
+
+
 def piece(all_totals: list[t.SubjectTotal], name: str) -> bool:
     """Run the next piece of a subject and note it; whether all of it passed."""
     subject = SUBJECTS[name]
@@ -76,8 +85,7 @@ def piece(all_totals: list[t.SubjectTotal], name: str) -> bool:
     run = output_of(subject.command.format(count=count, next=total.next), subject.longest)
     total.seconds = round(total.seconds + time.monotonic() - begun, 1)
     good = add(total, subject, count, run)
-    git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    total.commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    total.commit = commit()
     total.date = datetime.now(UTC).date().isoformat()
     saved(all_totals)
     print(
