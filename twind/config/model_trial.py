@@ -21,68 +21,6 @@ MAX_PLAIN = 1000  # elements of a model without a trial; the largest built-in ro
 WORKER = "twind.twin.model_trial_worker"
 
 _PLAIN = frozenset(
-<<<<<<< Updated upstream
-    [
-        "mujoco",
-        "include",
-        "compiler",
-        "option",
-        "flag",
-        "default",
-        "visual",
-        "global",
-        "headlight",
-        "rgba",
-        "quality",
-        "map",
-        "scale",
-        "statistic",
-        "worldbody",
-        "body",
-        "inertial",
-        "joint",
-        "freejoint",
-        "geom",
-        "site",
-        "light",
-        "contact",
-        "pair",
-        "exclude",
-        "equality",
-        "connect",
-        "weld",
-        "actuator",
-        "position",
-        "velocity",
-        "motor",
-        "sensor",
-        "accelerometer",
-        "gyro",
-        "framequat",
-        "framepos",
-        "force",
-        "torque",
-        "jointpos",
-        "jointvel",
-        "touch",
-    ]
-)
-# Attributes of plain elements that reserve memory by a number, or for all elements of a kind.
-_RESERVING = frozenset(
-    [
-        "user",
-        "dyntype",
-        "actdim",
-        "nsample",
-        "delay",
-        "interval",
-        "resolution",
-        "dim",
-        "num",
-        "mesh",
-        "hfield",
-    ]
-=======
     (
         *("mujoco", "include", "compiler", "option", "flag", "default", "visual", "global", "headlight"),
         *("rgba", "quality", "map", "scale", "statistic", "worldbody", "body", "inertial", "joint"),
@@ -97,7 +35,6 @@ _RESERVING = frozenset(
         *("user", "dyntype", "actdim", "nsample", "delay", "interval"),
         *("resolution", "dim", "num", "mesh", "hfield"),
     )
->>>>>>> Stashed changes
 )
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 
