@@ -103,7 +103,7 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     if robot.gate.contact_hold_nm and robot.identified is None:
         raise InvalidInput(
             f"gate.contact.hold_nm of {robot.name} needs an identified model, and {overlay} is missing: run "
-            "`twindctl identify`, or remove the key"
+            "`twindctl identify` without the key, or name the file with --identified"
         )
     files[str(robot.path)] = robot.text_sha256
     files[str(robot.mjcf_path)] = hashlib.sha256(robot.mjcf.encode()).hexdigest()

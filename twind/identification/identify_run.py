@@ -163,10 +163,17 @@ def _gap_lines(found: RobotIdentification) -> list[str]:
     lines = ["error of the whole robot's simulation on the held-out quarter, before and after:"]
     for before, after in zip(found.before, found.after, strict=True):
         if before.joint in found.model.joints:
-            lines.append(f"  {before.joint}: {_share(before)} -> {_share(after)}")
+            worse = "; worse" if _grew(before, after) else ""
+            lines.append(f"  {before.joint}: {_share(before)} -> {_share(after)}{worse}")
     if found.still:
         lines.append(f"not identified, moved too little: {', '.join(found.still)}")
     return lines
+
+
+def _grew(before: JointGap, after: JointGap) -> bool:
+    """Check whether the error grew, by the spread of the motion."""
+    figures = [None if gap.position is None else gap.position.nrmse_spread for gap in (before, after)]
+    return figures[0] is not None and figures[1] is not None and figures[1] > figures[0]
 
 
 def _share(gap: JointGap) -> str:
