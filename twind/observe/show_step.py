@@ -1,6 +1,6 @@
 """show a robot file in the browser, joint by joint
 
-It has id, limits, axis and sign of each joint; drag a slider and see which way is positive. It needs no daemon.
+It has id, limits, axis and sign of each joint; a slider shows which way is positive. It needs no daemon.
 With --live the angles are those of the daemon that mirrors the limp robot.
 """
 
