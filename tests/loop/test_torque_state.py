@@ -55,9 +55,9 @@ def busy() -> TorqueState:
     """A state in which every field differs from the start."""
     torque = TorqueState(3)
     torque.take_hold(ALL)
+    torque.lose_bus(NONE)
     torque.begin_energising()
     torque.abandon_switching()
-    torque.lose_bus(NONE)
     torque.inhibit()
     torque.demand_damping(5.0)
     torque.latch_stop("settle")
@@ -144,6 +144,21 @@ def test_a_hold_of_all_joints_but_limp_ones_leaves_no_lost_bus_to_come_back() ->
     torque.leave_limp(~SOME)
     torque.take_hold(SOME)
     assert not torque.pending_restore
+    assert not torque.unconfirmed
+
+
+def test_torque_off_of_a_bus_that_is_lost_stays_unconfirmed_until_it_is_read() -> None:
+    torque = TorqueState(3)
+    torque.take_hold(ALL)
+    torque.begin_release()
+    torque.lose_bus(SOME)
+    torque.begin_release()
+    torque.confirm_off()  # by the other bus
+    assert torque.unconfirmed
+    torque.find_off()
+    assert not torque.unconfirmed
+    torque.begin_release()
+    torque.confirm_off()
     assert not torque.unconfirmed
 
 

@@ -169,10 +169,10 @@ def test_a_model_whose_masks_let_nothing_collide_has_no_pairs(tmp_path: Path) ->
 
 def test_a_height_field_of_the_world_must_be_allowed(tmp_path: Path) -> None:
     world = '<geom name="ground" type="hfield" hfield="ground"/>'
-    robot = arm_file(tmp_path, support="fixed", world=world)
+    robot = arm_file(tmp_path, support="fixed")
     xml = (tmp_path / "arm.xml").read_text()
     asset = '<asset><hfield name="ground" nrow="2" ncol="2" size="1 1 0.1 0.1"/></asset><worldbody>'
-    (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset))
+    (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset + world))
     with pytest.raises(InvalidInput, match="height field"):
         CollisionModel(bind(robot, None))
 

@@ -88,6 +88,32 @@ def test_after_a_gap_the_estimate_is_unknown_then_unbiased(pause: float) -> None
     assert found[-1] is not None
 
 
+def test_gaps_add_no_noise_to_a_steady_torque() -> None:
+    """The hold of a contact rests on torque less its deviation."""
+    observer = ExternalTorqueObserver(BINDING, PERIOD)
+    simulation = Simulation(BINDING, PERIOD)
+    simulation.data.qfrc_applied[BINDING.dof[H24.names.index("r_elbow")]] = 2.5
+    simulation.model.dof_frictionloss[:] = 0.0
+    for tick in range(2000):
+        simulation.step(BINDING.rest)
+        heard = np.full(24, tick % 5 != 0)
+        observer.update(replace(simulation.state(tick * PERIOD), heard=heard), held=False)
+    assert observer.external is not None
+    assert observer.external.deviation.max() < 0.1
+
+
+def test_a_limp_servo_without_current_has_no_torque_of_its_goal() -> None:
+    limp = np.array([name == "elbow_flex" for name in SO101.names])
+    found = []
+    for far in (0.0, 0.5):
+        observer = ExternalTorqueObserver(ARM, PERIOD)
+        for state, goal in swung(Simulation(ARM, PERIOD), 0.2, 0.0):
+            observer.update(state, held=True, goal=goal + far * limp, limp=limp)
+        assert observer.external is not None
+        found.append(observer.external.torque)
+    assert found[1] == pytest.approx(found[0], abs=1e-9)
+
+
 @settings(max_examples=8, deadline=None)
 @given(
     torque=st.floats(-0.5, 0.5),

@@ -1,10 +1,10 @@
 """External torque of each joint: a momentum observer on the identified model. Loop's process.
 
 Inverse dynamics gives the torque of the measured motion; what motors and friction do not explain comes from
-outside. A servo that reports no current is taken as its model has it: from its goal, by stiffness, damping
-and limit. The observer is a low-pass of first order: in it the differences of velocity add up to a momentum,
-so that no second derivative is used. Contacts, stops and loops of the model are off. Arrays are (n,), in
-joint order; torque is positive where a hand turns the joint to greater angles.
+outside. A servo that reports no current is taken as its model has it: from its goal, by stiffness, dead band,
+damping and limit, at full supply. The observer is a low-pass of first order: in it the differences of velocity
+add up to a momentum, so that no second derivative is used. Contacts, stops and loops of the model are off.
+Arrays are (n,), in joint order; torque is positive where a hand turns the joint to greater angles.
 """
 
 import copy
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_spec import JointSpec
-from twind.robot.arrays import Floats, every
+from twind.robot.arrays import Bools, Floats, every
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.joint_state import JointState
 from twind.twin.binding import Binding
@@ -84,6 +84,7 @@ class ExternalTorqueObserver:
         self._goal = index(binding.actuators)
         self._model.actuator_delay[servo_rows(self._model, binding.actuators)] = 0.0
         self._delay, _ = _column(binding, "delay_s", zero)
+        self._half_band = 0.5 * _column(binding, "dead_band_rad", zero)[0]
         self._timing = np.where(self._unmeasured, 1.0, HALF)
         self._period = period
         self.take_gains(binding)
@@ -117,8 +118,12 @@ class ExternalTorqueObserver:
         self._torque = np.zeros(len(self._dry))
         self._count = 0
 
-    def update(self, measured: JointState, *, held: bool, goal: Floats | None = None) -> None:
+    def update(
+        self, measured: JointState, *, held: bool, goal: Floats | None = None, limp: Bools | None = None
+    ) -> None:
         """Take a reading. `held`: servos follow a goal of each period; `goal` (n,): rad, the one before it.
+
+        `limp` (n,): joints without torque while the others are held; None: none.
 
         After a gap, or where a joint is silent or its torque unknown, there is no estimate.
         """
@@ -132,6 +137,8 @@ class ExternalTorqueObserver:
         before = self._effort
         if self._modelled and goal is not None:
             effort = np.where(self._unmeasured, self._by_servo(measured, goal), effort)
+            if limp is not None:
+                effort[limp & self._unmeasured] = 0.0
         self._effort = effort
         if last is None:
             return
@@ -144,6 +151,8 @@ class ExternalTorqueObserver:
         speed = 0.5 * (measured.velocity + last.velocity)
         motor = 0.5 * (effort + before)
         stairs = self._stairs * speed if held else 0.0
+        if limp is not None and held:
+            stairs = np.where(limp, 0.0, stairs)
         motor = motor + stairs
         sign = np.tanh(speed / SLOW)
         friction = self._dry + self._stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
@@ -163,7 +172,8 @@ class ExternalTorqueObserver:
         if self._modelled:
             systematic += (self._open * motor) ** 2
         squared = np.minimum(off**2, OUTLIER**2 * (self._noise + LEAST**2))
-        self._noise += self._forget * (squared - self._noise)
+        if self._count > 1:  # the first difference after a gap is the torque itself
+            self._noise += self._forget * (squared - self._noise)
         deviation = np.sqrt(systematic + self._smoothing * self._noise)
         self.external = ExternalTorque(self._torque, deviation) if self._count >= FIRST else None
 
@@ -175,7 +185,9 @@ class ExternalTorqueObserver:
         self._sent = goal
         data.qpos[self._place] = measured.position
         data.qvel[self._speed] = measured.velocity
-        data.ctrl[self._goal] = goal - self._delay * speed
+        late = goal - self._delay * speed
+        dead = (late - measured.position).clip(-self._half_band, self._half_band)
+        data.ctrl[self._goal] = late - dead
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)

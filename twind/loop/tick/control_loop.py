@@ -109,7 +109,8 @@ class Loop:
         if self.robot.observer is not None:
             held = live and self.torque.armed
             followed = self.robot.written if self.torque.soft_since is None else None
-            self.robot.observer.update(self.robot.measured, held=held, goal=followed)
+            limp = self.torque.limp if held and self.torque.partial else None
+            self.robot.observer.update(self.robot.measured, held=held, goal=followed, limp=limp)
         left = goal if self.hardware.left or not live else None
         self.robot.written = self.robot.written if left is None else left
         read = self.clock.now()
