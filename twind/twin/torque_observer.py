@@ -2,9 +2,9 @@
 
 Inverse dynamics gives the torque of the measured motion; what motors and friction do not explain comes from
 outside. A servo that reports no current is taken as its model has it: from its goal, by stiffness, dead band,
-damping and limit, at full supply. The observer is a low-pass of first order: in it the differences of velocity
-add up to a momentum, so that no second derivative is used. Contacts, stops and loops of the model are off.
-Arrays are (n,), in joint order; torque is positive where a hand turns the joint to greater angles.
+damping and limit, at full supply. The observer is a low-pass of first order: in it the differences of
+velocity add up to a momentum, so that no second derivative is used. Contacts, stops and loops of the model
+are off. Arrays are (n,), in joint order; torque is positive where a hand turns the joint to greater angles.
 """
 
 import copy
