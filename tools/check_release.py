@@ -27,7 +27,7 @@ OWN = "twind_robot"
 
 
 class ReleaseFault(Exception):
-    """What was built is not what it should be."""
+    """A file that was built is not as it should be."""
 
 
 def require(true: bool, fault: str) -> None:

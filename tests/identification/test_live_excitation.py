@@ -6,19 +6,12 @@ from typing import Any
 
 import pytest
 
+from tests.support.described_joint import JOINT
 from twind.client import Refused
 from twind.identification.live_excitation import PATH_LIMITS, SMALLER, excite_robot
 from twind.identification.step_bench import StepBench
 from twind.robot.finding import ReasonCode
 
-JOINT = {
-    "name": "elbow",
-    "lower": -1.0,
-    "upper": 1.0,
-    "velocity_limit": 4.0,
-    "acceleration_limit": 20.0,
-    "type": {"name": "xl430", "heat": {"cool": 47.0}},
-}
 OTHERS = sorted(set(ReasonCode) - PATH_LIMITS)
 
 

@@ -5,19 +5,12 @@ from typing import Any
 
 import pytest
 
+from tests.support.described_joint import JOINT
 from twind.client import Refused
 from twind.command_line.verb import Rejected
 from twind.identification.live_excitation import SMALLER
 from twind.identification.step_bench import StepBench
 
-JOINT = {
-    "name": "elbow",
-    "lower": -1.0,
-    "upper": 1.0,
-    "velocity_limit": 4.0,
-    "acceleration_limit": 20.0,
-    "type": {"name": "xl430", "heat": {"cool": 47.0}},
-}
 COLD = 30.0
 
 

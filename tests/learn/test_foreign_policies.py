@@ -4,7 +4,6 @@ One is feed-forward; the recurrent one sees neither velocities of joints nor the
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +24,6 @@ RATE = 50
 PERIOD = 2.0  # s, of a squat
 DEPTH = 0.04  # m
 STANDING_STILL = 0.0245  # m, rms: the error of a robot that does not move
-
-
-@pytest.fixture
-def rig() -> Iterator[StandingRig]:
-    made = StandingRig()
-    made.stand_up()
-    yield made
-    made.close()
 
 
 def error(heights: list[float]) -> float:

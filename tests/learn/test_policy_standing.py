@@ -4,7 +4,6 @@ What is in the way of a policy here is what a robot has: servos and their quanti
 loop's tick between reading and goal, joints and an IMU instead of the truth.
 """
 
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -22,14 +21,6 @@ from twind.learn.policy.policy_file import NetworkLayer, Policy, load, save
 def policy(folder: Path, layers: list[NetworkLayer]) -> Policy:
     save(folder / "policy.onnx", layers, *plain(CARD), CARD)
     return load(folder / "policy.onnx")
-
-
-@pytest.fixture
-def rig() -> Iterator[StandingRig]:
-    made = StandingRig()
-    made.stand_up()
-    yield made
-    made.close()
 
 
 def test_the_loop_commands_exactly_the_target_of_the_policy(rig: StandingRig, tmp_path: Path) -> None:

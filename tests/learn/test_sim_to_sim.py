@@ -1,6 +1,5 @@
 """The same policy in the simulation of `policy check` and on the whole daemon, wire and estimate included."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +28,6 @@ phase: {period_s: 1.0}
 inputs: {obs: {terms: {phase_sin: {}}}}
 action: {output: actions, scale_rad: 0.2}
 """
-
-
-@pytest.fixture
-def rig() -> Iterator[StandingRig]:
-    made = StandingRig()
-    made.stand_up()
-    yield made
-    made.close()
 
 
 @pytest.fixture(params=["trained here", "carded"])

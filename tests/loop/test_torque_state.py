@@ -79,7 +79,7 @@ def test_a_daemon_begins_without_torque_and_without_a_latch() -> None:
             "begin_release",
             {"held": (False,) * 3, "armed": False, "soft_since": None},
         ),
-        ("confirm_off", {"energising": False, "unconfirmed": False}),
+        ("confirm_off", {"energising": False}),  # a lost bus has not confirmed
         ("leave_unconfirmed", {"energising": False}),
         ("find_off", {"unconfirmed": False, "pending_restore": False}),
         (

@@ -120,15 +120,20 @@ def test_the_answer_to_a_goal_is_waited_for_shortly(
     assert client.sent == ["AcquireLease", "Setpoint"] and client.patience == [2.0]
 
 
-def test_a_lease_that_lapsed_is_taken_anew_by_the_next_call(
-    connection: LeasedConnection, client: RecordingClient
-) -> None:
+def arm_after_a_lost_lease(connection: LeasedConnection, client: RecordingClient) -> None:
+    """Arm twice: refused for want of the lease, then obeyed."""
     finding = {"code": "LEASE_MISSING", "joint": None, "message": "no lease"}
     client.refusal = Refused("io.twind.Control.Refused", {"findings": [finding]})
     with pytest.raises(Refused):
         connection.command("Arm")
     client.refusal = None
     connection.command("Arm")
+
+
+def test_a_lease_that_lapsed_is_taken_anew_by_the_next_call(
+    connection: LeasedConnection, client: RecordingClient
+) -> None:
+    arm_after_a_lost_lease(connection, client)
     assert client.sent == ["AcquireLease", "Arm", "AcquireLease", "Arm"]
 
 
@@ -143,11 +148,6 @@ def test_the_lease_is_taken_from_another_holder_only_once(client: RecordingClien
 
     client.call = record  # type: ignore[method-assign]
     connection = LeasedConnection(cast(Client, client), take=True)
-    finding = {"code": "LEASE_MISSING", "joint": None, "message": "an operator took it"}
-    client.refusal = Refused("io.twind.Control.Refused", {"findings": [finding]})
-    with pytest.raises(Refused):
-        connection.command("Arm")
-    client.refusal = None
-    connection.command("Arm")
+    arm_after_a_lost_lease(connection, client)
     connection.close()
     assert asked == [True, None]

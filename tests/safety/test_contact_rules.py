@@ -7,6 +7,7 @@ from tests.support.guard_rig import LIMITS, N, facts
 from twind.robot.arrays import Floats
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.finding import ReasonCode
+from twind.robot.modes import RobotState
 from twind.safety.contact_rules import BEGIN, END, LOST, ContactRules
 from twind.safety.guard import Guard, Reaction
 
@@ -66,6 +67,12 @@ def test_a_hold_lasts_while_the_torque_is_unknown(rules: ContactRules) -> None:
     assert [one.finding.code for one in found] == [ReasonCode.CONTACT_HOLD]
     assert not rules.judge(facts(external=external_of(0.0, 0.0, 0.0)))
     assert not rules.judge(facts(external=None))
+
+
+def test_a_hold_of_unknown_torque_does_not_stop_the_way_down(rules: ContactRules) -> None:
+    codes(rules, 9.0, 0.0, 0.0)
+    (found,) = rules.judge(facts(external=None, state=RobotState.SETTLING))
+    assert found.reaction is Reaction.NONE
 
 
 def test_a_hold_of_unknown_torque_ends_without_own_torque(rules: ContactRules) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
-from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, hold
+from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, detection_lost, hold
 
 BEGIN = 5.0  # standard deviations at which a contact begins ...
 END = 2.5  # ... and below which it ends
@@ -15,13 +15,9 @@ TICKS = 2  # in a row that a contact takes to begin
 LOST = 0.2  # s without an estimate, from which on it is reported
 
 
-BLIND = RuleResult(
-    Finding(
-        ReasonCode.DETECTION_LOST,
-        message="no estimate of torque from outside, so that no contact holds the robot: a joint is silent "
-        "or its torque unknown",
-    ),
-    Reaction.NONE,
+BLIND = detection_lost(
+    "no estimate of torque from outside, so that no contact holds the robot: a joint is silent or its torque "
+    "unknown"
 )
 
 
@@ -35,7 +31,7 @@ class ContactRules:
         self._beyond = np.zeros(len(hold_nm), np.int64)
         self._active = False  # a joint was beyond its threshold in the last tick
         self._bounded = some(np.isfinite(hold_nm))
-        self._stops: list[RuleResult] = []  # of the last estimate
+        self._stops: list[Finding] = []  # CONTACT_HOLD of the last estimate
         self._estimated = -inf  # s, when there was one, or the robot without torque
         self.touched = np.zeros(len(hold_nm), np.bool_)  # (n,), the joints in contact
 
@@ -59,10 +55,8 @@ class ContactRules:
         self._beyond = np.where(over, self._beyond + 1, 0)
         self.touched = over & (self._beyond >= TICKS)
         torque = external.torque
-        self._stops = [
-            self._stop(facts, joint, float(torque[joint])) for joint in np.flatnonzero(stopping).tolist()
-        ]
-        return self._stops + [
+        self._stops = [self._stop(joint, float(torque[joint])) for joint in np.flatnonzero(stopping).tolist()]
+        return self._holds(facts) + [
             self._touch(joint, float(torque[joint])) for joint in np.flatnonzero(self.touched).tolist()
         ]
 
@@ -75,14 +69,16 @@ class ContactRules:
             self._stops = []
             return NOTHING
         if facts.now - self._estimated <= LOST:
-            return self._stops
-        return [*self._stops, BLIND]
+            return self._holds(facts)
+        return [*self._holds(facts), BLIND]
 
-    def _stop(self, facts: GuardInput, joint: int, torque: float) -> RuleResult:
+    def _holds(self, facts: GuardInput) -> list[RuleResult]:
+        return [RuleResult(finding, hold(facts)) for finding in self._stops]
+
+    def _stop(self, joint: int, torque: float) -> Finding:
         message = f"N·m from outside on {self._limbs[joint]}: holding until it is released"
         bound = float(self._bound[joint])
-        finding = Finding(ReasonCode.CONTACT_HOLD, joint, value=torque, bound=bound, message=message)
-        return RuleResult(finding, hold(facts))
+        return Finding(ReasonCode.CONTACT_HOLD, joint, value=torque, bound=bound, message=message)
 
     def _touch(self, joint: int, torque: float) -> RuleResult:
         message = f"N·m from outside on {self._limbs[joint]}"

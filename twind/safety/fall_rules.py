@@ -12,7 +12,7 @@ from twind.robot.fall_settings import FallReaction, FallSettings, FallState
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.capture_point import CapturePoint
 from twind.safety.goal_rules import ROUNDING
-from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, hold
+from twind.safety.guard_types import NOTHING, GuardInput, Reaction, RuleResult, detection_lost, hold
 
 OLD = 0.1  # s: an older reading of the IMU tells no balance
 # A smaller lean cannot take the capture point out of the feet: rad of tilt, plus its rate for so many s.
@@ -23,12 +23,8 @@ REST_FOR = 0.3  # s ... for so long
 UPRIGHT_FOR = 1.0  # s inside all thresholds, before a fall counts as over
 
 
-def _lost(message: str) -> tuple[RuleResult]:
-    return (RuleResult(Finding(ReasonCode.DETECTION_LOST, message=message), Reaction.NONE),)
-
-
-SILENT = _lost("the IMU gives no reading, so that no fall is detected")
-UNBALANCED = _lost("a joint has no position, so that only the tilt tells a fall")
+SILENT = (detection_lost("the IMU gives no reading, so that no fall is detected"),)
+UNBALANCED = (detection_lost("a joint has no position, so that only the tilt tells a fall"),)
 
 
 class FallRules:

@@ -261,6 +261,11 @@ NOTHING: tuple[RuleResult, ...] = ()
 Key = tuple[ReasonCode, int | None, float | None, int]
 
 
+def detection_lost(message: str) -> RuleResult:
+    """Return the report that contacts or falls cannot be detected."""
+    return RuleResult(Finding(ReasonCode.DETECTION_LOST, message=message), Reaction.NONE)
+
+
 def hold(facts: GuardInput) -> Reaction:
     """Return HOLD, unless a harder reaction is under way already."""
     return Reaction.NONE if facts.state in REACTING else Reaction.HOLD

@@ -9,28 +9,16 @@ import time
 import traceback
 from collections.abc import Callable
 from random import Random
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from tests.proof.fuzz.can import Can
 from tests.proof.fuzz.checksum import Checksum
 from tests.proof.fuzz.files import Files
 from tests.proof.fuzz.frames import Frames
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.recordings import Recordings
 from tests.proof.fuzz.settings import Cards, Settings
 from tests.proof.fuzz.wire import Wire
-
-
-class FuzzTarget(Protocol):
-    """A program that is given inputs of one kind."""
-
-    def one(self, rng: Random) -> int | None:
-        """Give one input, or as many as it returns. Raises whatever is wrong."""
-
-    def finish(self) -> str:
-        """Summary of the run. Raises where the target did not live through it."""
-
-    def close(self) -> None:
-        """Remove what it left."""
 
 
 class FuzzKind(NamedTuple):

@@ -5,6 +5,7 @@ from random import Random
 
 import numpy as np
 
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import mangled, pieces
 from tests.support.can_codec_frames import decode_all, noise_of, ranges
 from tests.support.can_driver_rig import CanRig
@@ -32,7 +33,7 @@ def frames_of(text: bytes) -> Frames:
     return np.array(rows, FRAME) if rows else NOTHING
 
 
-class Can:
+class Can(FuzzTarget):
     """Decoders of the families, of slcan, and the reader of a bus with all families."""
 
     def __init__(self) -> None:
@@ -49,13 +50,6 @@ class Can:
                 _text(rng)
             else:
                 self._cycle(rng)
-
-    def finish(self) -> str:
-        """Nothing to add."""
-        return ""
-
-    def close(self) -> None:
-        """Nothing to remove."""
 
     def _cycle(self, rng: Random) -> None:
         """Any frames among those of a cycle: nothing raises, and a silent actuator reads zero."""

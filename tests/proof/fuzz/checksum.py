@@ -3,6 +3,7 @@
 from random import Random
 from typing import NamedTuple
 
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import EDGES, mangled, pieces
 from twind_drivers.dynamixel1.dynamixel1_packet import bulk_read
 from twind_drivers.feetech.feetech_packet import sync_read
@@ -36,7 +37,7 @@ def packets(stream: bytes, most: int) -> list[FoundPacket]:
     return found
 
 
-class Checksum:
+class Checksum(FuzzTarget):
     """The search for packets and the replies of this framing."""
 
     def one(self, rng: Random) -> None:
@@ -45,13 +46,6 @@ class Checksum:
             _noise(rng)
         else:
             _reply(rng)
-
-    def finish(self) -> str:
-        """Nothing to add."""
-        return ""
-
-    def close(self) -> None:
-        """Nothing to remove."""
 
 
 def _data(rng: Random, size: int) -> bytes:

@@ -10,6 +10,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, Protocol
 
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import mangled, pieces
 from tests.support.loop_stand_in import NAMES, StandIn
 from twind import link
@@ -115,7 +116,7 @@ def resident(pid: int) -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-class Frames:
+class Frames(FuzzTarget):
     """Sockets, attacked one connection after the other."""
 
     def __init__(self, target: Target | None = None) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import mangled
 from tests.support.golden_captures import HERE
 from tests.support.sample_recordings import write
@@ -47,7 +48,7 @@ ODD: tuple[Any, ...] = (
 )
 
 
-class Recordings:
+class Recordings(FuzzTarget):
     """Writes and reads mutated recordings in a folder of its own."""
 
     def __init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from random import Random
 
+from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import EDGES, mangled, pieces
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.packet import Framer
@@ -11,7 +12,7 @@ HOSTILE = (0xFF, 0xFF, 0xFD, 0x00, 0x55)
 KINDS = ("noise", "noise", "noise", "round trip", "reply")
 
 
-class Wire:
+class Wire(FuzzTarget):
     """The framer and the replies of Protocol 2.0."""
 
     def one(self, rng: Random) -> None:
@@ -23,13 +24,6 @@ class Wire:
             _reply(rng)
         else:
             _noise(rng)
-
-    def finish(self) -> str:
-        """Nothing to add."""
-        return ""
-
-    def close(self) -> None:
-        """Nothing to remove."""
 
 
 def _params(rng: Random) -> bytes:

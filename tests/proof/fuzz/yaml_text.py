@@ -1,8 +1,13 @@
 """YAML as nobody should write it: a valid text, changed line by line, damaged, or replaced."""
 
+import time
+from collections.abc import Callable
 from random import Random
 
 from tests.proof.fuzz.mangle import mangled
+from twind.config.yaml_tree import ConfigError
+
+LONGEST = 2.0  # s of CPU for one text
 
 VALUES = (
     *(".nan", "-.inf", "1e3", "1e999", "010", "0x10", "12:30", "no", "~", "''", "'1'", "2026-01-01", "1_000"),
@@ -73,3 +78,17 @@ def _change(rng: Random, lines: list[str]) -> None:
         lines[at], lines[other] = lines[other], lines[at]
     else:
         lines[at] = " " * rng.randrange(5) + lines[at] + rng.choice(("", " #", "\t", "  x"))
+
+
+def is_accepted(read: Callable[[], object], size: int) -> bool:
+    """Check whether `read` accepts a text of `size` bytes. A refusal is a ConfigError with a reason."""
+    begun = time.process_time()
+    refused = None
+    try:
+        read()
+    except ConfigError as error:
+        refused = str(error)
+    assert refused != "", "refused without a word"
+    took = time.process_time() - begun
+    assert took < LONGEST, f"{took:.1f} s for {size} bytes"
+    return refused is None

@@ -21,6 +21,9 @@ TORQUE = (_S.ARMED, _S.SETTLING, *STOPPED)
 CLIENT = (Motion.ACTIVE, Motion.STREAMING)
 
 
+GRACE = 3  # ticks after the return of a bus in which something must act on its torque
+
+
 class ClaimBroken(AssertionError):
     """One claim does not hold; the text says which."""
 
@@ -33,12 +36,13 @@ class Claims:
         self.stopped = False  # a stop was ordered, or a fault occurred; until an arming after a reset
         self.acknowledged = False  # a reset was obeyed since
         self.found = world.truth.torque.copy()  # torque that was on before this daemon
+        self.returned = 0  # ticks since a lost bus is back with torque that nothing acts on
         self.leased = False  # the Arm under way was ordered by the lease holder
 
     @property
     def memory(self) -> tuple[object, ...]:
         """Part of the key of a state."""
-        return self.stopped, self.acknowledged, self.leased, tuple(self.found.tolist())
+        return self.stopped, self.acknowledged, self.leased, self.returned, tuple(self.found.tolist())
 
     def stop(self) -> None:
         """A stop is ordered."""
@@ -96,7 +100,11 @@ class Claims:
             self.stopped = False
         if ReasonCode.INTERNAL in loop.condition.latches:
             raise ClaimBroken(f"internal error: {loop.condition.latches[ReasonCode.INTERNAL].message}")
-        pending = torque.unconfirmed or torque.pending_restore
+        # While other joints are held in a fault, an operator disarms all of them; else the daemon acts.
+        waits = torque.pending_restore and not (torque.unconfirmed or torque.armed) and rank is None
+        returned = waits and bool(self._world.hardware.open.all()) and bool((on & ~torque.held).any())
+        self.returned = self.returned + 1 if returned else 0
+        pending = torque.unconfirmed or (torque.pending_restore and self.returned <= GRACE)
         pending = pending or (torque.energising and (rank is not None or torque.inhibited))
         if (on & ~torque.held & ~self.found).any() and not pending:
             raise ClaimBroken(f"torque of this daemon without an owner, in state {state}")

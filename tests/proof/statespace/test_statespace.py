@@ -55,6 +55,8 @@ def test_every_short_history_of_all_steps_keeps_the_claims() -> None:
         "arm > tick > lower bus lost > e-stop settle > buses back > lower bus lost > reset > e-stop settle",
         # The other bus confirmed torque off, and that of the lost one was forgotten.
         "arm > tick > tick, requests fail > tick, requests fail > lower bus lost > tick > tick > buses back",
+        # It was not ordered again after the return of the bus.
+        "arm > tick > lower bus lost > buses back > tick > tick > tick",
     ],
 )
 def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:
@@ -141,6 +143,10 @@ CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
     "a lost bus is forgotten": (
         _forgetting("lose_bus", ("_pending_restore", False)),
         ("tick", "arm", "lower bus lost"),
+    ),
+    "the other bus confirms torque off for a lost one": (
+        _forgetting("confirm_off", ("_unconfirmed", False)),
+        ("tick", "arm", "lower bus lost", "buses back"),
     ),
     "a failed arming leaves torque": (
         (arming, "switch_torque_off", _nothing),

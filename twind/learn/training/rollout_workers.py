@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import ray
-from ray.exceptions import RayError
+from ray.exceptions import RayError, RayTaskError
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from twind.exceptions import OperationFailed
@@ -156,9 +156,11 @@ class RolloutWorkers:
 
 
 def _results(calls: list[Any]) -> Any:
-    """Raises OperationFailed, with the last line of what Ray reports."""
+    """Raises OperationFailed, with the reason of a worker or the last line of what Ray reports."""
     try:
         return ray.get(calls, timeout=TIMEOUT)
+    except RayTaskError as error:
+        raise OperationFailed(f"a worker of Ray: {error.cause}") from None
     except RayError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         last = lines[-1] if lines else type(error).__name__

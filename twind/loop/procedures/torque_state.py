@@ -23,7 +23,6 @@ class TorqueState:
         self._energising = False
         self._inhibited = False
         self._unconfirmed = False
-        self._lost_unconfirmed = False  # a bus was lost before it confirmed torque off
         self._pending_restore = False
         self._soft_since: float | None = None
         self._stop_level: str | None = None
@@ -103,7 +102,6 @@ class TorqueState:
         self._unconfirmed = False
         if (joints | self._limp).all():
             self._pending_restore = False
-            self._lost_unconfirmed = False
 
     def begin_release(self) -> None:
         """Torque off is sent to every joint. It counts as on until it is read back."""
@@ -114,9 +112,9 @@ class TorqueState:
         self._soft_since = None
 
     def confirm_off(self) -> None:
-        """Every device that replies has confirmed torque off; a bus lost meanwhile is still to confirm it."""
+        """Every device that replies has confirmed torque off; a bus that is lost is still to confirm it."""
         self._energising = False
-        self._unconfirmed = self._lost_unconfirmed
+        self._unconfirmed = self._pending_restore
 
     def leave_unconfirmed(self) -> None:
         """Stop waiting for devices that do not confirm torque off: it is sent again when they reply."""
@@ -133,7 +131,6 @@ class TorqueState:
             self._set_limp(np.zeros_like(self._limp))
         self._unconfirmed = False
         self._pending_restore = False
-        self._lost_unconfirmed = False
 
     # ------------------------------------------------------------------------------- buses
 
@@ -141,7 +138,6 @@ class TorqueState:
         """A bus with torque of this daemon was lost: its `joints` (n,) are held no more, the others are."""
         self._set_held(self._held & ~joints)
         self._pending_restore = True
-        self._lost_unconfirmed |= self._unconfirmed
 
     def regain_bus(self, joints: Bools) -> None:
         """Hold `joints` (n,) too: their bus is back, and the devices have confirmed their goals."""
