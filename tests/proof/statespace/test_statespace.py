@@ -57,6 +57,8 @@ def test_every_short_history_of_all_steps_keeps_the_claims() -> None:
         "arm > tick > tick, requests fail > tick, requests fail > lower bus lost > tick > tick > buses back",
         # It was not ordered again after the return of the bus.
         "arm > tick > lower bus lost > buses back > tick > tick > tick",
+        # SIGTERM ended the disarming of torque that was found on, and torque stayed.
+        "arm > tick > tick > loop killed > disarm > SIGTERM",
     ],
 )
 def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:

@@ -144,19 +144,21 @@ class TorqueRelease:
             return USUAL
         return SettleProfile(way=FOLD, pose=fall.pose)
 
-    def shutdown(self, homing: HomingProcedure, now: float) -> Procedure:
+    def shutdown(self, homing: HomingProcedure, now: float, *, releasing: bool) -> Procedure:
         """Handle SIGTERM: lower the robot if this daemon has torque on, then end.
 
-        Torque that was found on, or may not be written any more, stays as it is. A lost bus with torque of
-        this daemon is waited for.
+        Torque that was found on, or may not be written any more, stays as it is, unless it was going off
+        already (`releasing`: this ends the procedure that did so). A lost bus with torque of this daemon is
+        waited for.
         """
         context = self._context
         torque = context.torque
         until = now + AWAITED
         while torque.pending_restore and not context.hardware.connected and now < until:
             now = yield
-        mine = torque.armed or torque.energising or (torque.pending_restore and torque_on(context))
-        if mine and not torque.inhibited:
+        ordered = torque.pending_restore or torque.unconfirmed
+        mine = torque.armed or torque.energising or (ordered and torque_on(context))
+        if releasing or (mine and not torque.inhibited):
             context.condition.change_if(RobotEvent.SETTLE)
             why = Finding(ReasonCode.NOT_ARMED, message="the daemon ends: the robot is lowered")
             yield from self._release_reported(why)
