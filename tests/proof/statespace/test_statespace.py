@@ -59,6 +59,8 @@ def test_every_short_history_of_all_steps_keeps_the_claims() -> None:
         "arm > tick > lower bus lost > buses back > tick > tick > tick",
         # SIGTERM ended the disarming of torque that was found on, and torque stayed.
         "arm > tick > tick > loop killed > disarm > SIGTERM",
+        # A bus came back while the daemon released the others, and it ended with that torque on.
+        "arm > tick > lower bus lost > SIGTERM > tick > buses back > tick, requests fail",
     ],
 )
 def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:
