@@ -31,8 +31,10 @@ def test_the_figures_of_a_model_that_cannot_be_written_are_not_lost(
 
     found = SimpleNamespace(model=MODEL, before=(), after=(), still=())
     monkeypatch.setattr(identify_run, "_fit", lambda *_: found)
+    for name in ("require_place", "open_recording", "recorded_motion", "_files"):
+        monkeypatch.setattr(identify_run, name, lambda *_: SimpleNamespace(robot=None))
     monkeypatch.setattr(identify_run, "save_identified", fail)
     options = Namespace(write=True, calibration=tmp_path / "odd.yaml", json=True)
     with pytest.raises(Rejected, match=f"odd.identified.yaml cannot be written: .*; {remedy}"):
-        identify_run._identify(options, None, (), "live", None)  # type: ignore[arg-type]
+        identify_run.identify_files(options, [tmp_path / "odd.mcap"])
     assert '"robot": "odd"' in capsys.readouterr().out.replace('":"', '": "')
