@@ -20,10 +20,10 @@ def main() -> None:
             mujoco.MjData(mujoco.MjSpec.from_file(request["path"]).compile())
         else:
             mujoco.MjData(compile_tried(request["mjcf"], request["folder"])[0])
-    except ValueError as error:
-        answer = refusal(InvalidInput(f"{error}; correct it", where=request["path"]))
     except InvalidInput as error:
         answer = refusal(error)
+    except ValueError as error:
+        answer = refusal(InvalidInput(f"{error}; correct it", where=request.get("path", "")))
     sys.stdout.write(json.dumps(answer))
 
 
