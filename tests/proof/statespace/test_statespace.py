@@ -11,6 +11,7 @@ from tests.proof.statespace.search import explore
 from tests.proof.statespace.world import CORE, ModelWorld
 from twind.loop.procedures import arming, robot_condition, torque_release
 from twind.loop.procedures.procedure_runner import ProcedureRunner
+from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
 from twind.robot.modes import RobotState
 from twind.safety import state_machine
@@ -137,6 +138,7 @@ def _own_always(runner: Any, rank: Any, start: Any, ended: Any = lambda outcome:
 
 
 _OWN = ProcedureRunner.own
+_SHUTDOWN = TorqueRelease.shutdown
 
 CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
     "a release is not pending": (
@@ -159,6 +161,10 @@ CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
     "a release leaves torque": (
         (torque_release, "switch_torque_off", _nothing),
         ("tick", "arm", "disarm"),
+    ),
+    "an ending daemon forgets a disarm": (
+        (TorqueRelease, "shutdown", lambda release, homing, now, releasing: _SHUTDOWN(release, homing, now)),
+        ("tick", "arm", "loop killed", "disarm", "SIGTERM"),
     ),
     "a more urgent procedure waits": ((ProcedureRunner, "own", _own_always), ("tick", "arm", "e-stop cut")),
 }
