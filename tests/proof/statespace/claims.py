@@ -126,9 +126,10 @@ class Claims:
             raise ClaimBroken(f"state arming, and {rank} owns the torque")
         if state is _S.SETTLING and rank is None:
             raise ClaimBroken("state settling, and nothing lowers the robot")
+        ends = loop.condition.stop_wanted and not on.any()  # nothing is left to stop
         if (
             self.stopped
-            and not self.acknowledged
+            and not (self.acknowledged or ends)
             and not (state in STOPPED or (state in AWAY and loop.condition.latched))
         ):
             raise ClaimBroken(f"state {state} after a stop, without a reset")

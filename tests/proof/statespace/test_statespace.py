@@ -62,6 +62,8 @@ def test_every_short_history_of_all_steps_keeps_the_claims() -> None:
         "arm > tick > tick > loop killed > disarm > SIGTERM",
         # A bus came back while the daemon released the others, and it ended with that torque on.
         "arm > tick > lower bus lost > SIGTERM > tick > buses back > tick, requests fail",
+        # An ending daemon without torque need not latch a stop: its end must not be put off.
+        "arm > lower bus lost > tick > reset > SIGTERM > buses back > e-stop settle",
     ],
 )
 def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:
