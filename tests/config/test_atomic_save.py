@@ -171,17 +171,6 @@ def test_a_name_with_a_dot_keeps_its_own_history(tmp_path: Path) -> None:
     assert (tmp_path / "my_robot.calibration.0001.yaml").read_text() == OLD
 
 
-def test_a_link_planted_in_the_folder_is_not_followed(tmp_path: Path) -> None:
-    target = tmp_path / "target"
-    target.write_text("keep")
-    folder = tmp_path / "calibration"
-    folder.mkdir()
-    (folder / ".h24.yaml.new").symlink_to(target)
-    with pytest.raises(OSError, match="symbolic links"):
-        save_text(folder, "h24", NEW, 20)
-    assert target.read_text() == "keep"
-
-
 def test_a_folder_that_is_missing_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         save_text(tmp_path / "absent", "h24", NEW, 20)

@@ -153,14 +153,6 @@ def test_a_failed_save_leaves_no_file(tmp_path: Path, monkeypatch: pytest.Monkey
     assert (tmp_path / "b.flight").read_bytes() == b"the one before"
 
 
-def test_a_link_in_the_place_of_its_draft_is_not_followed(tmp_path: Path) -> None:
-    (tmp_path / "precious").write_bytes(b"precious")
-    (tmp_path / ".a.flight.tmp").symlink_to(tmp_path / "precious")
-    with pytest.raises(OSError, match="symbolic"):
-        save(tmp_path / "a.flight", META, BYTES, CONTENTS)
-    assert (tmp_path / "precious").read_bytes() == b"precious"
-
-
 # ------------------------------------------------------------------------------- made to do harm
 
 

@@ -142,6 +142,37 @@ def test_sigterm_leaves_inherited_torque_as_it_was_found(make_rig: MakeRig) -> N
     assert (rig.register("torque_enable") == 1).all()
 
 
+@pytest.mark.parametrize("moment", [1, 2, 4, 10, 60])
+def test_sigterm_completes_a_disarm_of_torque_that_was_found(make_rig: MakeRig, moment: int) -> None:
+    rig = make_rig()
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.send(link.Disarm)
+    rig.ticks(moment)
+    assert rig.loop.condition.state is RobotState.SETTLING
+    rig.loop.condition.stop_wanted = True
+    for _ in range(800):
+        if rig.loop.condition.finished:
+            break
+        rig.ticks(1)
+    assert rig.loop.condition.finished
+    assert rig.loop.condition.state is RobotState.CONNECTED
+    assert np.abs(rig.truth - rig.loop.robot.rest).max() < 0.05
+    assert (rig.register("torque_enable") == 0).all()
+
+
+def test_sigterm_completes_the_disarm_of_an_inhibited_robot(armed: Rig) -> None:
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
+    armed.ticks(50)
+    armed.send(link.Disarm)
+    armed.ticks(1)
+    armed.loop.condition.stop_wanted = True
+    armed.ticks(50)
+    assert armed.loop.condition.finished
+    assert (armed.register("torque_enable") == 0).all()
+
+
 def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
     inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.ticks(5)

@@ -152,7 +152,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
     rig = SteppedWriter(tmp_path, open_file=on)
     rig.run(20.0)
     rig.writer.close()
-    assert rig.writer.stopped.endswith("No space left on device")
+    assert rig.writer.stopped.endswith("No space left on device; free space on that disk")
     (path,) = tmp_path.iterdir()
     if room < 9_000:
         with pytest.raises(Rejected, match="no message is in it"):

@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from twind import new_file
+
 NAMING = ("create", "link", "rename", "unlink")
 Folder = dict[str, bytes]  # what it holds, by name
 Names = dict[str, int]  # name -> inode
@@ -98,6 +100,8 @@ class Recording:
         for call in calls:
             if call.what in NAMING:
                 owed.append(call)
+                if call.what == "create":
+                    content[call.inode] = b""  # a number that was free is given again
             elif call.what == "sync folder":
                 lasting = _named(lasting, owed)
                 owed = []
@@ -130,13 +134,14 @@ def _named(names: Names, calls: list[Call]) -> Names:
 def recorded(
     folder: Path, save: Callable[[], object], module: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> Recording:
-    """Operations of `save` on `folder`; `module` is where it takes its `os` from."""
+    """Operations of `save` on `folder`; `module` is where it takes its `os` from, beside `new_file`."""
     paths = list(folder.iterdir())
     names = {path.name: path.stat().st_ino for path in paths}
     files = {path.stat().st_ino: path.read_bytes() for path in paths}
     recorder = SaveRecorder()
     with monkeypatch.context() as patch:
         patch.setattr(module, "os", recorder)
+        patch.setattr(new_file, "os", recorder)
         save()
     return Recording(names, files, tuple(recorder.calls))
 

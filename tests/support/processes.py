@@ -162,14 +162,18 @@ class Daemon:
         *options: str,
         environment: dict[str, str] | None = None,
         stderr: int | None = None,
+        enter: Sequence[str] = (),
     ) -> None:
-        """Start it. `stderr` None: the file `log`; else the descriptor, and `log` stays empty."""
+        """Start it. `stderr` None: the file `log`; else the descriptor, and `log` stays empty.
+
+        `enter`: a command that becomes the daemon, as `nsenter`.
+        """
         folder.mkdir(exist_ok=True)
         self.sockets = folder
         self.log = folder / "log"
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "twind.cli", "--socket", str(folder), *options],
+                [*enter, sys.executable, "-m", "twind.cli", "--socket", str(folder), *options],
                 stderr=log if stderr is None else stderr,
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **(environment or {})},

@@ -15,6 +15,7 @@ from typing import Any
 
 from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
+from twind.new_file import open_new
 from twind.plain_file import read_plain
 from twind.protocol.strict_json import loads
 
@@ -94,8 +95,7 @@ def write_trajectory(path: Path, trajectory: Mapping[str, Any], *, replace: bool
 
 
 def _write(folder: int, name: str, data: bytes) -> None:
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    with open(os.open(name, flags, 0o644, dir_fd=folder), "wb") as file:
+    with open(open_new(name, 0o644, folder), "wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.config.config_reader import file_error
+from twind.new_file import open_new
 from twind_drivers.clock import MonotonicClock
 
 PATIENCE = 30.0  # s to wait for another program that saves there
@@ -21,7 +22,6 @@ PAUSE = 0.02  # s between two looks
 
 # A dot is followed by no digit: numbered history is NAME.0001.yaml.
 _NAME = re.compile(r"(?=.{1,64}$)[a-z0-9_-]+(\.[a-z_-][a-z0-9_-]*)*")
-_FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ def require_name(folder: Path, name: str) -> None:
 
 
 def _write(directory: int, name: str, data: bytes, rights: FileOwnership | None) -> None:
-    """A file with `data`, on the disk and read back. What a power cut left behind is overwritten."""
-    fd = os.open(name, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _FLAGS, 0o640, dir_fd=directory)
+    """A file with `data`, on the disk and read back. What a power cut left behind is removed."""
+    fd = open_new(name, 0o640, directory)
     try:
         view = memoryview(data)
         while view:

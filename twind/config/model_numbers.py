@@ -128,6 +128,7 @@ MAX_ELEMENTS = 100_000
 MAX_DEPTH = 200
 _NO_NUMBER = re.compile(r"[-+]?(nan(\([^\s]*\))?|inf|infinity)", re.IGNORECASE)
 _FILES = ("include", "model")  # elements that name a further file of the model
+RECORDED = "recorded model"  # in place of the file name of a model that has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +176,25 @@ def require_sane_numbers(path: Path) -> list[ModelElement]:
             if other is not None:
                 waiting.append((other, other.parent if element.name == "model" else home))
     return found
+
+
+def require_sane_text(mjcf: str, folder: Path) -> list[ModelElement]:
+    """Check a model that has no file, as recordings hold it: all in one text, meshes below `folder`.
+
+    Returns its elements. Raises ConfigError as `require_sane_numbers`, and for a text that names a file of
+    further elements.
+    """
+    file = folder / RECORDED
+    data = mjcf.encode("utf-8", "surrogatepass")
+    if len(data) > MAX_MJCF:
+        raise _file_refused(file, f"the text of the model is larger than {MAX_MJCF >> 20} MiB: shorten it")
+    text = _without_comments(data)
+    elements = _elements(file, folder, text, MAX_ELEMENTS)
+    for element in elements:
+        if element.name in _FILES and "file" in element.attributes:
+            raise element.refused("a recorded model has no further files: remove the element")
+        _check(text, element)
+    return elements
 
 
 def _file_refused(file: Path, reason: str) -> ConfigError:

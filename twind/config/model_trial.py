@@ -6,11 +6,11 @@ any memory and time: meshes, pictures, elements that make copies, muscles, camer
 
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from twind.bounded_process import ProcessBounds, call_module
-from twind.config.model_numbers import ModelElement
+from twind.config.model_numbers import RECORDED, ModelElement, require_sane_text
 from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.exceptions import InvalidInput
 
@@ -25,7 +25,17 @@ _PLAIN = frozenset(
         *("mujoco", "include", "compiler", "option", "flag", "default", "visual", "global", "headlight"),
         *("rgba", "quality", "map", "scale", "statistic", "worldbody", "body", "inertial", "joint"),
         *("freejoint", "geom", "site", "light", "contact", "pair", "exclude", "equality", "connect", "weld"),
-        *("actuator", "position", "velocity", "motor", "sensor", "accelerometer", "gyro", "framequat"),
+        *(
+            "actuator",
+            "general",
+            "position",
+            "velocity",
+            "motor",
+            "sensor",
+            "accelerometer",
+            "gyro",
+            "framequat",
+        ),
         *("framepos", "force", "torque", "jointpos", "jointvel", "touch"),
     )
 )
@@ -36,6 +46,7 @@ _RESERVING = frozenset(
         *("resolution", "dim", "num", "mesh", "hfield"),
     )
 )
+_MUSCLE = "muscle"  # gaintype of a `general`: its range of length is found by a simulation
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -44,14 +55,31 @@ def require_readable_model(path: Path, elements: Sequence[ModelElement]) -> None
 
     Raises ConfigError: it cannot, or it names a file that is none or too large.
     """
+    _try(elements, str(path), {"path": str(path)})
+
+
+def require_readable_text(mjcf: str, folder: Path) -> None:
+    """Require the same, and sane numbers, of a model that has no file; its meshes are below `folder`.
+
+    Raises ConfigError.
+    """
+    _try(require_sane_text(mjcf, folder), str(folder / RECORDED), {"mjcf": mjcf, "folder": str(folder)})
+
+
+def _try(elements: Sequence[ModelElement], name: str, request: Mapping[str, str]) -> None:
+    """Check the files of a model, and compile it where it may cost more than its text. Raises ConfigError."""
     files = _require_files(elements)
-    plain = all(each.name in _PLAIN and _RESERVING.isdisjoint(each.attributes) for each in elements)
-    if plain and not files and len(elements) <= MAX_PLAIN:
+    if not files and len(elements) <= MAX_PLAIN and all(map(_is_plain, elements)):
         return
     try:
-        call_module(WORKER, {"path": str(path)}, BOUNDS, file=str(path))
+        call_module(WORKER, request, BOUNDS, file=name)
     except InvalidInput as error:
-        raise ConfigError(error.where or str(path), FilePosition(0, 0), "", error.reason) from None
+        raise ConfigError(error.where or name, FilePosition(0, 0), "", error.reason) from None
+
+
+def _is_plain(element: ModelElement) -> bool:
+    given = element.attributes
+    return element.name in _PLAIN and _RESERVING.isdisjoint(given) and _MUSCLE not in given.values()
 
 
 def _require_files(elements: Sequence[ModelElement]) -> bool:

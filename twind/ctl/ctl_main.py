@@ -82,6 +82,13 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
     except BrokenPipeError:  # `twindctl watch | head`: what was asked for was given
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except OSError as error:
+        from twind.new_file import UNWRITABLE, unwritten  # only a failed write pays for it
+
+        if error.errno not in UNWRITABLE:
+            raise
+        complain(options, Rejected(f"{error.filename or 'a file'} cannot be written: {unwritten(error)}"))
+        return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
 

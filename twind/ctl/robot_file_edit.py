@@ -10,6 +10,7 @@ import yaml
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError, read_text
+from twind.new_file import write_new
 
 TODO_COMMENT = "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
 
@@ -57,7 +58,7 @@ class RobotFileEdit:
         """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is refused."""
         fresh = self.path.with_name(f".{self.path.stem}.new.yaml")
         try:
-            fresh.write_text(self.text)
+            write_new(fresh, self.text.encode())
             try:
                 read_robot(fresh)
             except ConfigError as error:

@@ -17,6 +17,7 @@ import msgspec
 
 from twind.briefing import Briefing
 from twind.flight.flight_records import LAST, NO_BUS, FlightContents, PackedFlight, broken, unusable
+from twind.new_file import open_new
 from twind.plain_file import open_plain
 
 MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
@@ -95,8 +96,7 @@ def draft(
         _FlightHeader(meta, [(name, len(data), raw) for name, data, raw in sections])
     )
     pieces = [MAGIC, HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    fd = os.open(path, flags, 0o640)
+    fd = open_new(path, 0o640)
     try:
         with open(fd, "wb") as file:
             file.writelines(pieces)

@@ -26,6 +26,7 @@ from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, pl
 from twind.front.front_core import FrontCore
 from twind.front.state_cache import encode
 from twind.link import CrashRecordingDone, Event
+from twind.new_file import unwritten
 from twind.robot.event_codes import EventCode
 from twind.robot.modes import RESET_STATES
 
@@ -228,9 +229,10 @@ class FlightDumper:
         """Report a failed write. The ring of an earlier daemon is kept, and written in a second attempt."""
         self.failed += 1
         now = self._front.now()
-        said = f"{self._folder.path}: {error}"
+        why = unwritten(error) if isinstance(error, OSError) else str(error)
+        said = f"{self._folder.path}: {why}"
         self._front.log.write("error", EventCode.FLIGHT_NOT_WRITTEN, now, message=said, failed=self.failed)
-        self._answer(wanted, None, message=str(error))
+        self._answer(wanted, None, message=why)
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:
             self._wreck_due = now + WRECK_AGAIN
         elif wanted.wreck:

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from twind.command_line.verb import Rejected, UsageError, observer, show
-from twind.config.identified_file import save_identified
+from twind.config.identified_file import identified_path, save_identified
 from twind.config.identified_spec import IdentifiedModel
 from twind.exceptions import InvalidInput
 from twind.gap.gap_figures import JointGap
@@ -23,6 +23,7 @@ from twind.identification.identified_table import model_lines
 from twind.identification.live_excitation import excite_robot
 from twind.identification.pendulum_fit import fit_pendulum, identified_pendulum, replay_error
 from twind.identification.pendulum_recordings import load_pendulum
+from twind.new_file import unwritten
 from twind.observe.measuring.measured_motion import (
     control_period,
     received_motion,
@@ -130,24 +131,32 @@ def _identify(
 ) -> None:
     """Fit, print and write."""
     try:
-        found, path = _fit(options, files, motions, source, joints)
+        found = _fit(files, motions, source, joints)
     except InvalidInput as error:
         raise Rejected(f"{source}: {error}") from None
+    path = None
+    failed = ""
+    if options.write:
+        try:
+            path = save_identified(found.model, options.calibration)
+        except OSError as error:
+            failed = f"{identified_path(options.calibration)} cannot be written: {unwritten(error)}"
     lines = [*model_lines(found.model), *_gap_lines(found)]
     if path is not None:
         lines.append(f"written to {path}; the daemon takes it at its next start")
     show(
         options, {"model": msgspec.to_builtins(found.model), "written": path and str(path)}, "\n".join(lines)
     )
+    if failed:  # after the figures: they took minutes of motion
+        raise Rejected(failed)
 
 
 def _fit(
-    options: argparse.Namespace,
     files: FitFiles,
     motions: Sequence[MotionSamples],
     source: str,
     joints: Sequence[str] | None,
-) -> tuple[RobotIdentification, Path | None]:
+) -> RobotIdentification:
     period = control_period(motions[0])
     if period is None:
         raise InvalidInput("its samples are more than 0.05 s apart: record at a higher rate")
@@ -155,8 +164,7 @@ def _fit(
         files.require_joints(each.names)
     origin = DataOrigin(_now(), f"twind {__version__}", source)
     samples = [resample(each, period) for each in motions]
-    found = identify_robot(files.plain, samples, origin, files.bound_with, joints)
-    return found, save_identified(found.model, options.calibration) if options.write else None
+    return identify_robot(files.plain, samples, origin, files.bound_with, joints)
 
 
 def _gap_lines(found: RobotIdentification) -> list[str]:

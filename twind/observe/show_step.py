@@ -31,14 +31,16 @@ def run(options: argparse.Namespace) -> int:
     from twind.config.robot_file import load_robot
     from twind.observe.viewing.model_run import show_model
     from twind.observe.viewing.robot_connections import local, observer
+    from twind.twin.binding import bind
 
     try:
         robot = load_robot(options.robot)
+        mjcf = bind(robot, None).mjcf  # with what it includes
     except InvalidInput as error:
         raise UsageError(str(error)) from None
     except ConfigError as error:
         raise Rejected(str(error)) from None
-    description = {"robot": msgspec.to_builtins(robot, enc_hook=str), "mjcf": robot.mjcf}
+    description = {"robot": msgspec.to_builtins(robot, enc_hook=str), "mjcf": mjcf}
     ways = local(options.socket) if options.live else None
     if ways is not None:
         with closing(observer(ways, 5.0)) as client:

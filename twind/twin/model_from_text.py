@@ -1,10 +1,19 @@
-"""Model from the text of an MJCF, as daemon and recordings hold it, where its meshes may be out of reach."""
+"""Model from the text of an MJCF, as daemon and recordings hold it, where its meshes may be out of reach.
 
+Nothing in the text is trusted: its numbers and files are checked, and what may cost more than its text is
+compiled in a process with bounds first.
+"""
+
+from pathlib import Path
 from typing import Any
 
 import mujoco
 
+from twind.config.model_numbers import RECORDED
+from twind.config.model_trial import require_readable_text
+from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
+from twind.twin.model_bounds import require_sane_model
 
 STAND_IN = 0.03  # m, radius of the sphere in place of a mesh that cannot be read
 
@@ -12,8 +21,19 @@ STAND_IN = 0.03  # m, radius of the sphere in place of a mesh that cannot be rea
 def compile_model(mjcf: str, folder: str) -> tuple[Any, bool]:
     """Return the model, and whether meshes had to be left out: this user may not read their files.
 
-    Raises InvalidInput.
+    Raises InvalidInput: it cannot be compiled, or would cost memory or time without bound.
     """
+    try:
+        require_readable_text(mjcf, Path(folder))
+    except ConfigError as error:
+        raise InvalidInput(str(error)) from None
+    model, meshes_missing = compile_tried(mjcf, folder)
+    require_sane_model(model, Path(folder) / RECORDED)
+    return model, meshes_missing
+
+
+def compile_tried(mjcf: str, folder: str) -> tuple[Any, bool]:
+    """Return the same of a text that was tried, without a trial. Raises InvalidInput."""
     try:
         spec = mujoco.MjSpec.from_string(mjcf)
         spec.modelfiledir = folder

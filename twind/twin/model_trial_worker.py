@@ -12,11 +12,18 @@ def main() -> None:
     request = read_request()
     import mujoco  # noqa: PLC0415 - within the bounds
 
+    from twind.twin.model_from_text import compile_tried  # noqa: PLC0415 - imports it too
+
     answer: object = {}
     try:
-        mujoco.MjData(mujoco.MjSpec.from_file(request["path"]).compile())
+        if "path" in request:
+            mujoco.MjData(mujoco.MjSpec.from_file(request["path"]).compile())
+        else:
+            mujoco.MjData(compile_tried(request["mjcf"], request["folder"])[0])
+    except InvalidInput as error:
+        answer = refusal(error)
     except ValueError as error:
-        answer = refusal(InvalidInput(f"{error}; correct it", where=request["path"]))
+        answer = refusal(InvalidInput(f"{error}; correct it", where=request.get("path", "")))
     sys.stdout.write(json.dumps(answer))
 
 

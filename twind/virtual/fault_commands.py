@@ -94,8 +94,11 @@ class FaultCommandSocket:
             _refuse_taken(path)
             path.unlink()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._listener.bind(str(path))
-        os.chmod(path, 0o600)
+        old = os.umask(0o177)  # no chmod afterwards: another file may be there by then
+        try:
+            self._listener.bind(str(path))
+        finally:
+            os.umask(old)
         self._listener.listen(8)
         self._listener.setblocking(False)
         self._clients: dict[socket.socket, bytes] = {}

@@ -13,6 +13,7 @@ from pathlib import Path
 TCGETS2 = 0x802C542A  # <asm-generic/ioctls.h>: the only way to read any baud rate, 4.5 M included
 TERMIOS2 = "IIIIB19sII"
 CHUNK = 65536
+_LOCK_FLAGS = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 def _claim(link: Path) -> int:
@@ -21,7 +22,7 @@ def _claim(link: Path) -> int:
     The file stays: one removed and made anew could be locked twice. Raises OSError: another process serves
     it.
     """
-    lock = os.open(link.with_name(f".{link.name}.lock"), os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    lock = os.open(link.with_name(f".{link.name}.lock"), _LOCK_FLAGS, 0o644)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

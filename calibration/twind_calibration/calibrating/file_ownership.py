@@ -14,6 +14,7 @@ from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, LockedFolder
 from twind.config.calibration_file import HISTORY, Calibration, dump_calibration
 from twind.config.yaml_tree import ConfigError
+from twind.new_file import unwritten
 
 
 @contextlib.contextmanager
@@ -47,10 +48,8 @@ def refusing(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise Rejected(f"{path}: there is no folder {path.parent}: `mkdir -p {path.parent}`") from None
-    except PermissionError as error:
-        raise Rejected(f"{path} cannot be written: {error.strerror}; try with sudo") from None
     except OSError as error:
-        raise Rejected(f"{path} cannot be written: {error.strerror or error}") from None
+        raise Rejected(f"{path} cannot be written: {unwritten(error)}") from None
     except ConfigError as error:
         raise Rejected(f"{path} cannot be written: {error}") from None
 

@@ -1,15 +1,17 @@
 """The daemon as a user runs it: real processes, real pseudo-terminals, real signals."""
 
 import signal
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from tests.support.live_robot import LiveRobot, live_robot
 from tests.support.processes import Daemon, arm, daemon, go, patiently, robot, unread_pipe, until
-from twind.client import Refused
+from twind.client import ClientError, Refused
 
 COUNTS = 2  # what a joint may move where nothing may move
 
@@ -69,6 +71,24 @@ def test_sigterm_lowers_the_robot_before_torque_goes_off(live: LiveRobot) -> Non
         assert live.running.end() == 0
     assert live.torque() == {False}
     assert live.moved(rest) < 60
+
+
+def test_sigterm_completes_a_disarm_of_torque_that_was_found(live: LiveRobot) -> None:
+    with live.running.client() as client:
+        arm(client)
+    live.running.kill()
+    live.start().reach(state="connected", inherited=True)
+
+    def disarm() -> None:
+        with suppress(ClientError), live.running.client() as client:
+            client.call("Disarm")
+
+    asked = threading.Thread(target=disarm)
+    asked.start()
+    live.running.reach(state="settling")
+    assert live.running.end() == 0, live.running.log.read_text()
+    asked.join(10)
+    assert live.torque() == {False}
 
 
 def test_an_unread_log_pipe_delays_no_tick(shared: LiveRobot) -> None:

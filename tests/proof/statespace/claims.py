@@ -38,11 +38,14 @@ class Claims:
         self.found = world.truth.torque.copy()  # torque that was on before this daemon
         self.returned = 0  # ticks since a lost bus is back with torque that nothing acts on
         self.leased = False  # the Arm under way was ordered by the lease holder
+        self.ordered = np.zeros_like(self.found)  # joints whose torque was ordered off, and is on
+        self.tried = False  # torque off was sent after SIGTERM
 
     @property
     def memory(self) -> tuple[object, ...]:
         """Part of the key of a state."""
-        return self.stopped, self.acknowledged, self.leased, self.returned, tuple(self.found.tolist())
+        masks = tuple(self.found.tolist()), tuple(self.ordered.tolist())
+        return self.stopped, self.acknowledged, self.leased, self.returned, self.tried, *masks
 
     def stop(self) -> None:
         """A stop is ordered."""
@@ -60,11 +63,18 @@ class Claims:
         """An arming is ordered."""
         self.leased = leased
 
+    def release(self, rank: Priority) -> None:
+        """Torque off is ordered, also what was found on; refused while a procedure as urgent runs."""
+        running = self._world.loop.procedures.rank
+        if running is None or running < rank:
+            self.ordered |= self._world.hardware.open
+
     def request(self, name: str, joints: Any) -> None:
         """One request or goal leaves for these joints (n,)."""
         loop = self._world.loop
         rank = loop.procedures.rank
         if name == "torque False":
+            self.tried = self.tried or loop.condition.stop_wanted
             return
         if loop.torque.inhibited and name in ("goal", "torque True", "damp"):
             raise ClaimBroken(f"{name} while inhibited")
@@ -114,13 +124,28 @@ class Claims:
             raise ClaimBroken(f"torque held in state {state}")
         if state is _S.ARMING and rank not in (Priority.ARM, Priority.DISARM):
             raise ClaimBroken(f"state arming, and {rank} owns the torque")
-        if state is _S.SETTLING and rank is None and not loop.condition.finished:
+        if state is _S.SETTLING and rank is None:
             raise ClaimBroken("state settling, and nothing lowers the robot")
+        ends = loop.condition.stop_wanted and not on.any()  # nothing is left to stop
         if (
             self.stopped
-            and not self.acknowledged
+            and not (self.acknowledged or ends)
             and not (state in STOPPED or (state in AWAY and loop.condition.latched))
         ):
             raise ClaimBroken(f"state {state} after a stop, without a reset")
-        if loop.condition.finished and (np.any(torque.held) or torque.energising) and not torque.inhibited:
+        self._release_goes_on(state, rank)
+        mine = (np.any(torque.held) or torque.energising) and bool((on & self._world.hardware.open).any())
+        if loop.condition.finished and mine and not torque.inhibited:
             raise ClaimBroken("the daemon ended with torque that it could write to")
+
+    def _release_goes_on(self, state: RobotState, rank: Priority | None) -> None:
+        """Torque that was ordered off, on a bus that is open since, goes off before the daemon ends."""
+        loop = self._world.loop
+        self.ordered &= self._world.truth.torque & self._world.hardware.open
+        if state is _S.ARMED:
+            self.ordered[:] = False
+        acts = (rank is not None and rank >= Priority.DISARM) or loop.torque.inhibited
+        if self.ordered.any() and not (acts or loop.torque.unconfirmed or loop.torque.pending_restore):
+            raise ClaimBroken("torque was ordered off, is on, and nothing switches it off")
+        if self.ordered.any() and loop.condition.finished and not self.tried:
+            raise ClaimBroken("the daemon ended before it sent torque off, which was ordered")

@@ -11,6 +11,7 @@ from tests.proof.statespace.search import explore
 from tests.proof.statespace.world import CORE, ModelWorld
 from twind.loop.procedures import arming, robot_condition, torque_release
 from twind.loop.procedures.procedure_runner import ProcedureRunner
+from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
 from twind.robot.modes import RobotState
 from twind.safety import state_machine
@@ -57,6 +58,12 @@ def test_every_short_history_of_all_steps_keeps_the_claims() -> None:
         "arm > tick > tick, requests fail > tick, requests fail > lower bus lost > tick > tick > buses back",
         # It was not ordered again after the return of the bus.
         "arm > tick > lower bus lost > buses back > tick > tick > tick",
+        # SIGTERM ended the disarming of torque that was found on, and torque stayed.
+        "arm > tick > tick > loop killed > disarm > SIGTERM",
+        # A bus came back while the daemon released the others, and it ended with that torque on.
+        "arm > tick > lower bus lost > SIGTERM > tick > buses back > tick, requests fail",
+        # An ending daemon without torque need not latch a stop: its end must not be put off.
+        "arm > lower bus lost > tick > reset > SIGTERM > buses back > e-stop settle",
     ],
 )
 def test_a_history_that_once_broke_a_claim_keeps_them(steps: str) -> None:
@@ -133,6 +140,7 @@ def _own_always(runner: Any, rank: Any, start: Any, ended: Any = lambda outcome:
 
 
 _OWN = ProcedureRunner.own
+_SHUTDOWN = TorqueRelease.shutdown
 
 CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
     "a release is not pending": (
@@ -155,6 +163,10 @@ CODE_FAULTS: dict[str, tuple[tuple[Any, str, Any], tuple[str, ...]]] = {
     "a release leaves torque": (
         (torque_release, "switch_torque_off", _nothing),
         ("tick", "arm", "disarm"),
+    ),
+    "an ending daemon forgets a disarm": (
+        (TorqueRelease, "shutdown", lambda release, homing, now, releasing: _SHUTDOWN(release, homing, now)),
+        ("tick", "arm", "loop killed", "disarm", "SIGTERM"),
     ),
     "a more urgent procedure waits": ((ProcedureRunner, "own", _own_always), ("tick", "arm", "e-stop cut")),
 }

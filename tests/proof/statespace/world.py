@@ -18,6 +18,8 @@ from tests.proof.statespace.claims import Claims
 from tests.support.gate_rig import limits
 from twind import link
 from twind.loop.ipc.front_link import ReceivedCommand
+from twind.loop.procedures.procedure_runner import Priority
+from twind.loop.procedures.torque_release import STOPS
 from twind.loop.tick.control_loop import Loop
 from twind.loop.tick.loop_parts import LoopParts
 from twind.motion.trajectory_executor import TrajectoryExecutor
@@ -235,6 +237,7 @@ def _stop(level: str) -> Callable[[ModelWorld], None]:
     def run(world: ModelWorld) -> None:
         world.send(link.EStop, STRANGER, level=level)
         world.claims.stop()
+        world.claims.release(STOPS[level])
         world.tick()
 
     return run
@@ -253,12 +256,10 @@ def _guard(decision: GuardDecision) -> Callable[[ModelWorld], None]:
     return run
 
 
-def _command(kind: type[link.Command], **parameters: Any) -> Callable[[ModelWorld], None]:
-    def run(world: ModelWorld) -> None:
-        world.send(kind, **parameters)
-        world.tick()
-
-    return run
+def _disarm(world: ModelWorld) -> None:
+    world.send(link.Disarm)
+    world.claims.release(Priority.DISARM)
+    world.tick()
 
 
 def _client_killed(world: ModelWorld) -> None:
@@ -311,7 +312,7 @@ STEPS: Mapping[str, Callable[[ModelWorld], None]] = MappingProxyType(
         "e-stop settle": _stop("settle"),
         "e-stop cut": _stop("cut"),
         "reset": _reset,
-        "disarm": _command(link.Disarm),
+        "disarm": _disarm,
         "client killed": _client_killed,
         "front killed": _front_killed,
         "loop killed": _loop_killed,
@@ -340,4 +341,5 @@ CORE = (
     "client killed",
     "front killed",
     "tick, requests fail",
+    "SIGTERM",
 )

@@ -22,6 +22,7 @@ from twind.learn.policy import policy_card as cards
 from twind.learn.policy.onnx_session import OUTPUT, OnnxSession, Rows, limit_memory
 from twind.learn.policy.onnx_writer import NetworkLayer
 from twind.learn.policy.policy_card import PolicyCard
+from twind.new_file import write_new
 
 LARGEST = 8 << 20  # bytes of a file; the network of 24 joints has half a megabyte
 KEY = "twind"  # of the card in `metadata_props`
@@ -100,7 +101,7 @@ def save_model(path: str | os.PathLike[str], model: Any, card: PolicyCard) -> No
     place = Path(path)
     beside = place.with_name(f".{place.name}.{os.getpid()}")
     try:
-        beside.write_bytes(model.SerializeToString())
+        write_new(beside, model.SerializeToString())
         beside.replace(place)
     finally:
         beside.unlink(missing_ok=True)

@@ -81,6 +81,8 @@ class Spool:
         self.folder = folder
         self._bounds = bounds
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if (folder / FILE).is_symlink():  # SQLite would follow it
+            raise OperationFailed(f"{folder / FILE}: is a symbolic link; name another folder with --spool")
         self._held = _hold(folder / LOCK)
         self._lock = threading.Lock()
         self.set_aside = ""
@@ -297,7 +299,7 @@ def _decode_row(row: tuple[int, str, int, str | None, float, bytes]) -> SpooledM
 
 def _hold(path: Path) -> int:
     """The lock of a folder, for as long as the descriptor lives: the system frees it with the process."""
-    held = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    held = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from twind.command_line.verb import Rejected
 from twind.learn.training.training_settings import TrainingSettings, settings_from_json
+from twind.new_file import write_new
 
 FORMAT = "twind-run/1"
 RUN = "run.json"
@@ -34,7 +35,7 @@ class TrainingFolder:
 
     def write(self, name: str, data: bytes) -> Path:
         """`name` holds `data`, or what it held. Raises OSError."""
-        return self.make(name, lambda beside: beside.write_bytes(data))
+        return self.make(name, lambda beside: write_new(beside, data))
 
     def make(self, name: str, write: Callable[[Path], object]) -> Path:
         """`name` is what `write` makes at the path that it is given, or stays what it was. Raises OSError."""

@@ -27,12 +27,17 @@ class VideoWriter:
         require_encoder()
         import imageio_ffmpeg
 
-        if path.exists():
-            raise OperationFailed(f"{path}: is there already, and is never written over; name another file")
         self.path = path
         self.frames = 0
         self._model = model
         self._renderer = CameraRenderer(model, base)
+        try:
+            path.open("xb").close()  # the encoder writes over it: never over a link, or a file of others
+        except OSError as error:
+            self._renderer.close()
+            there = isinstance(error, FileExistsError)
+            why = "is there already, and is never written over" if there else f"{error.strerror}"
+            raise OperationFailed(f"{path}: {why}; name another file") from None
         high, wide = SIZE
         self._encoder: Any = imageio_ffmpeg.write_frames(
             str(path), (wide, high), fps=fps, output_params=["-movflags", "+faststart"]

@@ -144,12 +144,13 @@ class FrontLink:
         """
         try:
             self.front.start(now)
-        except OSError as error:  # no process or descriptor is free: the loop goes on and retries
+        except (OSError, MemoryError) as error:  # the loop goes on and retries
             self.front.postpone(now)
-            if self.no_front != str(error):
-                self.no_front = str(error)
+            reason = str(error) or "no memory is left"
+            if self.no_front != reason:
+                self.no_front = reason
                 write_line(
-                    2, "error", f"twind: no client can be served, the front cannot be started: {error}"
+                    2, "error", f"twind: no client can be served, the front cannot be started: {reason}"
                 )
         else:
             self.no_front = ""

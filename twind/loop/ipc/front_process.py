@@ -75,13 +75,13 @@ class FrontProcess:
             listener.remove()
 
     def start(self, now: float) -> None:
-        """Start a front. The old one must be gone. Raises OSError without side effects."""
+        """Start a front. The old one must be gone. Raises OSError, MemoryError without side effects."""
         self.wreck.offer()
         inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             with outer:
                 self.pid = self._spawn(inner, outer)
-        except OSError:
+        except (OSError, MemoryError):
             inner.close()
             raise
         self.socket = inner

@@ -111,10 +111,17 @@ class CommandHandlers:
             self._lose_front()
         self._calibrating.end_if_due(now)
         self.reloads.serve(now)
-        if context.condition.stop_wanted and context.procedures.own(
-            Priority.SHUTDOWN, lambda: self.release.shutdown(self.homing, now)
+        if context.condition.stop_wanted:
+            self._shut_down(now)
+
+    def _shut_down(self, now: float) -> None:
+        """Begin the end of the daemon; torque that is going off goes off, whoever switched it on."""
+        context = self._context
+        releasing = self._lowering()
+        if context.procedures.own(
+            Priority.SHUTDOWN, lambda: self.release.shutdown(self.homing, now, releasing=releasing)
         ):
-            lowering = ": lowering the robot" if context.torque.armed else ""
+            lowering = ": lowering the robot" if context.torque.armed or releasing else ""
             context.reports.event("info", EventCode.STOPPING, f"the daemon ends{lowering}")
 
     def begin(self, incoming: ReceivedCommand, now: float) -> None:

@@ -131,12 +131,9 @@ class IdentificationState:
         if torque_off(context):
             context.torque.find_off()
         idle = context.procedures.rank is None and context.condition.mode is Mode.LIVE
-        if (
-            context.torque.stop_level is not None
-            and idle
-            and torque_inherited(context)
-            and not context.condition.stop_wanted
-        ):
+        if context.condition.stop_wanted:
+            return  # the end of the daemon switches it off, and must not be put off
+        if context.torque.stop_level is not None and idle and torque_inherited(context):
             self._release.stop(context.torque.stop_level)  # it came back with torque on under a latched stop
         elif context.torque.unconfirmed and idle and torque_inherited(context):
             context.procedures.own(Priority.DISARM, lambda: retry_torque_off(context))

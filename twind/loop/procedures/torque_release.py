@@ -17,10 +17,21 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
-from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
-from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off
+from twind.loop.procedures.torque_readback import (
+    torque_inherited,
+    torque_off,
+    torque_on,
+    torque_possible,
+)
+from twind.loop.procedures.torque_switching import (
+    error_text,
+    retry_torque_off,
+    say_unconfirmed,
+    switch_torque_off,
+)
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
+from twind.robot.arrays import every
 from twind.robot.fall_settings import FallReaction
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
@@ -144,22 +155,25 @@ class TorqueRelease:
             return USUAL
         return SettleProfile(way=FOLD, pose=fall.pose)
 
-    def shutdown(self, homing: HomingProcedure, now: float) -> Procedure:
+    def shutdown(self, homing: HomingProcedure, now: float, *, releasing: bool = False) -> Procedure:
         """Handle SIGTERM: lower the robot if this daemon has torque on, then end.
 
-        Torque that was found on, or may not be written any more, stays as it is. A lost bus with torque of
-        this daemon is waited for.
+        Torque that was found on, or may not be written any more, stays as it is, unless it was going off
+        already (`releasing`: this ends the procedure that did so). A lost bus with torque of this daemon is
+        waited for.
         """
         context = self._context
         torque = context.torque
         until = now + AWAITED
         while torque.pending_restore and not context.hardware.connected and now < until:
             now = yield
-        mine = torque.armed or torque.energising or (torque.pending_restore and torque_on(context))
-        if mine and not torque.inhibited:
+        ordered = torque.pending_restore or torque.unconfirmed
+        mine = torque.armed or torque.energising or (ordered and torque_on(context))
+        if releasing or (mine and not torque.inhibited):
             context.condition.change_if(RobotEvent.SETTLE)
             why = Finding(ReasonCode.NOT_ARMED, message="the daemon ends: the robot is lowered")
             yield from self._release_reported(why)
+            yield from self._release_returned()
             context.condition.change_if(RobotEvent.SETTLED)
         until = context.clock.now() + AWAITED
         while homing.unrestored is not None and context.clock.now() < until:
@@ -167,6 +181,16 @@ class TorqueRelease:
         homing.report_pending_restore()
         context.condition.finished = True
         return None
+
+    def _release_returned(self) -> Steps:
+        """Switch torque off on a bus that came back during a release, which did not reach it."""
+        context = self._context
+        now = context.clock.now()
+        until = now + AWAITED
+        while context.torque.pending_restore and every(context.hardware.open) and now < until:
+            if torque_inherited(context):
+                yield from retry_torque_off(context)
+            now = yield
 
     # ------------------------------------------------------------------------------- e-stop
 

@@ -4,6 +4,7 @@ The text of the robot's model is edited, because MuJoCo's own writer rounds numb
 is compiled again and compared. Not in it: load-dependent friction and play (`twind/twin/servo_effects.py`).
 """
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ def write_mjcf(robot: RobotFile, path: Path) -> None:
     """
     assets = path.with_name(f"{path.stem}-assets")
     for place in (path, assets):
-        if place.exists():
+        if os.path.lexists(place):
             raise InvalidInput(f"{place} exists: remove it, or name another file")
     bind(robot, None)  # refuses a model that MuJoCo cannot compile
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
@@ -44,7 +45,8 @@ def write_mjcf(robot: RobotFile, path: Path) -> None:
     try:
         _copy_assets(root, robot.mjcf_path.parent, assets)
         ElementTree.indent(root)
-        path.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+        with path.open("x", encoding="utf-8") as file:
+            file.write(ElementTree.tostring(root, encoding="unicode") + "\n")
         _require_same(spec.compile(), path)
     except BaseException:
         path.unlink(missing_ok=True)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
+from twind.new_file import open_new
 from twind.observe.plotting.plot_lines import COLOURS, PlotLine, PlotMark, gap_shares, line, marks, worst
 from twind.observe.recording.recording_columns import Floats, RobotRecording
 
@@ -86,7 +87,8 @@ def save(made: Figure, out: Path) -> None:
     """As PNG, with all that is in it or not at all."""
     new = out.with_name(f".{out.name}.new")
     try:
-        made.savefig(new, format="png", dpi=DOTS)
+        with open(open_new(new, 0o666), "wb") as file:
+            made.savefig(file, format="png", dpi=DOTS)
         new.replace(out)
     finally:
         new.unlink(missing_ok=True)

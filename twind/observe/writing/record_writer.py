@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from twind.client.clock_pair import ClockPair
+from twind.new_file import unwritten
 from twind.observe.recording.recording_topics import (
     COMMANDS,
     END,
@@ -161,7 +162,7 @@ class RecordWriter:
                 self._finish("stopped")
                 self._session = None
         except OSError as error:
-            self.stopped = f"{self.tally.path or self.folder}: {error.strerror or error}"
+            self.stopped = f"{self.tally.path or self.folder}: {unwritten(error)}"
             if self._file is not None:
                 self._abandon(self._file)
 
