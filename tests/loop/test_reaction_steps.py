@@ -324,7 +324,12 @@ def test_the_fence_of_a_decision_bounds_the_stream_until_the_next_one(rig: React
 def test_offsets_of_gravity_compensation_stay_within_the_fence(rig: ReactionRig) -> None:
     """Commands are bounded by less than the goals, as both differ by the offset."""
     narrower = (PLACE - 0.05, PLACE + 0.08)
-    rig.robot.compensation = SimpleNamespace(fence_of_commands=lambda fence: narrower if fence is FENCE else None)
+
+    def of_commands(fence: Any) -> Any:
+        assert fence is FENCE
+        return narrower
+
+    rig.robot.compensation = SimpleNamespace(fence_of_commands=of_commands)
     rig.react(fence=FENCE)
     assert rig.executor.fence is narrower
     rig.react()
