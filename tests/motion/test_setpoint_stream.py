@@ -73,7 +73,7 @@ def test_a_stream_whose_joint_does_not_follow_is_reported_as_that() -> None:
 
 
 def late(given: SetpointStream, place: float, ticks: int = 0) -> list[Finding]:
-    """What is reported of a setpoint at `place`, sent so many ticks after one at 0, once a tick used it."""
+    """Findings of a setpoint at `place`, sent so many ticks after one at 0, once a tick used it."""
     for _ in range(ticks):
         given.use(0.0)
     given.set_target(np.array([0]), np.array([place]), None, 1.0)
