@@ -116,10 +116,10 @@ def test_a_short_sideways_acceleration_does_not_change_the_tilt() -> None:
     st.sampled_from([(1.0, 1.0), (1.1, 0.5), (0.95, 0.75), (1.19, 0.05), (0.79, 0.0), (1.3, 0.0)]),
 )
 def test_the_accelerometer_pulls_the_tilt_within_a_second_and_the_bias_within_ten(
-    stood: tuple[float, float, float], off: tuple[float, float, float], felt: tuple[float, float]
+    stood: tuple[float, float, float], off: tuple[float, float, float], trusted: tuple[float, float]
 ) -> None:
     """One reading of 0.1 s: by that share of the angle, and less the farther its size is from one g."""
-    size, sure = felt
+    size, sure = trusted
     stands, seems = pose(*stood), pose(*(one + other for one, other in zip(stood, off, strict=True)))
     filter = fed(Attitude(), stands, STEP)
     before = matrix(filter.quaternion)
