@@ -225,6 +225,16 @@ def test_a_reply_is_expected_for_less_than_a_second(later: float, expected: bool
     assert (answer(sensor, later) == WHOLE) is not expected
 
 
+def test_short_replies_prove_something_two_in_a_row() -> None:
+    sensor = Sensor(200, FIELDS)
+    miss(sensor, 0.0)
+    answer(sensor, 0.1)
+    miss(sensor, 0.2)
+    assert answer(sensor, 0.3) != WHOLE
+    assert answer(sensor, 0.4) != WHOLE
+    assert answer(sensor, 0.5) == WHOLE
+
+
 def test_two_short_replies_prove_nothing_before_the_longest_delay_has_passed() -> None:
     """In numbers without rounding."""
     sensor = Sensor(200, FIELDS)

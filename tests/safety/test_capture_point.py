@@ -86,11 +86,20 @@ def test_a_mass_near_the_floor_is_taken_for_one_at_five_centimetres() -> None:
 
 def test_height_and_velocity_are_those_above_the_lowest_corner() -> None:
     """The other corners move with a foot in the air."""
-    foot = np.array([[0.1, 0.3, 0.2], [-0.1, 0.2, 0.0], [0.2, -0.1, 0.1]])
+    foot = np.array([[0.1, 0.3, -0.1], [-0.1, 0.2, -0.2], [0.2, -0.1, 0.1]])
+    walk = Walk(foot=foot)
+    walk.read(0.0, 0.0, HEIGHT - 0.2)
+    foot[[0, 2]] += (0.05, 0.07, 0.01)
+    assert walk.read(0.01, 0.0, HEIGHT - 0.2) == pytest.approx([0.01 + sqrt(HEIGHT / G) / 3.0, 0.0])
+
+
+def test_a_foot_that_goes_back_beneath_the_body_is_a_body_that_goes_forward() -> None:
+    foot = FOOT.copy()
     walk = Walk(foot=foot)
     walk.read(0.0, 0.0, HEIGHT)
-    foot[[0, 2]] += (0.05, 0.07, 0.01)
-    assert walk.read(0.01, 0.0, HEIGHT) == pytest.approx([0.01 + sqrt(HEIGHT / G) / 3.0, 0.0])
+    foot += (-0.01, 0.02, 0.0)
+    reach = sqrt(HEIGHT / G) / 3.0
+    assert walk.read(0.0, 0.0, HEIGHT) == pytest.approx([reach, -2.0 * reach])
 
 
 def test_a_velocity_that_is_forgotten_begins_anew() -> None:

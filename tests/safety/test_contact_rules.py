@@ -42,6 +42,11 @@ def test_contact_begins_in_the_second_tick_and_lasts_until_its_lower_threshold(r
     assert codes(rules, 0.0, END * SD * 1.01, 0.0) == set()
 
 
+def test_less_than_five_standard_deviations_are_no_contact(rules: ContactRules) -> None:
+    for _ in range(3):
+        assert codes(rules, 0.0, BEGIN * SD * 0.99, 0.0) == set()
+
+
 def test_a_second_joint_is_in_contact_after_two_ticks_of_its_own(rules: ContactRules) -> None:
     first, both = {(ReasonCode.CONTACT, 1)}, {(ReasonCode.CONTACT, 1), (ReasonCode.CONTACT, 2)}
     codes(rules, 0.0, 9.0, 0.0)
@@ -70,8 +75,9 @@ def test_a_contact_is_reported_with_its_torque_and_stops_nothing(rules: ContactR
 
 def test_torque_less_its_uncertainty_exactly_at_the_bound_holds_nothing() -> None:
     rules = ContactRules(BOUND, ["arm"] * N)
-    external = ExternalTorque(np.array([1.5, 0.0, 0.0]), np.array([0.5, 9.0, SD]))
-    assert not rules.judge(facts(external=external))
+    for other in (0.0, 9.0):  # also beside a joint in contact
+        external = ExternalTorque(np.array([1.5, other, 0.0]), np.array([0.5, SD, SD]))
+        assert not rules.judge(facts(external=external))
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -209,8 +209,9 @@ class Readings:
         """Codes that the reading of time `read` gives; by default it is taken now."""
         self.capture.value = margin
         quaternion = np.array([cos(tilt / 2), 0.0, sin(tilt / 2), 0.0])
-        imu = Imu(now if read is None else read, np.array([0.0, rate, 0.0]), np.zeros(3), quaternion)
-        measured = replace(reading(time=now), imu=imu)
+        time = now if read is None else read
+        self.last = Imu(time, np.array([0.0, rate, 0.0]), np.zeros(3), quaternion)
+        measured = replace(reading(time=now), imu=self.last)
         found = self.rules.judge(facts(now=now, measured=measured, torque_expected=held))
         return [one.finding.code for one in found]
 
@@ -226,11 +227,24 @@ def test_a_robot_may_fall_from_its_first_reading_on() -> None:
     assert seen.judge(1.03, LEAN, margin=-1.0) == [ReasonCode.FALLING]
 
 
-def test_a_capture_point_exactly_at_its_bound_and_a_tilt_exactly_at_its_own_are_no_fall() -> None:
+def test_a_capture_point_exactly_at_its_bound_is_no_fall() -> None:
+    seen = Readings()
+    seen.judge(1.0, LEAN, margin=-HOLD.outside)
+    assert seen.judge(2.0, LEAN, margin=-HOLD.outside) == []
+
+
+def test_a_tilt_exactly_at_its_bound_is_no_fall() -> None:
     seen = Readings(FallSettings(FallReaction.HOLD, tilt=0.0))
-    seen.judge(1.0, margin=-HOLD.outside)
-    assert seen.judge(2.0, margin=-HOLD.outside) == []
+    assert seen.judge(1.0) == []
     assert seen.rules.state is FallState.UPRIGHT
+
+
+def test_a_fall_is_reported_with_how_far_its_capture_point_is_outside() -> None:
+    seen = Readings()
+    seen.judge(1.0, LEAN, margin=-0.2)
+    seen.judge(1.1, LEAN, margin=-0.2)
+    [found] = seen.rules.judge(facts(now=1.1, measured=replace(reading(time=1.1), imu=seen.last)))
+    assert (found.finding.value, found.finding.bound) == (0.2, HOLD.outside)
 
 
 def test_a_lean_that_is_calm_is_no_fall_and_its_velocity_is_not_kept() -> None:

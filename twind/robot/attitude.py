@@ -136,9 +136,8 @@ def tilted(quaternion: Quaternion, force: tuple[float, float, float]) -> Quatern
     above = up(quaternion)
     x, y, z = _cross(force, above)
     cosine = sum(one * other for one, other in zip(force, above, strict=True))
-    if cosine < -1.0 + 1e-9:  # head down: half a turn about any horizontal axis
-        x, y, z = _cross(above, (1.0, 0.0, 0.0) if abs(above[0]) < 0.9 else (0.0, 1.0, 0.0))
-        return unit(product(quaternion, (0.0, x, y, z)))
+    if cosine < -1.0 + 1e-9:  # head down: half a turn about a horizontal axis of the world
+        return unit(product((0.0, 1.0, 0.0, 0.0), quaternion))
     return unit(product(quaternion, (1.0 + cosine, x, y, z)))
 
 
