@@ -118,9 +118,7 @@ class FeetechWriter(RegisterWriter):
         for id, found in state.items():
             place = self._index[id]
             own = self._reader.maps[id]
-            turns = not own.big_endian and bool(
-                self._goals.lower[place] < 0 or self._goals.upper[place] >= own.turn
-            )
+            turns = bool(self._goals.lower[place] < 0 or self._goals.upper[place] >= own.turn)
             reasons = objections(own, found, turns=turns)
             if reasons:
                 raise DeviceRefused(self._name, id, "arming", "; ".join(reasons))

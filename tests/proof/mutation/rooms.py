@@ -160,8 +160,11 @@ ROOMS = (
         (
             "tests/drivers/test_feetech_packet.py",
             "tests/drivers/test_feetech_bus.py",
+            "tests/drivers/test_driver_contract.py",
             "tests/drivers/test_dynamixel1_bus.py",
             "tests/drivers/test_unwatched_bus.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
         ),
     ),
     Room(
@@ -174,6 +177,9 @@ ROOMS = (
         (
             "tests/drivers/test_feetech_packet.py",
             "tests/drivers/test_feetech_bus.py",
+            "tests/drivers/test_servo_register_maps.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
         ),
     ),
     Room(
@@ -183,39 +189,64 @@ ROOMS = (
             "drivers/twind_drivers/dynamixel1/dynamixel1_writer.py",
             "drivers/twind_drivers/dynamixel1/dynamixel1_registers.py",
         ),
-        ("tests/drivers/test_dynamixel1_bus.py",),
+        (
+            "tests/drivers/test_dynamixel1_bus.py",
+            "tests/drivers/test_servo_register_maps.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
     ),
     Room(
         "unwatched",
         (
             "drivers/twind_drivers/dynamixel2_unwatched/unwatched_packets.py",
             "drivers/twind_drivers/dynamixel2_unwatched/unwatched_writer.py",
-            "drivers/twind_drivers/dynamixel2_unwatched/unwatched_registers.py",
         ),
-        ("tests/drivers/test_unwatched_bus.py",),
+        (
+            "tests/drivers/test_unwatched_bus.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
     ),
     Room(
-        "can",
+        "mit",
         (
             "drivers/twind_drivers/can/mit_frame.py",
             "drivers/twind_drivers/can/mit_codec.py",
             "drivers/twind_drivers/can/cubemars_codec.py",
-            "drivers/twind_drivers/can/damiao_codec.py",
-            "drivers/twind_drivers/can/odrive_codec.py",
-            "drivers/twind_drivers/can/robstride_codec.py",
-            "drivers/twind_drivers/can/command_frames.py",
-            "drivers/twind_drivers/can/command_frame_check.py",
-            "drivers/twind_drivers/can/can_writer.py",
-            "drivers/twind_drivers/can/can_torque.py",
         ),
         (
             "tests/drivers/test_mit_frame.py",
             "tests/drivers/test_cubemars_codec.py",
             "tests/drivers/test_damiao_codec.py",
-            "tests/drivers/test_odrive_codec.py",
-            "tests/drivers/test_robstride_codec.py",
+        ),
+    ),
+    Room(
+        "damiao",
+        ("drivers/twind_drivers/can/damiao_codec.py",),
+        ("tests/drivers/test_damiao_codec.py",),
+    ),
+    Room(
+        "odrive",
+        ("drivers/twind_drivers/can/odrive_codec.py",),
+        ("tests/drivers/test_odrive_codec.py",),
+    ),
+    Room(
+        "robstride",
+        ("drivers/twind_drivers/can/robstride_codec.py",),
+        ("tests/drivers/test_robstride_codec.py",),
+    ),
+    Room(
+        "canwriter",
+        (
+            "drivers/twind_drivers/can/command_frames.py",
+            "drivers/twind_drivers/can/command_frame_check.py",
+            "drivers/twind_drivers/can/can_writer.py",
+        ),
+        (
             "tests/drivers/test_can_torque.py",
             "tests/drivers/test_can_bus.py",
+            "tests/drivers/test_driver_contract.py",
         ),
     ),
     Room(
