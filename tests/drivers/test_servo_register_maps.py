@@ -2,7 +2,7 @@
 
 import pytest
 
-from twind_drivers.dynamixel1 import dynamixel1_packet
+from twind_drivers.dynamixel1 import dynamixel1_packet, dynamixel1_registers
 from twind_drivers.dynamixel1.dynamixel1_models import model
 from twind_drivers.dynamixel1.dynamixel1_registers import (
     BLOCKS,
@@ -214,7 +214,8 @@ def test_each_model_of_protocol_1_has_the_registers_of_its_page(
 def test_blocks_of_protocol_1_are_its_eeprom_and_what_every_model_has_of_the_rest() -> None:
     own = registers_of("mx_current")
     assert ((0, 24), (24, own["punch"].end - 24)) == BLOCKS
-    assert GOAL1 == (30, 2)
+    goal = own["goal_position"]
+    assert (goal.address, goal.size) == (30, 2) == dynamixel1_registers.GOAL
     assert own["torque_enable"].address == 24 and not own["torque_enable"].kept
     assert own["resolution_divider"].address == 22 and own["resolution_divider"].kept
     mode = own["torque_control_mode"]
