@@ -14,9 +14,10 @@ from tests.support.feetech_rig import FeetechRig
 from tests.support.unwatched_rig import UnwatchedRig
 from twind_drivers.bus import DeviceRefused, WireRangeError, WriteRequest
 from twind_drivers.device_registers import RestartResult
+from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel1.dynamixel1_writer import Dynamixel1Writer
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import Dynamixel1ServoSpec
-from twind_drivers.dynamixel2_unwatched.unwatched_writer import UnwatchedWriter
+from twind_drivers.dynamixel2_unwatched.unwatched_writer import Protocol2WriteCheck, UnwatchedWriter
 from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
 
@@ -363,12 +364,11 @@ def test_a_goal_may_lie_on_its_bound_and_no_count_beyond(make: Callable[[], Any]
 
 
 def test_stray_bytes_beside_a_packet_of_protocol_2_are_not_sent() -> None:
-    rig = xl()
-    rig.positions()
-    whole = rig.writer._off()
-    before = rig.sent()
-    for data in (b"", b"\0", whole + b"\0", b"\0" + whole, whole[:-1], whole + whole[:5]):
-        with pytest.raises(WireRangeError, match="stray bytes"):
-            rig.writer._check.judge(data)
-    rig.writer._check.judge(whole)
-    assert rig.sent() == before
+    off = packet.write(packet.BROADCAST, 24, b"\0")
+    check = Protocol2WriteCheck("arm", xl().reader.tables, {1: (0, 9), 2: (0, 9)}, off)
+    for data in (b"", b"\0", off + b"\0", b"\0" + off, off[:-1], off + off[:5]):
+        with pytest.raises(WireRangeError, match="stray bytes") as refused:
+            check.judge(data)
+        assert (refused.value.value, refused.value.lower, refused.value.upper) == (len(data), 0, 0)
+    check.judge(off)
+    check.judge(off + packet.write(2, 30, b"\x09\0"))
