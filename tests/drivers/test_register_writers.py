@@ -197,6 +197,26 @@ def test_the_full_torque_of_a_robot_file_is_a_share_of_1023(
     assert [rig.servos.get(row, limit) for row in range(2)] == full
 
 
+@pytest.mark.parametrize(
+    ("make", "limit"),
+    [
+        (lambda: mx(max_torque=2), "torque_limit"),
+        (lambda: xl(max_torque=2), "torque_limit"),
+        (lambda: pro(torque_limit=2), "goal_torque"),
+    ],
+)
+def test_a_low_limit_is_never_0_which_would_mean_another_thing(make: Callable[[], Any], limit: str) -> None:
+    assert prepared(make()).servos.get(0, limit) == 1
+
+
+def test_an_mx_that_regulates_its_torque_is_not_driven() -> None:
+    rig = mx("MX-64(1.0)")
+    here = rig.positions()
+    rig.servos.put(1, "torque_control_mode", 1)
+    with pytest.raises(DeviceRefused, match="id 2: arming: .*torque control"):
+        rig.beside(rig.writer.prepare(here))
+
+
 def test_a_torque_limit_of_a_feetech_servo_is_at_most_1000() -> None:
     rig = prepared(feetech(max_torque=1020))
     rig.beside(rig.writer.torque(True))

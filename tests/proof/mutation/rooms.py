@@ -126,17 +126,6 @@ ROOMS = (
         ),
     ),
     Room(
-        "turns",
-        (
-            "twind/safety/multiturn.py",
-            "twind/safety/stopped_stream.py",
-        ),
-        (
-            "tests/safety/test_multiturn.py",
-            "tests/safety/test_stopped_stream.py",
-        ),
-    ),
-    Room(
         "attitude",
         ("twind/robot/attitude.py",),
         ("tests/robot/test_attitude.py",),
