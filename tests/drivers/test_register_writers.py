@@ -213,7 +213,7 @@ def test_an_mx_that_regulates_its_torque_is_not_driven() -> None:
     rig = mx("MX-64(1.0)")
     here = rig.positions()
     rig.servos.put(1, "torque_control_mode", 1)
-    with pytest.raises(DeviceRefused, match="id 2: arming: .*torque control"):
+    with pytest.raises(DeviceRefused, match=r"id 2: arming: .*torque control"):
         rig.beside(rig.writer.prepare(here))
 
 
