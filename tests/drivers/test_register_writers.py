@@ -12,11 +12,12 @@ import pytest
 from tests.support.dynamixel1_rig import QUICK, Dynamixel1Rig
 from tests.support.feetech_rig import FeetechRig
 from tests.support.unwatched_rig import UnwatchedRig
-from twind_drivers.bus import DeviceRefused, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, PingRequest, ReadRequest, WireRangeError, WriteRequest
 from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel1.dynamixel1_writer import Dynamixel1Writer
 from twind_drivers.dynamixel1.virtual_dynamixel1_spec import Dynamixel1ServoSpec
+from twind_drivers.dynamixel2_unwatched.unwatched_packets import PROTOCOL2, plain_transaction
 from twind_drivers.dynamixel2_unwatched.unwatched_writer import Protocol2WriteCheck, UnwatchedWriter
 from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
@@ -217,6 +218,15 @@ def test_an_mx_that_regulates_its_torque_is_not_driven() -> None:
         rig.beside(rig.writer.prepare(here))
 
 
+@pytest.mark.parametrize(("share", "full"), [(1023, 1023), (512, 512), (1, 1), (0, 1)])
+def test_a_share_of_the_full_torque_of_an_xl_320_is_at_least_1(share: int, full: int) -> None:
+    rig = xl()
+    rig.writer = UnwatchedWriter(rig.reader, lower=rig.lower, upper=rig.upper, torque_limits=[share, share])
+    prepared(rig)
+    rig.beside(rig.writer.torque(True))
+    assert rig.servos.get(0, "torque_limit") == full
+
+
 def test_a_torque_limit_of_a_feetech_servo_is_at_most_1000() -> None:
     rig = prepared(feetech(max_torque=1020))
     rig.beside(rig.writer.torque(True))
@@ -333,24 +343,55 @@ def test_a_servo_that_was_restarted_is_prepared_anew_before_torque(make: Callabl
     assert rig.energised().all()
 
 
+def restarted(rig: Any, script: Any, *, on: bool = False) -> None:
+    """Run the restart of servo 2 without a cyclic reading beside it; `on`: it comes back with torque."""
+    order = next(script)
+    with pytest.raises(StopIteration):
+        while True:
+            reply = rig.transact(order)
+            rig.clock.sleep_until(rig.clock.now() + 0.01)
+            if on and isinstance(order, PingRequest) and 2 in reply.data:
+                rig.servos.put(1, "torque_enable", 1)
+            order = script.send(reply)
+
+
+def shut_down(make: Callable[[], Any]) -> Any:
+    """A rig whose second servo has shut down by an error, although its switch reads on."""
+    rig = make()
+    rig.here = rig.arm()
+    rig.faults.damage(2, 0x01 if make is xl else 0x20)
+    rig.servos.put(1, "torque_enable", 1)
+    return rig
+
+
 @pytest.mark.parametrize("make", [feetech, xl, pro])
-def test_a_servo_that_is_restarted_as_shut_down_gets_no_goal_until_it_is_prepared(
+def test_an_error_alone_is_no_reason_to_restart_a_servo_whose_torque_reads_on(
     make: Callable[[], Any],
 ) -> None:
-    rig = make()
-    here = rig.arm()
-    rig.faults.damage(2, 0x20 if make is not xl else 0x01)
-    rig.ticks(10, here)
-    rig.servos.put(1, "torque_enable", 1)
-    rig.faults.damage(2, 0x20 if make is not xl else 0x01)
-    rig.beside(rig.writer.reboot(2, shut_down=True))
+    rig = shut_down(make)
+    with pytest.raises(DeviceRefused, match="its torque is on"):
+        rig.perform(rig.writer.reboot(2))
+
+
+@pytest.mark.parametrize("make", [feetech, xl, pro])
+def test_a_restarted_servo_gets_no_goal_until_it_is_prepared(make: Callable[[], Any]) -> None:
+    rig = shut_down(make)
+    restarted(rig, rig.writer.reboot(2, shut_down=True))
     assert not rig.energised()[1]
     rig.servos.put(1, "torque_enable", 1)
-    rig.ticks(60, here)
+    rig.ticks(60, rig.here)
     goal = rig.servos.get(1, "goal_position")
-    rig.ticks(10, here + 40)
+    rig.ticks(10, rig.here + 40)
     assert rig.servos.get(1, "goal_position") == goal
-    assert rig.servos.get(0, "goal_position") == here[0] + 40
+    assert rig.servos.get(0, "goal_position") == rig.here[0] + 40
+
+
+@pytest.mark.parametrize("make", [feetech, xl, pro])
+def test_torque_that_a_restart_switches_on_is_off_again(make: Callable[[], Any]) -> None:
+    rig = make()
+    rig.positions()
+    restarted(rig, rig.writer.reboot(2), on=True)
+    assert rig.energised().tolist() == [False, False]
 
 
 def test_protocol_1_has_no_restart_of_any_servo() -> None:
@@ -392,3 +433,13 @@ def test_stray_bytes_beside_a_packet_of_protocol_2_are_not_sent() -> None:
         assert (refused.value.value, refused.value.lower, refused.value.upper) == (len(data), 0, 0)
     check.judge(off)
     check.judge(off + packet.write(2, 30, b"\x09\0"))
+
+
+def test_a_request_of_protocol_2_waits_for_the_return_delay_of_each_device() -> None:
+    ping = plain_transaction(PingRequest(3))
+    assert (ping.packet, ping.delays) == (packet.ping(3), 1)
+    one = plain_transaction(ReadRequest((3,), 37, 6))
+    assert (one.packet, one.delays) == (packet.read(3, 37, 6), 1)
+    assert PROTOCOL2.request == len(one.packet)
+    two = plain_transaction(ReadRequest((3, 4), 37, 6))
+    assert (two.packet, two.delays) == (packet.sync_read((3, 4), 37, 6), 2)

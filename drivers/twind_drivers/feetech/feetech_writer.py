@@ -146,7 +146,6 @@ class FeetechWriter(RegisterWriter):
         Refused while torque enable reads on: the device may carry a load. `shut_down`: the device has
         unloaded by an error, which must read non-zero. Raises NoReply, KeyError, DeviceRefused.
         """
-        self._reader.table(id)
         yield from require_unloaded(self._reader, id, shut_down=shut_down)
         self._full.pop(id, None)
         self._on[self._index[id]] = False

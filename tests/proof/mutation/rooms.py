@@ -213,17 +213,17 @@ ROOMS = (
     Room(
         "damiao",
         ("drivers/twind_drivers/can/damiao_codec.py",),
-        ("tests/drivers/test_damiao_codec.py",),
+        ("tests/drivers/test_damiao_codec.py", "tests/drivers/test_can_register_tables.py"),
     ),
     Room(
         "odrive",
         ("drivers/twind_drivers/can/odrive_codec.py",),
-        ("tests/drivers/test_odrive_codec.py",),
+        ("tests/drivers/test_odrive_codec.py", "tests/drivers/test_can_register_tables.py"),
     ),
     Room(
         "robstride",
         ("drivers/twind_drivers/can/robstride_codec.py",),
-        ("tests/drivers/test_robstride_codec.py",),
+        ("tests/drivers/test_robstride_codec.py", "tests/drivers/test_can_register_tables.py"),
     ),
     Room(
         "canwriter",
