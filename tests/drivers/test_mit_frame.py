@@ -150,7 +150,7 @@ def test_a_command_that_would_be_an_order_is_refused() -> None:
 
 
 def test_a_refused_command_is_named_with_the_torque_that_it_may_have() -> None:
-    """The second of two: everything at its upper end, and its torque field at FF0, the first that is an order."""
+    """The second of two: everything at its upper end, its torque field at the first that is an order."""
     by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
     fields = np.array([[1, 0xFFFF], [1, 0xFFF], [1, 0xFFF], [1, 0xFFF], [1, 0xFF0]], np.uint64)
     with pytest.raises(WireRangeError, match="torque field") as refused:
