@@ -96,7 +96,7 @@ def test_ids_of_drives_are_1_to_255(ids: tuple[int, int], fine: bool) -> None:
         CubeMarsCodec("can0", ids, ranges(2))
 
 
-def test_a_command_to_nobody_has_no_position() -> None:
+def test_a_command_to_no_drive_has_no_position() -> None:
     both = np.concatenate([frame(2, bytes(8)), frame(1, bytes(8))])
     assert drive().decode_commanded_position(both).tolist() == pytest.approx([np.nan, -12.5], nan_ok=True)
 
