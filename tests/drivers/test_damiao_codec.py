@@ -276,7 +276,7 @@ def test_a_bus_without_damiao_actuators_has_no_frames_of_theirs() -> None:
         assert not empty.decode_register_replies(some)[1].any()
 
 
-def test_actuators_with_a_master_id_each_are_told_apart_by_it() -> None:
+def test_actuators_with_a_master_id_each_are_distinguished_by_it() -> None:
     """Their own ids have every low nibble that there is."""
     ids = (0xF, 0x10, 0x2F)
     motor = DamiaoCodec("can0", ids, ranges(3), (0, 0x7FD, 0x7FE))
