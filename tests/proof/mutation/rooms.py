@@ -233,6 +233,7 @@ ROOMS = (
             "drivers/twind_drivers/can/can_writer.py",
         ),
         (
+            "tests/drivers/test_can_commands.py",
             "tests/drivers/test_can_torque.py",
             "tests/drivers/test_can_bus.py",
             "tests/drivers/test_driver_contract.py",
