@@ -53,14 +53,14 @@ class Sensor:
         self._short = [ReadRequest((id,), first, size) for size in range(1, most + 1)]
         self._turn = 0  # of the short ones
         self._requested: ReadRequest | None = None
-        self._sent = -inf
+        self._sent: float  # s, when that was
         self._owed: list[tuple[float, int]] = []  # time (s) and bytes of requests whose reply may still come
-        self._proofs = PROOFS
+        self._proofs = 0  # short replies since the last miss
         self._longest = 0.0  # s, longest time that a late reply took
         self._failures: deque[float] = deque(maxlen=MISSES)  # s, the last ones
         self._failed_at = -inf
         self._parked = False
-        self._due = -inf
+        self._due: float  # s, of the next probe of a parked one
         self._pause = FIRST
         self._most = PROBE
 
@@ -108,7 +108,6 @@ class Sensor:
             self._pause = FIRST
             self._most = PROBE
         if request is self._whole:
-            self._proofs = PROOFS
             return self._decoded(data)
         self._proofs += 1
         return None
@@ -139,7 +138,6 @@ class Sensor:
     def forget(self) -> None:
         """Drop expected replies after the port was closed."""
         self._requested = None
-        self._proofs = PROOFS
         self._parked = False
         self._owed.clear()
         self._failures.clear()

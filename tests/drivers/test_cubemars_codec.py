@@ -60,6 +60,47 @@ def test_a_short_reply_leaves_temperature_and_fault_unknown() -> None:
     assert feedback.fault[0] == -1
 
 
+def test_replies_among_foreign_frames_are_found() -> None:
+    received = np.concatenate(
+        [frame(0, f"02 {MIDDLE} 1E 00"), frame(0, f"68 {MIDDLE} 21 01"), frame(1, f"01 {MIDDLE}")]
+    )
+    feedback, told = drive().feedback(received)
+    assert told.tolist() == [False, True, True]
+    assert list(feedback.rows) == [1, 0]
+    assert feedback.temperature.tolist() == pytest.approx([33.0, np.nan], nan_ok=True)
+
+
+def test_frames_on_its_ids_and_on_0_are_those_of_a_drive() -> None:
+    assert drive().claims == {0, 1, 0x68}
+    assert CubeMarsCodec("can0", (), ranges(0)).claims == set()
+
+
+def test_no_frame_is_an_answer_of_a_register() -> None:
+    answers, found = drive().decode_register_replies(np.concatenate([frame(0, f"01 {MIDDLE}")] * 2))
+    assert answers == [] and found.tolist() == [False, False]
+
+
+@pytest.mark.parametrize("what", [ValuelessCommand.REBOOT, ValuelessCommand.CLEAR])
+def test_an_order_that_a_cubemars_has_not_is_refused(what: ValuelessCommand) -> None:
+    with pytest.raises(ValueError, match=f"can0: id 104: a CubeMars AK has no {what.name.lower()}"):
+        drive().encode_valueless_command(1, what)
+
+
+@pytest.mark.parametrize(("ids", "fine"), [((1, 0xFF), True), ((0, 2), False), ((1, 0x100), False)])
+def test_ids_of_drives_are_1_to_255(ids: tuple[int, int], fine: bool) -> None:
+    if fine:
+        last = CubeMarsCodec("can0", ids, ranges(2))
+        assert list(last.commanded_rows(frame(0xFF, bytes(8)))) == [1]
+        return
+    with pytest.raises(ValueError, match="outside"):
+        CubeMarsCodec("can0", ids, ranges(2))
+
+
+def test_a_command_to_no_drive_has_no_position() -> None:
+    both = np.concatenate([frame(2, bytes(8)), frame(1, bytes(8))])
+    assert drive().decode_commanded_position(both).tolist() == pytest.approx([np.nan, -12.5], nan_ok=True)
+
+
 def test_long_and_short_replies_go_together() -> None:
     both = np.concatenate([frame(0, f"01 {MIDDLE}"), frame(0, f"68 {MIDDLE} 21 01")])
     feedback, _ = drive().feedback(both)

@@ -247,6 +247,49 @@ def test_the_mode_is_register_10() -> None:
     assert motor.operating_mode({}) == 0
 
 
+def test_replies_among_foreign_frames_are_found() -> None:
+    received = np.concatenate([reply(0x13, 1, 3), reply(0x12, 0xF, 0xF), reply(0x12, 0xA, 2)])
+    feedback, told = damiao().feedback(received)
+    assert told.tolist() == [False, False, True]
+    assert (feedback.rows.tolist(), feedback.fault.tolist()) == ([1], [bits.ELECTRICAL])
+
+
+def test_an_unnamed_status_of_any_id_is_unknown() -> None:
+    motor = DamiaoCodec("can0", (0xF,), ranges(1), (0x20,))
+    feedback, _ = motor.feedback(reply(0x20, 0xF, 0xF))
+    assert (feedback.enabled[0], feedback.fault[0]) == (-1, bits.UNKNOWN)
+
+
+def test_one_frame_answers_a_question_and_these_frames_are_those_of_the_actuators() -> None:
+    assert damiao().answers == 1
+    modes = {base + id for base in (0, 0x100, 0x200, 0x300) for id in IDS}
+    assert damiao().claims == modes | {0x11, 0x12, 0x7FF}
+
+
+def test_a_bus_without_damiao_actuators_has_no_frames_of_theirs() -> None:
+    empty = DamiaoCodec("can0", (), ranges(0), ())
+    assert empty.claims == set()
+    for some in (frame(0, bytes(8)), frame(0x7FF, "00 00 55 09 00 00 00 00"), frame(1, bytes(8))):
+        assert list(empty.commanded_rows(some)) == [-1]
+        assert np.isnan(empty.decode_commanded_position(some)).all()
+        assert not empty.feedback(some)[1].any()
+        assert not empty.decode_register_replies(some)[1].any()
+
+
+def test_actuators_with_a_master_id_each_are_distinguished_by_it() -> None:
+    """Their own ids have every low nibble that there is."""
+    ids = (0xF, 0x10, 0x2F)
+    motor = DamiaoCodec("can0", ids, ranges(3), (0, 0x7FD, 0x7FE))
+    received = np.concatenate([reply(0, 1, 0xF), reply(0x7FD, 1, 0), reply(0x7FE, 1, 0xF)])
+    assert list(motor.feedback(received)[0].rows) == [0, 1, 2]
+    others = np.concatenate([reply(0x7FE | EXTENDED, 1, 0xF), reply(0x7FF, 1, 0xF), reply(1, 1, 0xF)])
+    assert not motor.feedback(others)[1].any()
+
+
+def test_an_order_to_an_id_beyond_ff_is_to_none_of_these() -> None:
+    assert list(damiao().commanded_rows(frame(0x7FF, "01 01 55 09 00 00 00 00"))) == [-1]
+
+
 def test_indistinguishable_actuators_are_refused() -> None:
     for ids, masters, why in (
         ((1, 1), (0x11, 0x12), "twice"),
@@ -256,6 +299,7 @@ def test_indistinguishable_actuators_are_refused() -> None:
         ((1, 2), (0x11, 1), "no id of its own"),
         ((1, 2), (0x11, 0x7FF), "no id of its own"),
         ((1, 2), (0x11,), "1 master ids for 2"),
+        ((1, 2), (0x11, -1), "no id of its own"),
     ):
         with pytest.raises(ValueError, match=why):
             DamiaoCodec("can0", ids, ranges(2), masters)

@@ -101,6 +101,16 @@ def test_a_device_that_is_not_prepared_gets_no_goal_by_any_way(mode: int) -> Non
     assert bench.servos.get(2, 98, 1) == 5
 
 
+def test_torque_goes_on_in_the_devices_that_get_goals_and_off_in_all() -> None:
+    bench = Bench()
+    bench.run(bench.writer.prepare(HERE, np.array([True, False, True])))
+    bench.run(bench.writer.torque(True))
+    assert [bench.servos.get(id, 64, 1) for id in IDS] == [1, 0, 1]
+    bench.servos.put(2, 64, 1, 1)
+    bench.run(bench.writer.torque(False))
+    assert [bench.servos.get(id, 64, 1) for id in IDS] == [0, 0, 0]
+
+
 def test_a_new_preparation_forgets_the_limit_registers_of_the_last() -> None:
     bench = mixed([1, 3])
     bench.run(bench.writer.prepare(np.array([0, 2000])))

@@ -12,7 +12,17 @@ from tests.support.can_codec_frames import column, frame, ranges
 from tests.support.examples import examples
 from twind_drivers.bus import Floats, WireRangeError
 from twind_drivers.can.can_models import MODELS
-from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, is_special_frame, unpack
+from twind_drivers.can.mit_frame import (
+    BITS,
+    KD,
+    KP,
+    NAMES,
+    WIDE,
+    FieldScale,
+    commands,
+    is_special_frame,
+    unpack,
+)
 from twind_drivers.ports.frame import Octets
 
 TOLD = (16, 12, 12)
@@ -139,6 +149,24 @@ def test_a_command_that_would_be_an_order_is_refused() -> None:
     assert not is_special_frame(frame(7, "FF FF FF FF FF FF FF EF")).any()
 
 
+def test_a_refused_command_is_named_with_the_torque_that_it_may_have() -> None:
+    """The second of two: everything at its upper end, its torque field at the first that is an order."""
+    by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
+    fields = np.array([[1, 0xFFFF], [1, 0xFFF], [1, 0xFFF], [1, 0xFFF], [1, 0xFF0]], np.uint64)
+    with pytest.raises(WireRangeError, match="torque field") as refused:
+        commands(by, fields)
+    found = refused.value
+    assert (found.id, found.value, found.lower, found.upper) == (9, 0xFF0, 0.0, 0xFEF)
+    fields[4, 1] = 0xFEF
+    assert commands(by, fields)[1].tobytes() == bytes.fromhex("FF FF FF FF FF FF FF EF")
+    assert is_special_frame(frame(7, "FF FF FF FF FF FF FF F0")).all()
+
+
+def test_gains_span_500_and_5_in_all_frames() -> None:
+    assert (KP, KD) == (500.0, 5.0)
+    assert WIDE == (16,) * 5
+
+
 def test_the_one_outside_is_named_and_nothing_is_made() -> None:
     by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
     zero: Floats = np.zeros(2)
@@ -159,6 +187,36 @@ def test_values_of_another_shape_are_an_error(wrong: tuple[int, ...]) -> None:
 def test_a_range_must_be_a_positive_number(bad: float) -> None:
     with pytest.raises(ValueError, match="range of velocity"):
         scale(velocity=bad)
+
+
+def test_the_first_range_that_is_none_is_named() -> None:
+    """A range below 1 is one."""
+    span = ranges(3, 0.5, 0.5, 0.5)
+    span.velocity[1] = span.torque[2] = 0.0
+    with pytest.raises(ValueError, match=r"range of velocity of actuator 1 \(from 0\) is 0.0"):
+        FieldScale("can0", [3, 9, 5], span, BITS, TOLD)
+
+
+def test_the_first_value_outside_is_named() -> None:
+    by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
+    zero: Floats = np.zeros(2)
+    with pytest.raises(WireRangeError, match=r"can0: id 9: velocity 40.0 ") as refused:
+        by.fields(zero, column(0.0, 40.0), zero, zero, column(11.0, 0.0))
+    assert refused.value.id == 9
+
+
+def test_positions_are_read_from_motion_commands_alone() -> None:
+    by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
+    both = np.concatenate([frame(3, "FF FF 00 00 00 00 00 00"), frame(9, "00 00 00 00 00 00 00 00")])
+    rows = np.array([0, 1])
+    for motion, wanted in (
+        ([True, True], [12.5, -12.5]),
+        ([True, False], [12.5, np.nan]),
+        ([False, True], [np.nan, -12.5]),
+        ([False, False], [np.nan, np.nan]),
+    ):
+        found = by.decode_commanded_position(both, rows, np.array(motion))
+        assert found.tolist() == pytest.approx(wanted, nan_ok=True)
 
 
 @pytest.mark.parametrize("count", [0, 1, 24, 63, 64, 65, 200])

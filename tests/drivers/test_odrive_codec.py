@@ -132,6 +132,62 @@ def test_a_float_that_is_no_reading_gives_nan(raw: str) -> None:
     assert feedback.velocity[0] == pytest.approx(TURN)
 
 
+def test_a_float_of_a_million_is_a_reading_and_none_beyond() -> None:
+    for value, read in ((1e6, True), (-1e6, True), (1.0001e6, False), (-1.0001e6, False), (0.95e6, True)):
+        feedback, _ = axes().feedback(frame(0x069, struct.pack("<ff", value, 0.0)))
+        assert math.isnan(feedback.position[0]) is not read
+
+
+def test_estimates_heartbeats_and_supplies_among_foreign_frames_are_found() -> None:
+    received = np.concatenate(
+        [
+            frame(5 << 5 | 0x17, struct.pack("<ff", 9.0, 9.0)),
+            frame(0x077, struct.pack("<ff", 24.5, 1.25)),
+            beat(0x3F, state=1),
+            frame(0x069, struct.pack("<ff", 0.5, 0.0)),
+            frame(3 << 5 | 31, bytes(8)),
+        ]
+    )
+    feedback, found = axes().feedback(received)
+    assert found.tolist() == [False, True, True, True, False]
+    assert feedback.rows.tolist() == [0, 1, 0]
+    assert feedback.voltage.tolist() == pytest.approx([24.5, np.nan, np.nan], nan_ok=True)
+    assert feedback.position.tolist() == pytest.approx([np.nan, np.nan, math.pi], nan_ok=True)
+    assert feedback.enabled.tolist() == [-1, 0, -1]
+    answers, found = axes().decode_register_replies(received)
+    assert found.tolist() == [False, True, False, False, False]
+    assert [(each.row, each.address) for each in answers] == [(0, 0x17), (0, 0x117)]
+
+
+def test_all_commands_of_its_nodes_are_those_of_an_axis() -> None:
+    assert axes().claims == {*range(0x60, 0x80), *range(0x7E0, 0x800)}
+    assert axes().answers == 1
+
+
+@pytest.mark.parametrize(("ids", "fine"), [((0, 0x3F), True), ((-1, 2), False), ((1, 0x40), False)])
+def test_nodes_are_0_to_63(ids: tuple[int, int], fine: bool) -> None:
+    if fine:
+        both = np.concatenate([frame(0x00C, bytes(8)), frame(0x7EC, bytes(8))])
+        made = ODriveCodec("can0", ids, ranges(2), [False, False])
+        assert list(made.commanded_rows(both)) == [0, 1]
+        return
+    with pytest.raises(ValueError, match="outside"):
+        ODriveCodec("can0", ids, ranges(2), [False, False])
+
+
+@pytest.mark.parametrize(("velocity", "most"), [(30.0, 30.0), (300.0, 32.767 * TURN)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_speed_is_within_its_range_and_what_the_field_holds(
+    velocity: float, most: float, side: float
+) -> None:
+    zero = np.zeros(2)
+    axis = axes(velocity=velocity)
+    axis.command(zero, column(0.0, side * most), zero, zero, zero)
+    with pytest.raises(WireRangeError) as refused:
+        axis.command(zero, column(0.0, side * most * 1.001), zero, zero, zero)
+    assert (refused.value.lower, refused.value.upper) == pytest.approx((-most, most))
+
+
 @pytest.mark.parametrize("node", IDS)
 def test_every_state_but_idle_has_torque(node: int) -> None:
     for state in range(256):

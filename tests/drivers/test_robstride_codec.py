@@ -130,6 +130,67 @@ def test_feedback_is_read_field_by_field() -> None:
     assert cold.temperature[0] == -5.0
 
 
+def test_a_float_of_a_million_is_a_reading_and_none_beyond() -> None:
+    for value, read in ((1e6, True), (-1e6, True), (1.0001e6, False), (-1.0001e6, False)):
+        feedback, _ = motors().feedback(answer(1, VELOCITY.address, struct.pack("<f", value)))
+        assert math.isnan(feedback.velocity[0]) is not read
+
+
+def test_heat_is_in_tenths_of_a_degree_with_a_sign() -> None:
+    for raw, celsius in (("7F FF", 3276.7), ("74 00", 2969.6), ("80 00", -3276.8), ("FF FF", -0.1)):
+        feedback, _ = motors().feedback(feedback_frame(1, f"7F FF 7F FF 7F FF {raw}"))
+        assert feedback.temperature[0] == pytest.approx(celsius)
+
+
+def test_all_kinds_of_replies_among_foreign_frames_are_found() -> None:
+    fault = frame(EXTENDED | 0x15 << 24 | 0x7F << 8 | HOST, "04 00 00 00 FF FF FF FF")
+    received = np.concatenate(
+        [
+            feedback_frame(0xFF),
+            feedback_frame(0x7F),
+            fault,
+            answer(1, POSITION.address, struct.pack("<f", 0.5)),
+            answer(2, POSITION.address, struct.pack("<f", 0.5)),
+            frame(EXTENDED | 0x15 << 24 | 2 << 8 | HOST, "04 00 00 00 00 00 00 00"),
+            frame(EXTENDED | 0x7F << 8 | 0xFE, "01 02 03 04 05 06 07 08"),
+        ]
+    )
+    feedback, found = motors().feedback(received)
+    assert found.tolist() == [False, True, True, True, False, False, False]
+    assert feedback.rows.tolist() == [0, 0, 1]
+    assert feedback.fault.tolist() == [0, bits.VOLTAGE, -1]
+    assert feedback.enabled.tolist() == [1, -1, -1]
+    assert feedback.position[2] == 0.5 and math.isnan(feedback.position[1])
+    answers, found = motors().decode_register_replies(received)
+    assert found.tolist() == [False, False, False, True, False, False, True]
+    assert [(each.row, each.address) for each in answers] == [(1, 0x7019), (0, 0), (0, 4)]
+
+
+@pytest.mark.parametrize(
+    ("id", "data"),
+    [
+        (EXTENDED | 2 << 8 | 0xFE, "01 02 03 04 05 06 07 08"),  # of another
+        (EXTENDED | 0xFF << 8 | 0xFE, "01 02 03 04 05 06 07 08"),
+        (EXTENDED | 1 << 8 | 0xFD, "01 02 03 04 05 06 07 08"),  # to the host alone
+        (EXTENDED | 1 << 16 | 1 << 8 | 0xFE, "01 02 03 04 05 06 07 08"),  # with an error flag
+        (EXTENDED | 1 << 8 | 0xFE, "01 02 03 04 05 06 07"),
+        (1 << 8 | 0xFE, "01 02 03 04 05 06 07 08"),
+    ],
+)
+def test_no_other_frame_is_the_number_of_a_processor(id: int, data: str) -> None:
+    assert not motors().decode_register_replies(frame(id, data))[1].any()
+
+
+@pytest.mark.parametrize("flag", [0x01, 0x80, 0xFF])
+def test_each_bit_of_an_error_echo_makes_it_none_whatever_the_id(flag: int) -> None:
+    motor = RobStrideCodec("can0", (0xFC, 0x80), ranges(2))
+    for id in (0xFC, 0x80):
+        assert motor.feedback(answer(id, POSITION.address, bytes(4)))[1].all()
+        assert motor.decode_register_replies(answer(id, TIMEOUT.address, bytes(4)))[1].all()
+        assert not motor.feedback(answer(id, POSITION.address, bytes(4), flag))[1].any()
+        assert not motor.decode_register_replies(answer(id, TIMEOUT.address, bytes(4), flag))[1].any()
+
+
 FAULTS = (bits.VOLTAGE, bits.ELECTRICAL, bits.HEAT, bits.ENCODER, bits.OVERLOAD, bits.UNCALIBRATED)
 
 
@@ -236,6 +297,7 @@ def test_the_mode_is_motion_control_or_its_number_above_100() -> None:
 
 def test_identity_is_of_the_parameters() -> None:
     assert set(IDENTITY) <= set(PARAMETERS)
+    assert motors().claims == set() and motors().answers == 2
     assert len({parameter.address for parameter in PARAMETERS.values()}) == len(PARAMETERS)
     assert PARAMETERS["run_mode"].kind is RegisterType.U8
     assert motors().watchdog is TIMEOUT

@@ -291,6 +291,12 @@ def test_a_motion_is_slowed_and_that_is_reported_once_with_its_reason(rig: React
     assert rig.executor.slowed_by == (WHY.code,)
 
 
+def test_a_motion_at_its_own_speed_is_not_reported(rig: ReactionRig) -> None:
+    rig.moving()
+    rig.react()
+    assert rig.executor.motion is Motion.ACTIVE and rig.book.events == []
+
+
 def test_a_hold_that_is_paced_is_not_reported(rig: ReactionRig) -> None:
     rig.react(pace=0.5)
     assert rig.book.events == []
@@ -301,6 +307,39 @@ def test_the_way_to_the_rest_pose_is_never_slowed(rig: ReactionRig) -> None:
     rig.own(Priority.FAULT, waits)
     rig.react(pace=0.5)
     assert rig.executor.pace == 1.0 and rig.book.events == []
+
+
+# --------------------------------------------------------------------------------------------- fence
+
+FENCE = (PLACE - 0.1, PLACE + 0.1)
+
+
+def test_the_fence_of_a_decision_bounds_the_stream_until_the_next_one(rig: ReactionRig) -> None:
+    rig.react(fence=FENCE)
+    assert rig.executor.fence is FENCE
+    rig.react()
+    assert rig.executor.fence is None
+
+
+def test_offsets_of_gravity_compensation_stay_within_the_fence(rig: ReactionRig) -> None:
+    """Commands are bounded by less than the goals, as both differ by the offset."""
+    narrower = (PLACE - 0.05, PLACE + 0.08)
+
+    def of_commands(fence: Any) -> Any:
+        assert fence is FENCE
+        return narrower
+
+    rig.robot.compensation = SimpleNamespace(fence_of_commands=of_commands)
+    rig.react(fence=FENCE)
+    assert rig.executor.fence is narrower
+    rig.react()
+    assert rig.executor.fence is None
+
+
+def test_the_way_to_the_rest_pose_has_no_fence(rig: ReactionRig) -> None:
+    rig.own(Priority.FAULT, waits)
+    rig.react(fence=FENCE)
+    assert rig.executor.fence is None
 
 
 # --------------------------------------------------------------------------------------------- simulation

@@ -10,6 +10,8 @@ FIELDS = (
     "energising",
     "held",
     "inhibited",
+    "limp",
+    "partial",
     "pending_restore",
     "soft_since",
     "stop_begun",
@@ -19,12 +21,14 @@ FIELDS = (
 ALL = np.ones(3, np.bool_)
 SOME = np.array([True, False, True])
 NONE = np.zeros(3, np.bool_)
+FIRST = np.array([True, False, False])
+NO_LIMP = {"limp": (False,) * 3, "partial": False}
 
 
 def values(torque: TorqueState) -> dict[str, object]:
-    """Every field by name; `held` as a tuple."""
+    """Every field by name; `held` and `limp` as tuples."""
     found = {name: getattr(torque, name) for name in FIELDS}
-    return found | {"held": tuple(torque.held.tolist())}
+    return found | {"held": tuple(torque.held.tolist()), "limp": tuple(torque.limp.tolist())}
 
 
 AT_START = {
@@ -32,6 +36,8 @@ AT_START = {
     "energising": False,
     "held": (False, False, False),
     "inhibited": False,
+    "limp": (False, False, False),
+    "partial": False,
     "pending_restore": False,
     "soft_since": None,
     "stop_begun": False,
@@ -43,6 +49,8 @@ EVERYTHING = {
     "energising": True,
     "held": (True, True, True),
     "inhibited": True,
+    "limp": (True, False, False),
+    "partial": True,
     "pending_restore": True,
     "soft_since": 5.0,
     "stop_begun": True,
@@ -54,6 +62,7 @@ EVERYTHING = {
 def busy() -> TorqueState:
     """A state in which every field differs from the start."""
     torque = TorqueState(3)
+    torque.leave_limp(FIRST)
     torque.take_hold(ALL)
     torque.lose_bus(NONE)
     torque.begin_energising()
@@ -77,14 +86,14 @@ def test_a_daemon_begins_without_torque_and_without_a_latch() -> None:
         ("abandon_switching", {}),
         (
             "begin_release",
-            {"held": (False,) * 3, "armed": False, "soft_since": None},
+            {"held": (False,) * 3, "armed": False, "soft_since": None} | NO_LIMP,
         ),
         ("confirm_off", {"energising": False}),  # a lost bus has not confirmed
         ("leave_unconfirmed", {"energising": False}),
-        ("find_off", {"unconfirmed": False, "pending_restore": False}),
+        ("find_off", {"unconfirmed": False, "pending_restore": False} | NO_LIMP),
         (
             "lose_every_bus",
-            {"held": (False,) * 3, "armed": False, "energising": False, "soft_since": None},
+            {"held": (False,) * 3, "armed": False, "energising": False, "soft_since": None} | NO_LIMP,
         ),
         ("end_damping", {"soft_since": None}),
         ("inhibit", {}),
@@ -170,6 +179,16 @@ def test_the_joints_that_are_held_are_a_read_only_copy() -> None:
     assert torque.held.tolist() == [True, False, True]
     with pytest.raises(ValueError, match="read-only"):
         torque.held[0] = False
+
+
+def test_the_limp_joints_are_a_read_only_copy() -> None:
+    torque = TorqueState(3)
+    mine = FIRST.copy()
+    torque.leave_limp(mine)
+    mine[:] = True
+    assert torque.limp.tolist() == [True, False, False]
+    with pytest.raises(ValueError, match="read-only"):
+        torque.limp[1] = True
 
 
 def test_the_joints_of_a_lost_bus_are_not_held_until_it_is_back_and_takes_goals() -> None:

@@ -1,10 +1,12 @@
 """Take-over of torque before the robot is lowered: what is held, left out, left alone. On scripted buses."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support.gate_rig import ratings
 from tests.support.procedure_rig import BROKEN, PERIOD, PLACE, REST, SILENT, ProcedureRig
 from twind.loop.procedures import torque_takeover
 from twind.loop.procedures.torque_takeover import take_over
@@ -222,6 +224,69 @@ def test_an_armed_robot_of_which_no_joint_gets_goals_is_taken_over(rig: Procedur
     assert rig.hardware.log == ["clear", "prepare", "hold True"]
 
 
+# --------------------------------------------------------------------------------------------- limp
+
+HIP, KNEE, TOE = np.eye(3, dtype=np.bool_)
+
+
+def test_torque_that_was_found_on_in_some_joints_is_held_and_the_others_count_as_limp(
+    rig: ProcedureRig,
+) -> None:
+    rig.found((1, 1, 0))
+    rig.robot.measured = rig.state(np.array([0.4, 0.5, 2.2]))  # by a hand, past its hard limit
+    assert taken(rig)
+    assert rig.hardware.among.tolist() == [True, True, False]
+    assert rig.torque.limp.tolist() == [False, False, True]
+    assert rig.book.events == []
+
+
+def test_a_joint_whose_torque_is_not_read_is_held_with_the_others(rig: ProcedureRig) -> None:
+    rig.found((1, 1, -1))
+    assert taken(rig)
+    assert rig.hardware.among.all() and not rig.torque.partial
+
+
+@pytest.mark.parametrize(
+    ("support", "legs", "limp"),
+    [
+        ("gantry", TOE, [False, False, True]),
+        ("free", TOE, [False, False, False]),
+        ("free", HIP, [False, False, True]),
+    ],
+)
+def test_a_leg_of_a_robot_that_stands_freely_is_held_even_if_it_was_found_without_torque(
+    support: str, legs: Any, limp: list[bool]
+) -> None:
+    rig = ProcedureRig(support=support)
+    rig.robot.description = replace(rig.robot.description, ratings=replace(ratings(3), leg=legs))
+    rig.found((1, 1, 0))
+    assert taken(rig)
+    assert rig.torque.limp.tolist() == limp
+    assert rig.hardware.among.tolist() == [not one for one in limp]
+
+
+def test_joints_that_were_left_limp_stay_so_where_a_watchdog_tripped(rig: ProcedureRig) -> None:
+    rig.hold()
+    rig.torque.leave_limp(TOE)
+    rig.hardware.left_out = TOE
+    rig.hardware.slow.torque[:] = (1, 0, 1)
+    rig.hardware.slow.watchdog[0] = 255
+    assert taken(rig)
+    assert rig.torque.limp.tolist() == TOE.tolist()
+    assert rig.hardware.among.tolist() == [True, True, False]
+
+
+def test_a_joint_that_lost_its_torque_is_held_where_it_is_and_not_where_it_was_sent(
+    rig: ProcedureRig,
+) -> None:
+    rig.hold()
+    rig.hardware.slow.torque[2] = 0
+    rig.hardware.slow.watchdog[0] = 255
+    rig.robot.measured = rig.state(PLACE - 0.1)
+    assert taken(rig)
+    assert rig.hardware.goals[0] == pytest.approx([PLACE[0] - 0.1, PLACE[1], PLACE[2] - 0.1])
+
+
 # --------------------------------------------------------------------------------------------- turns
 
 
@@ -348,6 +413,28 @@ def test_a_returned_bus_that_fails_is_no_reason_to_drop_the_joints_that_are_held
     assert event.message.startswith("not taken over, torque goes off where it stands: ")
     assert back.hardware.log == ["prepare back"]
     assert back.robot.written.tolist() == PLACE.tolist()
+
+
+def test_a_limp_joint_on_a_returned_bus_gets_no_goal_wherever_it_is(rig: ProcedureRig) -> None:
+    rig.hold()
+    rig.torque.leave_limp(HIP)
+    rig.hardware.back = HIP | KNEE
+    rig.hardware.left_out = HIP
+    rig.torque.lose_bus(HIP | KNEE)
+    rig.robot.measured = rig.state(np.array([2.2, 0.6, -0.5]))
+    assert taken(rig)
+    assert rig.hardware.among.tolist() == [False, True, True]
+    assert rig.torque.held.tolist() == [False, True, True]
+
+
+def test_a_moving_robot_of_which_no_bus_was_lost_is_lowered_at_once(rig: ProcedureRig) -> None:
+    rig.hold()
+    rig.executor.setpoint(np.array([0]), np.array([1.0]), None, 10.0)
+    rig.ticks(20)
+    assert rig.executor.reference.velocity.any()
+    with pytest.raises(StopIteration) as ended:
+        next(take_over(rig, lambda: NONE, False))
+    assert ended.value.value is True
 
 
 def test_a_bus_that_is_still_away_is_not_asked(rig: ProcedureRig) -> None:

@@ -166,6 +166,22 @@ def test_the_search_backs_off_from_the_last_capture_by_the_exact_count(way: int)
     assert made.failed is None
 
 
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("turn", "cause"), [(4096.0, "its turn stays unknown"), (0.0, "it runs away")])
+def test_a_joint_that_does_not_leave_its_stop_with_its_goal_ends_the_search(
+    way: int, turn: float, cause: str
+) -> None:
+    made = course(2900.0 if way > 0 else 3100.0, way=way, times=1, turn=turn, away=200.0)
+    assert made.turns_off == 0.0
+    now = captured(made, 3000, 0.0)
+    while (3000 - made.goal) * way < 60.0:  # as far as it may be behind
+        now = stand(made, 3000, PUSH, now + TICK, now)
+        assert made.failed is None
+    stand(made, 3000, PUSH, now + 2 * TICK, now)
+    assert over(made.failed) == (ReasonCode.STOP_NOT_FOUND, 70.0, 60.0)
+    assert made.failed is not None and cause in made.failed.message
+
+
 def on_its_way_back() -> EndstopSearch:
     """Its goal comes to its end, count 2880, with the step at time 0."""
     made = course(begin=-0.2, lead=0.5)

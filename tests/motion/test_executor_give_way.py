@@ -307,6 +307,29 @@ def test_setpoints_of_the_same_joints_are_one_stream_and_a_further_joint_widens_
     assert executor.stream is wide
 
 
+def test_a_stream_that_is_widened_goes_on_to_its_setpoints_at_their_speed() -> None:
+    executor = holding()
+    assert executor.setpoint(np.array([0]), np.array([0.4]), np.array([0.1]), 10.0) is None
+    stream(executor, [1], 0.3)
+    assert run(executor, 1.0)[-1].position == pytest.approx([0.5, 0.3], abs=0.005)
+
+
+def test_a_joint_that_joins_a_stream_has_no_speed_of_its_own() -> None:
+    executor = holding()
+    stream(executor, [0], 0.0)
+    assert executor.setpoint(np.array([1]), np.array([0.0]), np.array([0.0]), 10.0) is None
+    assert run(executor, 1.0)[-1].position == pytest.approx([0.0, 0.0])
+
+
+def test_a_fence_ends_a_stream_where_it_is_until_the_fence_is_gone() -> None:
+    executor = holding()
+    stream(executor, [0], 0.5)
+    executor.fence = (np.full(2, -0.2), np.full(2, 0.3))
+    assert run(executor, 1.0)[-1].position == pytest.approx([0.3, 0.0])
+    executor.fence = None
+    assert run(executor, 1.0)[-1].position == pytest.approx([0.5, 0.0])
+
+
 # ------------------------------------------------------------------------------------------ the follower
 
 

@@ -60,6 +60,64 @@ def test_setpoints_beyond_the_acceleration_limit_are_reported_as_that() -> None:
     assert {(one.code, one.joint) for one in found} == {(ReasonCode.ACC_LIMIT, 0)}
 
 
+def test_a_stream_whose_joint_does_not_follow_is_reported_as_that() -> None:
+    given = stream()
+    given.follower.fence = (np.full(2, -0.1), np.full(2, 0.1))
+    given.set_target(np.array([0]), np.array([0.5]), None, 1.0)
+    for k in range(30):
+        given.use(k * PERIOD)
+        given.follower.step()
+    behind, [finding] = given.behind()
+    assert behind.tolist() == pytest.approx([0.4, 0.0])
+    assert (finding.code, finding.joint) == (ReasonCode.LEAD_LIMIT, 0)
+
+
+def late(given: SetpointStream, place: float, ticks: int = 0) -> list[Finding]:
+    """Findings of a setpoint at `place`, sent so many ticks after one at 0, once a tick used it."""
+    for _ in range(ticks):
+        given.use(0.0)
+    given.set_target(np.array([0]), np.array([place]), None, 1.0)
+    given.use(0.0)
+    return list(given.behind()[1])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_hundredth_of_a_radian_behind_is_not_late(side: float) -> None:
+    assert late(stream(), side * 0.0099) == []
+    assert len(late(stream(), side * 0.0101)) == 1
+
+
+def test_a_setpoint_at_the_velocity_limit_is_late_for_its_acceleration() -> None:
+    [finding] = late(stream(), 0.04)  # in one tick: 4 rad/s
+    assert (finding.code, finding.bound) == (ReasonCode.ACC_LIMIT, 20.0)
+    [finding] = late(stream(), 0.041)
+    assert (finding.code, finding.bound) == (ReasonCode.VEL_LIMIT, 4.0)
+    assert finding.value == pytest.approx(4.1)
+
+
+def test_a_stream_that_was_not_late_has_asked_for_no_speed_yet() -> None:
+    given = stream(speed=0.5, acceleration=0.1)
+    assert late(given, 0.0) == []
+    [finding] = late(given, 0.02, ticks=9)  # 0.2 rad/s
+    assert (finding.code, finding.bound) == (ReasonCode.ACC_LIMIT, 0.1)
+
+
+def test_a_setpoint_is_stale_once_its_time_has_passed() -> None:
+    given = stream()
+    given.set_target(np.array([0]), np.array([0.1]), None, 0.5)
+    assert given.use(3.0) is None
+    assert given.use(3.5) is None
+    found = given.use(3.75)
+    assert found is not None
+    assert (found.code, found.value, found.bound) == (ReasonCode.STREAM_STALE, 0.75, 0.5)
+
+
+def test_a_stream_without_a_setpoint_is_stale() -> None:
+    given = stream()
+    given.use(3.0)
+    assert given.use(3.01) is not None
+
+
 def test_a_slowed_stream_reports_the_speed_that_it_may_have() -> None:
     found, _ = sine(stream(acceleration=200.0), 0.3, 1.0, share=0.25)
     assert {one.code for one in found} == {ReasonCode.VEL_LIMIT}

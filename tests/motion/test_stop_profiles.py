@@ -170,6 +170,47 @@ def test_from_outside_its_limits_the_follower_only_comes_in() -> None:
     assert steps(follower, 100)[-1].position[0] == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_follower_stops_at_its_fence_and_goes_on_when_that_is_gone(side: float) -> None:
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
+    follower.set_target(np.array([side]), np.zeros(1))
+    follower.fence = (np.array([-0.6]), np.array([0.4]))
+    end = 0.4 if side > 0.0 else -0.6
+    assert steps(follower, 100)[-1].position[0] == pytest.approx(end, abs=1e-9)
+    follower.fence = None
+    assert steps(follower, 100)[-1].position[0] == pytest.approx(side, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_fence_widens_no_position_limit(side: float) -> None:
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
+    follower.fence = (np.array([-9.0]), np.array([9.0]))
+    follower.set_target(np.array([side * 9.0]), np.zeros(1))
+    assert steps(follower, 200)[-1].position[0] == pytest.approx(2.0 * side, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_joint_beyond_its_fence_is_not_pulled_back_and_comes_in_by_itself(side: float) -> None:
+    follower = LimitedFollower(at_rest([side]), limits(1), PERIOD)
+    follower.fence = (np.array([-0.5]), np.array([0.5]))
+    follower.set_target(np.array([side]), np.zeros(1))
+    assert steps(follower, 50)[-1].position[0] == side
+    follower.set_target(np.array([0.0]), np.zeros(1))
+    assert steps(follower, 100)[-1].position[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("target", "kept"), [(-0.6, True), (-0.5, False), (0.0, False), (0.3, False), (0.4, True), (np.nan, True)]
+)
+def test_a_fence_keeps_a_joint_from_a_target_beyond_it(target: float, kept: bool) -> None:
+    follower = LimitedFollower(at_rest([0.0, 0.0]), limits(2), PERIOD)
+    follower.set_target(np.array([9.0, target]), np.zeros(2))
+    assert follower.is_fenced(1) is False
+    follower.fence = (np.array([-0.5, -0.5]), np.array([9.5, 0.3]))
+    assert bool(follower.is_fenced(1)) is kept
+    assert not follower.is_fenced(0)
+
+
 @pytest.mark.parametrize("acceleration", [0.0, -1.0, np.nan])
 @pytest.mark.parametrize("ramp", [StopRamp, LimitedFollower, CompliantFollower])
 def test_a_ramp_that_would_never_end_is_refused_where_it_is_made(ramp: Any, acceleration: float) -> None:

@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 
 from tests.support.examples import examples
 from twind.robot.arrays import Floats
-from twind.robot.attitude import BIAS, GAP, UPRIGHT, Attitude, G, Quaternion, conjugate, matrix, product, up
+from twind.robot.attitude import UPRIGHT, Attitude, Quaternion, conjugate, matrix, product, unit, up
 
+G = 9.80665  # m/s²
+GAP = 0.2  # s, from which on the tilt is taken anew
+BIAS = 0.1  # rad/s, the largest that is corrected
 STEP = 0.01  # s
 ANGLES = st.floats(-pi, pi)
 
@@ -77,7 +80,7 @@ def test_the_drift_of_the_tilt_is_bounded_and_the_bias_learnt(
 
 def test_a_bias_beyond_belief_is_not_learnt() -> None:
     filter = fed(Attitude(), np.eye(3), 120.0, gyro=np.array([1.0, 0.0, 0.0]))
-    assert max(map(abs, filter.bias)) <= BIAS
+    assert filter.bias == pytest.approx((BIAS, 0.0, 0.0))
 
 
 @examples(20)
@@ -106,6 +109,47 @@ def test_a_short_sideways_acceleration_does_not_change_the_tilt() -> None:
     assert astray(filter.quaternion, np.eye(3)) < radians(0.01)
 
 
+@examples(30)
+@given(
+    st.tuples(ANGLES, st.floats(-1.4, 1.4), ANGLES),
+    st.tuples(*[st.floats(-0.3, 0.3)] * 3),
+    st.sampled_from([(1.0, 1.0), (1.1, 0.5), (0.95, 0.75), (1.19, 0.05), (0.79, 0.0), (1.3, 0.0)]),
+)
+def test_the_accelerometer_pulls_the_tilt_within_a_second_and_the_bias_within_ten(
+    stood: tuple[float, float, float], off: tuple[float, float, float], trusted: tuple[float, float]
+) -> None:
+    """One reading of 0.1 s: by that share of the angle, and less the farther its size is from one g."""
+    size, sure = trusted
+    stands, seems = pose(*stood), pose(*(one + other for one, other in zip(stood, off, strict=True)))
+    filter = fed(Attitude(), stands, STEP)
+    before = matrix(filter.quaternion)
+    gravity = seems.T @ [0.0, 0.0, 1.0]
+    error = np.cross(gravity, before.T @ [0.0, 0.0, 1.0])
+    assert filter.update(np.zeros(3), size * G * gravity, 0.1) == filter.quaternion
+    assert filter.bias == pytest.approx((-0.1 * sure * 0.1 * error).tolist(), abs=1e-12)
+    rate = 1.0 * sure * error - filter.bias
+    speed = float(np.linalg.norm(rate))
+    wanted = before @ turn(rate, 0.1 * speed) if speed > 0.0 else before
+    assert matrix(filter.quaternion) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize(("size", "known"), [(0.79, False), (0.81, True), (1.19, True), (1.21, False)])
+def test_a_fifth_of_g_off_is_no_direction_of_gravity(size: float, known: bool) -> None:
+    filter = Attitude()
+    found = filter.update(np.zeros(3), np.array([0.0, size * G, 0.0]), 0.0)
+    assert (found is not None) == known
+    assert found is None or up(found) == pytest.approx((0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(("later", "anew"), [(GAP, False), (GAP + 0.01, True)])
+def test_a_gap_is_longer_than_a_fifth_of_a_second(later: float, anew: bool) -> None:
+    stands = pose(0.0, 0.7, 0.0)
+    filter = Attitude()
+    filter.update(np.zeros(3), np.array([0.0, 0.0, G]), 0.0)
+    filter.update(np.zeros(3), G * stands.T @ [0.0, 0.0, 1.0], later)
+    assert (astray(filter.quaternion, stands) < 1e-6) == anew
+
+
 def test_after_a_gap_the_tilt_is_taken_anew_and_the_heading_kept() -> None:
     filter = fed(Attitude(), pose(0.0, 0.0, 0.0), 2.0, gyro=np.array([0.0, 0.0, 0.5]))
     before = matrix(filter.quaternion)[:, 0]
@@ -128,6 +172,8 @@ def test_at_first_and_after_a_gap_there_is_no_attitude_until_it_feels_one_g(forc
     for step in range(10):
         assert filter.update(np.zeros(3), np.array(force), 0.1 + 2 * GAP + step * STEP) is None
     assert filter.update(np.zeros(3), np.array(force), 0.2) is None, "of no later time"
+    same = 0.1 + 2 * GAP + 9 * STEP
+    assert filter.update(np.zeros(3), np.array([0.0, 0.0, G]), same) is None, "nor of the same"
     fed(filter, np.eye(3), STEP, since=1.0)
     assert astray(filter.quaternion, np.eye(3)) < 1e-6
 
@@ -137,6 +183,25 @@ def test_head_down_is_a_tilt_as_any_other(force: tuple[float, float, float]) -> 
     filter = Attitude()
     filter.update(np.zeros(3), np.array(force), 0.0)
     assert np.array(up(filter.quaternion)) == pytest.approx(np.array(force) / G, abs=1e-9)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_body_that_was_turned_over_in_a_gap_is_head_down(axis: int, sign: float) -> None:
+    force = sign * G * np.eye(3)[axis]
+    filter = Attitude()
+    filter.update(np.zeros(3), force, 0.0)
+    filter.update(np.zeros(3), -force, 1.0)
+    assert np.array(up(filter.quaternion)) == pytest.approx(-force / G, abs=1e-9)
+
+
+def test_a_first_reading_that_is_not_finite_gives_no_attitude() -> None:
+    assert Attitude().update(np.full(3, np.nan), np.array([0.0, 0.0, G]), 0.0) is None
+
+
+@pytest.mark.parametrize("broken", [(0.0, 0.0, 0.0, 0.0), (np.inf, 0.0, 0.0, 1.0), (1.0, np.nan, 0.0, 0.0)])
+def test_what_has_no_length_is_scaled_to_upright(broken: Quaternion) -> None:
+    assert unit(broken) == UPRIGHT
 
 
 @pytest.mark.parametrize(

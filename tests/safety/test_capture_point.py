@@ -45,6 +45,71 @@ def test_the_margin_is_that_of_the_pendulum(speed: float, place: float) -> None:
     assert after(0.3, speed, place) == pytest.approx(wanted, abs=2e-3)
 
 
+class Walk:
+    """A robot that the test places anew for each reading, a hundredth of a second after the one before."""
+
+    def __init__(self, *, foot: Floats = FOOT) -> None:
+        self.mass = np.array([0.0, 0.0, HEIGHT])
+        self.foot = foot
+        self.time = 0.0
+        self.seen = np.zeros(2)  # m, the last capture point
+        self.capture = CapturePoint(lambda *_: SupportPoints(self.mass.copy(), self.foot), self._inside)
+
+    def _inside(self, corners: Floats, place: Floats) -> float:
+        assert corners.tolist() == self.foot[:, :2].tolist()
+        assert place.shape == (2,)
+        self.seen = place
+        return 0.0
+
+    def read(self, *mass: float) -> list[float]:
+        """The capture point with the mass there."""
+        self.mass[:] = mass
+        self.time += TICK
+        self.capture.margin(np.zeros(1), Imu(self.time, np.zeros(3), np.zeros(3), UPRIGHT))
+        found: list[float] = self.seen.tolist()
+        return found
+
+
+def test_a_third_of_a_new_velocity_counts_with_the_first_reading_of_it() -> None:
+    """A hundredth of a second against a time constant of two."""
+    walk = Walk()
+    walk.read(0.0, 0.0, HEIGHT)
+    reach = sqrt(HEIGHT / G) / 3.0
+    assert walk.read(0.01, -0.02, HEIGHT) == pytest.approx([0.01 + reach, -0.02 - 2.0 * reach])
+
+
+def test_a_mass_near_the_floor_is_taken_for_one_at_five_centimetres() -> None:
+    walk = Walk()
+    walk.read(0.0, 0.0, 0.01)
+    assert walk.read(0.01, 0.0, 0.01)[0] == pytest.approx(0.01 + sqrt(0.05 / G) / 3.0)
+
+
+def test_height_and_velocity_are_those_above_the_lowest_corner() -> None:
+    """The other corners move with a foot in the air."""
+    foot = np.array([[0.1, 0.3, -0.1], [-0.1, 0.2, -0.2], [0.2, -0.1, 0.1]])
+    walk = Walk(foot=foot)
+    walk.read(0.0, 0.0, HEIGHT - 0.2)
+    foot[[0, 2]] += (0.05, 0.07, 0.01)
+    assert walk.read(0.01, 0.0, HEIGHT - 0.2) == pytest.approx([0.01 + sqrt(HEIGHT / G) / 3.0, 0.0])
+
+
+def test_a_foot_that_goes_back_beneath_the_body_is_a_body_that_goes_forward() -> None:
+    foot = FOOT.copy()
+    walk = Walk(foot=foot)
+    walk.read(0.0, 0.0, HEIGHT)
+    foot += (-0.01, 0.02, 0.0)
+    reach = sqrt(HEIGHT / G) / 3.0
+    assert walk.read(0.0, 0.0, HEIGHT) == pytest.approx([reach, -2.0 * reach])
+
+
+def test_a_velocity_that_is_forgotten_begins_anew() -> None:
+    walk = Walk()
+    walk.read(0.0, 0.0, HEIGHT)
+    walk.read(0.01, 0.0, HEIGHT)
+    walk.capture.forget()
+    assert walk.read(0.02, 0.01, HEIGHT) == [0.02, 0.01]
+
+
 def test_the_first_reading_has_no_velocity() -> None:
     assert after(0.0, 5.0) == pytest.approx(0.1)
 

@@ -8,9 +8,12 @@ from twind.robot.arrays import Floats
 from twind.robot.external_torque import ExternalTorque
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety.contact_rules import BEGIN, END, LOST, ContactRules
+from twind.safety.contact_rules import ContactRules
 from twind.safety.guard import Guard, Reaction
 
+BEGIN = 5.0  # standard deviations at which a contact begins ...
+END = 2.5  # ... and below which it ends
+LOST = 0.2  # s
 SD = 0.1
 HOLD = 1.0
 BOUND = np.array([HOLD, np.inf, HOLD])
@@ -37,6 +40,44 @@ def test_contact_begins_in_the_second_tick_and_lasts_until_its_lower_threshold(r
     assert codes(rules, 0.0, END * SD * 1.01, 0.0) == contact
     assert codes(rules, 0.0, END * SD * 0.99, 0.0) == set()
     assert codes(rules, 0.0, END * SD * 1.01, 0.0) == set()
+
+
+def test_less_than_five_standard_deviations_are_no_contact(rules: ContactRules) -> None:
+    for _ in range(3):
+        assert codes(rules, 0.0, BEGIN * SD * 0.99, 0.0) == set()
+
+
+def test_a_second_joint_is_in_contact_after_two_ticks_of_its_own(rules: ContactRules) -> None:
+    first, both = {(ReasonCode.CONTACT, 1)}, {(ReasonCode.CONTACT, 1), (ReasonCode.CONTACT, 2)}
+    codes(rules, 0.0, 9.0, 0.0)
+    assert codes(rules, 0.0, 9.0, 0.0) == first
+    assert codes(rules, 0.0, 9.0, 0.6) == first
+    assert codes(rules, 0.0, 9.0, 0.6) == both
+
+
+def test_all_joints_may_be_in_contact_at_once(rules: ContactRules) -> None:
+    codes(rules, 0.6, 0.6, 0.6)
+    assert codes(rules, 0.6, 0.6, 0.6) == {(ReasonCode.CONTACT, joint) for joint in range(N)}
+    assert rules.touched.all()
+
+
+def test_a_contact_ends_exactly_at_its_lower_threshold(rules: ContactRules) -> None:
+    codes(rules, 0.0, 9.0, 0.0)
+    codes(rules, 0.0, 9.0, 0.0)
+    assert codes(rules, 0.0, END * SD, 0.0) == set()
+
+
+def test_a_contact_is_reported_with_its_torque_and_stops_nothing(rules: ContactRules) -> None:
+    codes(rules, 0.0, -9.0, 0.0)
+    (found,) = rules.judge(facts(external=external_of(0.0, -9.0, 0.0)))
+    assert (found.finding.value, found.reaction) == (-9.0, Reaction.NONE)
+
+
+def test_torque_less_its_uncertainty_exactly_at_the_bound_holds_nothing() -> None:
+    rules = ContactRules(BOUND, ["arm"] * N)
+    for other in (0.0, 9.0):  # also beside a joint in contact
+        external = ExternalTorque(np.array([1.5, other, 0.0]), np.array([0.5, SD, SD]))
+        assert not rules.judge(facts(external=external))
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -91,7 +132,28 @@ def test_torque_unknown_for_long_is_reported_where_contacts_would_hold(bound: Fl
     assert reported == ([(ReasonCode.DETECTION_LOST, Reaction.NONE)] if bound is BOUND else [])
 
 
+def test_torque_unknown_for_exactly_that_long_is_not_reported_yet(rules: ContactRules) -> None:
+    rules.judge(facts(now=0.0, external=external_of(0.0, 0.0, 0.0)))
+    assert not rules.judge(facts(now=LOST, external=None))
+
+
+def test_torque_that_was_never_known_is_reported_at_once(rules: ContactRules) -> None:
+    (found,) = rules.judge(facts(external=None))
+    assert found.finding.code is ReasonCode.DETECTION_LOST
+
+
+def test_the_time_of_unknown_torque_counts_from_when_the_robot_has_torque(rules: ContactRules) -> None:
+    rules.judge(facts(now=1.0, external=None, torque_expected=False))
+    rules.judge(facts(now=9.0, external=None, torque_expected=False))
+    assert not rules.judge(facts(now=9.0 + 0.9 * LOST, external=None))
+    assert rules.judge(facts(now=9.0 + 1.1 * LOST, external=None))
+
+
 def test_unknown_torque_ends_a_contact(rules: ContactRules) -> None:
+    contact = {(ReasonCode.CONTACT, 1)}
     codes(rules, 0.0, 9.0, 0.0)
-    assert not rules.judge(facts(external=None))
-    assert (ReasonCode.CONTACT, 1) not in codes(rules, 0.0, 9.0, 0.0)
+    assert codes(rules, 0.0, 9.0, 0.0) == contact
+    assert not rules.judge(facts(external=None, torque_expected=False))
+    assert not rules.touched.any()
+    assert codes(rules, 0.0, 9.0, 0.0) == set()
+    assert codes(rules, 0.0, 9.0, 0.0) == contact

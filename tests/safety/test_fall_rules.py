@@ -13,11 +13,16 @@ from twind.robot.fall_settings import FallReaction, FallSettings, FallState
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_state import Imu
 from twind.robot.modes import RobotState
-from twind.safety.fall_rules import CALM, OLD, REST, REST_FOR, UPRIGHT_FOR, FallRules
+from twind.safety.fall_rules import FallRules
 from twind.safety.guard import Guard
 from twind.safety.guard_types import GuardDecision, Reaction
 
 TICK = 0.01
+OLD = 0.1  # s, an older reading tells no balance
+CALM = 0.08  # rad of tilt and its rate over the next tenth of a second: a smaller lean cannot be a fall
+REST = 0.5  # rad/s, that a fallen robot may still turn ...
+REST_FOR = 0.3  # s ... for so long
+UPRIGHT_FOR = 1.0  # s inside all thresholds
 HOLD = FallSettings(FallReaction.HOLD)
 LEAN = 2 * CALM  # rad: the capture point is looked at
 TINY = 1e-6
@@ -28,11 +33,14 @@ class Margin:
 
     def __init__(self) -> None:
         self.value = 0.05
+        self.calls: list[str] = []
 
     def margin(self, position: object, imu: object) -> float:
+        self.calls.append("margin")
         return self.value
 
-    def forget(self) -> None: ...
+    def forget(self) -> None:
+        self.calls.append("forget")
 
 
 class Robot:
@@ -176,6 +184,189 @@ def test_an_imu_that_is_silent_ends_detection_and_refuses_arming() -> None:
     robot.step()
     assert robot.falls.state is FallState.UPRIGHT
     assert robot.guard.bars == ()
+
+
+# ------------------------------------------------------------------------------- one reading at a time
+
+
+class Readings:
+    """The rules alone, on readings at times that the test chooses."""
+
+    def __init__(self, settings: FallSettings = HOLD) -> None:
+        self.capture = Margin()
+        self.rules = FallRules(settings, self.capture)  # type: ignore[arg-type]
+
+    def judge(
+        self,
+        now: float,
+        tilt: float = 0.0,
+        rate: float = 0.0,
+        *,
+        margin: float = 0.05,
+        held: bool = True,
+        read: float | None = None,
+    ) -> list[ReasonCode]:
+        """Codes that the reading of time `read` gives; by default it is taken now."""
+        self.capture.value = margin
+        quaternion = np.array([cos(tilt / 2), 0.0, sin(tilt / 2), 0.0])
+        time = now if read is None else read
+        self.last = Imu(time, np.array([0.0, rate, 0.0]), np.zeros(3), quaternion)
+        measured = replace(reading(time=now), imu=self.last)
+        found = self.rules.judge(facts(now=now, measured=measured, torque_expected=held))
+        return [one.finding.code for one in found]
+
+    def without(self, now: float, *, held: bool = True) -> list[ReasonCode]:
+        """Codes of a tick without a reading."""
+        found = self.rules.judge(facts(now=now, measured=reading(time=now), torque_expected=held))
+        return [one.finding.code for one in found]
+
+
+def test_a_robot_may_fall_from_its_first_reading_on() -> None:
+    seen = Readings()
+    assert seen.judge(1.0, LEAN, margin=-1.0) == []
+    assert seen.judge(1.03, LEAN, margin=-1.0) == [ReasonCode.FALLING]
+
+
+def test_a_capture_point_exactly_at_its_bound_is_no_fall() -> None:
+    seen = Readings()
+    seen.judge(1.0, LEAN, margin=-HOLD.outside)
+    assert seen.judge(2.0, LEAN, margin=-HOLD.outside) == []
+
+
+def test_a_tilt_exactly_at_its_bound_is_no_fall() -> None:
+    seen = Readings(FallSettings(FallReaction.HOLD, tilt=0.0))
+    assert seen.judge(1.0) == []
+    assert seen.rules.state is FallState.UPRIGHT
+
+
+def test_a_fall_is_reported_with_how_far_its_capture_point_is_outside() -> None:
+    seen = Readings()
+    seen.judge(1.0, LEAN, margin=-0.2)
+    seen.judge(1.1, LEAN, margin=-0.2)
+    [found] = seen.rules.judge(facts(now=1.1, measured=replace(reading(time=1.1), imu=seen.last)))
+    assert (found.finding.value, found.finding.bound) == (0.2, HOLD.outside)
+
+
+def test_a_lean_that_is_calm_is_no_fall_and_its_velocity_is_not_kept() -> None:
+    seen = Readings()
+    seen.judge(1.0)
+    for now, tilt, rate, looked in (
+        (1.1, 0.079, 0.0, False),
+        (1.2, 0.081, 0.0, True),
+        (1.3, 0.0, 0.79, False),
+        (1.4, 0.0, 0.81, True),
+        (1.5, 0.05, 0.29, False),
+        (1.6, 0.05, 0.31, True),
+    ):
+        seen.capture.calls.clear()
+        assert seen.judge(now, tilt, rate) == []
+        assert seen.capture.calls == (["margin"] if looked else ["forget"])
+
+
+def test_the_time_outside_begins_anew_after_a_calm_reading() -> None:
+    seen = Readings()
+    seen.judge(1.0)
+    seen.judge(1.1, LEAN, margin=-1.0)
+    seen.judge(1.12, 0.0, margin=-1.0)
+    assert seen.judge(1.14, LEAN, margin=-1.0) == []
+    assert seen.judge(1.18, LEAN, margin=-1.0) == [ReasonCode.FALLING]
+
+
+def test_a_reading_is_judged_once_and_its_result_stays_until_the_next() -> None:
+    seen = Readings()
+    assert seen.judge(1.0, 1.0) == [ReasonCode.FALLING]
+    seen.capture.calls.clear()
+    assert seen.judge(1.05, 1.0, read=1.0) == [ReasonCode.FALLING]
+    assert seen.capture.calls == []
+    assert seen.judge(1.06, 1.0, read=1.0, held=False) == []
+
+
+def test_a_reading_of_a_tenth_of_a_second_ago_still_counts() -> None:
+    seen = Readings()
+    seen.judge(0.0, 1.0)
+    assert seen.judge(0.1, 1.0, read=0.0) == [ReasonCode.FALLING]
+    assert seen.judge(0.101, 1.0, read=0.0) == [ReasonCode.DETECTION_LOST]
+
+
+@pytest.mark.parametrize("between", ["carried", "lost"])
+def test_nothing_that_was_found_before_a_robot_was_carried_or_its_imu_lost_counts_afterwards(
+    between: str,
+) -> None:
+    seen = Readings()
+    assert seen.judge(1.0, 1.0, margin=-1.0) == [ReasonCode.FALLING]
+    if between == "carried":
+        assert seen.judge(1.01, 0.0, held=False) == []
+    else:
+        assert seen.without(1.01) == [ReasonCode.DETECTION_LOST]
+    assert seen.capture.calls[-1] == "forget"
+    assert seen.judge(1.02, 1.0, read=1.0) == []
+    assert seen.judge(1.03, LEAN, margin=-1.0) == [], "it is outside since now"
+    assert seen.judge(1.07, LEAN, margin=-1.0) == [ReasonCode.FALLING]
+
+
+def test_the_rest_of_a_fallen_robot_counts_from_its_last_turn() -> None:
+    for rate, state in ((REST, FallState.FALLEN), (REST + TINY, FallState.FALLING)):
+        seen = Readings()
+        seen.judge(1.0, 1.0, 2.0)
+        seen.judge(1.1, 1.5, rate)
+        seen.judge(1.4 - TINY, 1.5, rate)
+        assert seen.rules.state is FallState.FALLING
+        seen.judge(1.4, 1.5, rate)
+        assert seen.rules.state is state
+
+
+@pytest.mark.parametrize(
+    ("tilt", "margin", "stands"),
+    [(0.0, 0.0, True), (0.0, -TINY, False), (0.3 - TINY, 0.1, True), (0.3 + TINY, 0.1, False)],
+)
+def test_a_fallen_robot_stands_again_after_a_second_inside_all_thresholds(
+    tilt: float, margin: float, stands: bool
+) -> None:
+    seen = Readings()
+    seen.judge(1.0, 1.0, 2.0)
+    seen.judge(1.2, tilt, 2.0, margin=margin)
+    seen.judge(2.2 - TINY, tilt, 2.0, margin=margin)
+    assert seen.rules.state is FallState.FALLING
+    seen.judge(2.2, tilt, 2.0, margin=margin)
+    assert seen.rules.state is (FallState.UPRIGHT if stands else FallState.FALLING)
+
+
+def test_a_bound_of_no_tilt_is_met_by_a_robot_without_any() -> None:
+    seen = Readings(FallSettings(FallReaction.HOLD, upright=0.0))
+    seen.judge(1.0, held=False)
+    assert seen.rules.state is FallState.UPRIGHT
+    seen.judge(1.1, 1.0)
+    seen.judge(1.2, 0.0, 2.0)
+    seen.judge(2.3, 0.0, 2.0)
+    assert seen.rules.state is FallState.UPRIGHT
+
+
+@pytest.mark.parametrize(("tilt", "state"), [(0.3 - TINY, FallState.UPRIGHT), (0.3 + TINY, FallState.FALLEN)])
+def test_a_robot_without_torque_stands_or_lies_by_its_tilt(tilt: float, state: FallState) -> None:
+    seen = Readings()
+    seen.judge(1.0, tilt, held=False)
+    assert seen.rules.state is state
+
+
+def test_the_imu_of_a_robot_that_lies_is_missed_too() -> None:
+    seen = Readings()
+    seen.judge(1.0, 1.0, held=False)
+    [lies] = seen.rules.bars
+    seen.without(1.1, held=False)
+    assert seen.rules.state is FallState.UNKNOWN
+    [silent] = seen.rules.bars
+    assert "no reading" in silent.message and "no reading" not in lies.message
+    assert (silent.code, silent.value, silent.bound) == (ReasonCode.FALLING, None, None)
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_a_robot_is_not_armed_before_its_imu_is_read(unknown: bool) -> None:
+    """Nor where its balance was not known before the IMU was lost."""
+    seen = Readings()
+    if unknown:
+        assert seen.judge(1.0, LEAN, margin=nan) == [ReasonCode.DETECTION_LOST]
+    seen.without(1.1, held=False)
+    assert [finding.code for finding in seen.rules.bars] == [ReasonCode.FALLING]
 
 
 @given(st.floats(allow_nan=True), st.floats(allow_nan=True))

@@ -33,6 +33,20 @@ def test_a_latency_alert_gives_hop_value_and_bound() -> None:
     assert alarm.judge(LOW, BOUND, 7.0) is None
 
 
+def test_an_alarm_is_off_before_it_begins_and_after_its_end() -> None:
+    alarm = LatencyAlarm("reply")
+    assert alarm.is_off is True
+    alarm.judge(HIGH, BOUND, 0.0)
+    assert alarm.is_off is False
+    alarm.judge(LOW, BOUND, 0.5)
+    assert alarm.is_off is False, "it has not been calm for long enough"
+    alarm.judge(LOW, BOUND, 2.0)
+    assert alarm.is_off is True
+    alarm.judge(HIGH, BOUND, 3.0)
+    alarm.drop()
+    assert alarm.is_off is True
+
+
 @pytest.mark.parametrize("wrong", [HIGH, inf, -1e-9, -inf])
 def test_too_long_and_negative_latencies_are_reported_alike(wrong: float) -> None:
     assert alarm_reports((0.0, wrong)) == [(0.0, False)]

@@ -205,6 +205,20 @@ def test_stops_holds_and_simulations_are_not_limited_and_begin_anew(over: dict[s
     assert follow(to, 0.15, 0.0).pace == 1.0  # nothing is remembered
 
 
+@pytest.mark.parametrize(("joint", "limp"), [(1, True), (2, False)])
+def test_a_limp_joint_is_led_by_no_goal_and_the_others_are_as_ever(joint: int, limp: bool) -> None:
+    judged = follow(guard(), 0.15, joint=joint, limp=np.array([False, True, False]))
+    assert judged.pace == (1.0 if limp else 0.0)
+    assert [found.joint for found in judged.findings] == ([] if limp else [joint])
+
+
+def test_exactly_at_three_quarters_of_the_bound_beyond_its_sag_a_joint_is_not_slowed() -> None:
+    """Numbers without rounding: 3/4 of 1/8 rad, and a sag of 1/16 rad."""
+    to = guard(load(0.5), lead=(inf, 0.125, 0.125), stiffness=8.0)
+    assert follow(to, 0.09375 + 0.0625) == FINE
+    assert follow(to, 0.09375 + 0.0625 + TINY).pace < 1.0
+
+
 def test_a_motion_that_waits_for_two_seconds_is_held_and_another_may_begin() -> None:
     to = guard()
     for now, reaction in (

@@ -307,10 +307,10 @@ class TrajectoryExecutor:
         return self._tick + max(0, round(start_in / self._period))
 
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
-        assert self._floor is not None  # `ahead` has checked it
+        assert self._floor is not None  # `ahead` has checked both
+        assert self._reference is not None
         reference = overlay(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
-        here = self._reference
-        return reference if self.limp is None or here is None else self.limp.hold(reference, here)
+        return reference if self.limp is None else self.limp.hold(reference, self._reference)
 
     def _begin(self, goal: ScheduledGoal, reference: Reference) -> None:
         """Start a goal: it takes its joints over, and the goal that ran is replaced.

@@ -6,7 +6,7 @@ g: in shaking or falling it has no direction of gravity. Yaw is the integral of 
 beginning: it drifts.
 """
 
-from math import cos, hypot, isfinite, sin, sqrt
+from math import cos, hypot, inf, isfinite, sin, sqrt
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Attitude:
     def __init__(self) -> None:
         self.quaternion = UPRIGHT
         self.bias = (0.0, 0.0, 0.0)  # rad/s, subtracted from the gyro
-        self._time: float | None = None
+        self._time = -inf  # s, of the last reading
         self._known = False  # gravity's direction was measured, and the gyro read ever since
 
     def update(self, gyro: Floats, acceleration: Floats, time: float) -> Quaternion | None:
@@ -41,22 +41,21 @@ class Attitude:
         body in the air does not count as standing.
         """
         reading = (*gyro.tolist(), *acceleration.tolist())
-        if not all(map(isfinite, reading)) or (self._time is not None and time <= self._time):
+        if not all(map(isfinite, reading)) or time <= self._time:
             return self.quaternion if self._known else None
-        step = None if self._time is None else time - self._time
+        step = time - self._time
         self._time = time
         x, y, z, *force = reading
         size = hypot(*force)
         sure = max(0.0, 1.0 - abs(size / G - 1.0) / TRUST)
-        above = (force[0] / size, force[1] / size, force[2] / size) if size > 0.0 else None
-        if not self._known or step is None or step > GAP:
-            self._known = sure > 0.0 and above is not None
-            if not self._known or above is None:
+        if not self._known or step > GAP:
+            self._known = sure > 0.0
+            if not self._known:
                 return None
-            self.quaternion = tilted(self.quaternion, above)
+            self.quaternion = tilted(self.quaternion, _direction(force, size))
             return self.quaternion
-        if sure > 0.0 and above is not None:
-            error = _cross(above, up(self.quaternion))
+        if sure > 0.0:
+            error = _cross(_direction(force, size), up(self.quaternion))
             self.bias = _learnt(self.bias, error, sure * LEARN * step)
             x = x + PULL * sure * error[0]
             y = y + PULL * sure * error[1]
@@ -79,7 +78,7 @@ def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: fl
     """
     w, x, y, z = quaternion
     half = hypot(*rate) * seconds / 2.0
-    share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
+    share = sin(half) / half * seconds / 2.0 if half > 0.0 else 0.0
     c = cos(half)
     i, j, k = (each * share for each in rate)
     return unit(
@@ -137,10 +136,15 @@ def tilted(quaternion: Quaternion, force: tuple[float, float, float]) -> Quatern
     above = up(quaternion)
     x, y, z = _cross(force, above)
     cosine = sum(one * other for one, other in zip(force, above, strict=True))
-    if cosine < -1.0 + 1e-9:  # head down: half a turn about any horizontal axis
-        x, y, z = _cross(above, (1.0, 0.0, 0.0) if abs(above[0]) < 0.9 else (0.0, 1.0, 0.0))
-        return unit(product(quaternion, (0.0, x, y, z)))
+    if cosine < -1.0 + 1e-9:  # head down: half a turn about a horizontal axis of the world
+        return unit(product((0.0, 1.0, 0.0, 0.0), quaternion))
     return unit(product(quaternion, (1.0 + cosine, x, y, z)))
+
+
+def _direction(force: list[float], size: float) -> tuple[float, float, float]:
+    """Return the direction (of unit length) of a force of this size."""
+    x, y, z = force
+    return (x / size, y / size, z / size)
 
 
 def _learnt(

@@ -58,8 +58,8 @@ _STATUS = {
     0xE: (0, OVERLOAD),
 }
 # By the whole of D0, whose low nibble is of the id.
-_ENABLED = np.array([_STATUS.get(octet >> 4, (-1, UNKNOWN))[0] for octet in range(256)], np.int64)
-_FAULT = np.array([_STATUS.get(octet >> 4, (-1, UNKNOWN))[1] for octet in range(256)], np.int64)
+_STATES = [_STATUS.get(octet >> 4, (-1, UNKNOWN)) for octet in range(256)]
+_ENABLED, _FAULT = np.ascontiguousarray(np.array(_STATES, np.int64).T)
 _NIBBLE = np.arange(256) & 0xF
 # Register traffic by D1 (high byte of the id), D2 (order) and D3 (register).
 _HIGH = np.arange(256) <= 0xF
@@ -158,7 +158,7 @@ class DamiaoCodec(MitCodec):
         return to_one(ASK, self._header(row, WRITE, parameter) + four(self.port, parameter, data))
 
     def _header(self, row: int, order: int, parameter: FamilyRegister) -> bytes:
-        return bytes([self.ids[row] & 0xFF, self.ids[row] >> 8, order, parameter.address])
+        return bytes([self.ids[row], 0, order, parameter.address])  # ids end at FF
 
     def _match_rows(self, received: Frames) -> tuple[Ints, Bools, Octets]:
         """Row that each frame may be of, whether it is of it, and the payloads (j, 8)."""
@@ -214,8 +214,8 @@ class DamiaoCodec(MitCodec):
         rows = row_of(self._hears, frames["id"])
         for place in np.flatnonzero(frames["id"] == ASK):
             low, high, order = (int(octet) for octet in frames["data"][place, :3])
-            if order not in (READ, REFRESH) and low | high << 8 in self.ids:
-                rows[place] = self.ids.index(low | high << 8)
+            if order not in (READ, REFRESH) and not high and low in self.ids:
+                rows[place] = self.ids.index(low)
         return rows
 
     def decode_commanded_position(self, frames: Frames) -> Floats:

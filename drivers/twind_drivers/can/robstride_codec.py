@@ -239,7 +239,7 @@ class RobStrideCodec(ActuatorFamily):
         """Return the row of each 29-bit frame to an id of this bus, except requests of ids and parameters."""
         came = frames["id"].astype(np.int64)
         rows = self._rows.take(came & 0xFF)
-        idle = (came & EXTENDED == 0) | _HARMLESS.take(came >> 24 & 0x1F)
+        idle = _HARMLESS.take(came >> 24 & 0x1F)  # a frame with an id of 11 bits has type 0
         return np.where(idle, NONE, rows)
 
     def decode_commanded_position(self, frames: Frames) -> Floats:

@@ -192,7 +192,6 @@ class UnwatchedWriter(RegisterWriter):
         Refused while torque enable reads on: the device may carry a load. `shut_down`: an error, which must
         read non-zero, has unloaded it. Raises NoReply, KeyError, DeviceRefused.
         """
-        self._bus.table(id)
         yield from require_unloaded(self._bus, id, shut_down=shut_down)
         self._full.pop(id, None)
         self._on[self._index[id]] = False

@@ -118,9 +118,7 @@ class FeetechWriter(RegisterWriter):
         for id, found in state.items():
             place = self._index[id]
             own = self._reader.maps[id]
-            turns = not own.big_endian and bool(
-                self._goals.lower[place] < 0 or self._goals.upper[place] >= own.turn
-            )
+            turns = bool(self._goals.lower[place] < 0 or self._goals.upper[place] >= own.turn)
             reasons = objections(own, found, turns=turns)
             if reasons:
                 raise DeviceRefused(self._name, id, "arming", "; ".join(reasons))
@@ -148,7 +146,6 @@ class FeetechWriter(RegisterWriter):
         Refused while torque enable reads on: the device may carry a load. `shut_down`: the device has
         unloaded by an error, which must read non-zero. Raises NoReply, KeyError, DeviceRefused.
         """
-        self._reader.table(id)
         yield from require_unloaded(self._reader, id, shut_down=shut_down)
         self._full.pop(id, None)
         self._on[self._index[id]] = False

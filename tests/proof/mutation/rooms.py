@@ -113,6 +113,133 @@ ROOMS = (
         ),
     ),
     Room(
+        "fall",
+        (
+            "twind/safety/contact_rules.py",
+            "twind/safety/fall_rules.py",
+            "twind/safety/capture_point.py",
+        ),
+        (
+            "tests/safety/test_contact_rules.py",
+            "tests/safety/test_fall_rules.py",
+            "tests/safety/test_capture_point.py",
+        ),
+    ),
+    Room(
+        "attitude",
+        ("twind/robot/attitude.py",),
+        ("tests/robot/test_attitude.py",),
+    ),
+    Room(
+        "sensor",
+        ("drivers/twind_drivers/register_sensor.py",),
+        ("tests/drivers/test_register_sensor.py",),
+    ),
+    Room(
+        "checksum",
+        (
+            "drivers/twind_drivers/half_duplex/checksum_packet.py",
+            "drivers/twind_drivers/half_duplex/checksum_reply.py",
+            "drivers/twind_drivers/half_duplex/goal_bounds.py",
+            "drivers/twind_drivers/half_duplex/goal_words.py",
+            "drivers/twind_drivers/half_duplex/register_write_check.py",
+            "drivers/twind_drivers/half_duplex/register_writer.py",
+            "drivers/twind_drivers/half_duplex/signed_words.py",
+        ),
+        (
+            "tests/drivers/test_feetech_packet.py",
+            "tests/drivers/test_feetech_bus.py",
+            "tests/drivers/test_driver_contract.py",
+            "tests/drivers/test_dynamixel1_bus.py",
+            "tests/drivers/test_unwatched_bus.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
+    ),
+    Room(
+        "feetech",
+        (
+            "drivers/twind_drivers/feetech/feetech_packet.py",
+            "drivers/twind_drivers/feetech/feetech_writer.py",
+            "drivers/twind_drivers/feetech/feetech_registers.py",
+        ),
+        (
+            "tests/drivers/test_feetech_packet.py",
+            "tests/drivers/test_feetech_bus.py",
+            "tests/drivers/test_servo_register_maps.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
+    ),
+    Room(
+        "dynamixel1",
+        (
+            "drivers/twind_drivers/dynamixel1/dynamixel1_packet.py",
+            "drivers/twind_drivers/dynamixel1/dynamixel1_writer.py",
+            "drivers/twind_drivers/dynamixel1/dynamixel1_registers.py",
+        ),
+        (
+            "tests/drivers/test_dynamixel1_bus.py",
+            "tests/drivers/test_servo_register_maps.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
+    ),
+    Room(
+        "unwatched",
+        (
+            "drivers/twind_drivers/dynamixel2_unwatched/unwatched_packets.py",
+            "drivers/twind_drivers/dynamixel2_unwatched/unwatched_writer.py",
+        ),
+        (
+            "tests/drivers/test_unwatched_bus.py",
+            "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
+    ),
+    Room(
+        "mit",
+        (
+            "drivers/twind_drivers/can/mit_frame.py",
+            "drivers/twind_drivers/can/mit_codec.py",
+            "drivers/twind_drivers/can/cubemars_codec.py",
+        ),
+        (
+            "tests/drivers/test_mit_frame.py",
+            "tests/drivers/test_cubemars_codec.py",
+            "tests/drivers/test_damiao_codec.py",
+        ),
+    ),
+    Room(
+        "damiao",
+        ("drivers/twind_drivers/can/damiao_codec.py",),
+        ("tests/drivers/test_damiao_codec.py", "tests/drivers/test_can_register_tables.py"),
+    ),
+    Room(
+        "odrive",
+        ("drivers/twind_drivers/can/odrive_codec.py",),
+        ("tests/drivers/test_odrive_codec.py", "tests/drivers/test_can_register_tables.py"),
+    ),
+    Room(
+        "robstride",
+        ("drivers/twind_drivers/can/robstride_codec.py",),
+        ("tests/drivers/test_robstride_codec.py", "tests/drivers/test_can_register_tables.py"),
+    ),
+    Room(
+        "canwriter",
+        (
+            "drivers/twind_drivers/can/command_frames.py",
+            "drivers/twind_drivers/can/command_frame_check.py",
+            "drivers/twind_drivers/can/can_writer.py",
+        ),
+        (
+            "tests/drivers/test_can_commands.py",
+            "tests/drivers/test_can_torque.py",
+            "tests/drivers/test_can_bus.py",
+            "tests/drivers/test_driver_contract.py",
+        ),
+    ),
+    Room(
         "follow",
         ("twind/safety/follow_bounds.py",),
         ("tests/safety/test_follow_bounds.py",),
@@ -136,7 +263,7 @@ ROOMS = (
     Room(
         "arming",
         ("twind/loop/procedures/arming.py",),
-        ("tests/loop/test_arming_steps.py",),
+        ("tests/loop/test_arming_steps.py", "tests/loop/test_limp_joint_steps.py"),
     ),
     Room(
         "release",
@@ -153,6 +280,7 @@ ROOMS = (
             "tests/loop/test_torque_takeover.py",
             "tests/loop/test_lowering.py",
             "tests/loop/test_torque_switching.py",
+            "tests/loop/test_fold_and_stop_requests.py",
         ),
     ),
     Room(
@@ -174,6 +302,8 @@ ROOMS = (
         (
             "twind/motion/trajectory_executor.py",
             "twind/motion/stop_profiles.py",
+            "twind/motion/limp_joints.py",
+            "twind/motion/setpoint_stream.py",
         ),
         (
             "tests/motion/test_trajectory_executor.py",
@@ -181,6 +311,8 @@ ROOMS = (
             "tests/motion/test_executor_motion_end.py",
             "tests/motion/test_executor_time_scaling.py",
             "tests/motion/test_stop_profiles.py",
+            "tests/motion/test_limp_joints.py",
+            "tests/motion/test_setpoint_stream.py",
         ),
     ),
     Room(
@@ -193,6 +325,7 @@ ROOMS = (
             "tests/drivers/test_damping.py",
             "tests/drivers/test_single_servo.py",
             "tests/drivers/test_ram_restore.py",
+            "tests/drivers/test_y_series.py",
         ),
     ),
     Room(
