@@ -53,14 +53,14 @@ class Sensor:
         self._short = [ReadRequest((id,), first, size) for size in range(1, most + 1)]
         self._turn = 0  # of the short ones
         self._requested: ReadRequest | None = None
-        self._sent: float  # s, when that was
+        self._sent = -inf  # s, when that was
         self._owed: list[tuple[float, int]] = []  # time (s) and bytes of requests whose reply may still come
         self._proofs = 0  # short replies since the last miss
         self._longest = 0.0  # s, longest time that a late reply took
         self._failures: deque[float] = deque(maxlen=MISSES)  # s, the last ones
         self._failed_at = -inf
         self._parked = False
-        self._due: float  # s, of the next probe of a parked one
+        self._due = -inf  # s, of the next probe of a parked one
         self._pause = FIRST
         self._most = PROBE
 

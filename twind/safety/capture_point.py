@@ -40,7 +40,7 @@ class CapturePoint:
         self._geometry = geometry
         self._inside = inside
         self._before: tuple[float, Floats] | None = None  # s; places of the mass relative to the corners
-        self._velocity: Floats  # m/s, from the second reading on
+        self._velocity = np.zeros(2)  # m/s, from the second reading on
 
     def forget(self) -> None:
         """Begin anew: the next velocity is not known."""

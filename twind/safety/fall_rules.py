@@ -39,7 +39,7 @@ class FallRules:
         self._outside_since = inf  # s, since when the capture point is outside ...
         self._upright_since = inf  # ... the robot stands inside all thresholds ...
         self._rest_since = inf  # ... and it does not turn
-        self._by_tilt: bool  # the fall was detected by its tilt
+        self._by_tilt = False  # the fall was detected by its tilt
         self._results: Sequence[RuleResult] = NOTHING
 
     def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
