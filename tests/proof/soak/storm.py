@@ -1,10 +1,14 @@
 """Minutes of real processes: daemon, front and virtual servos with the monitor between, in a storm of faults.
 
-A client plays and streams, others come and go, faults are ordered. Each second every process is weighed.
+A client plays, streams and runs a policy, others come and go, faults are ordered; recorder, viewer, monitor,
+metrics and a reading program run beside. Each second every process is weighed.
 """
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from typing import Any
@@ -13,11 +17,16 @@ import numpy as np
 
 from tests.proof.faults.fault import Fault
 from tests.proof.faults.ground import Ground
+from tests.proof.soak.companions import ROOT, Companions
 from tests.proof.soak.growth import Growth
 from tests.support.fault_cases import CASES, healing, order
 from twind.client import CallError, Client, ClientError
 
 IDLE = {"free", "replug", "clear", "seed", "record"}
+ROBOT = "h24-standing"
+POLICY = ROOT / "tests" / "data" / "policies" / "squat" / "squat.onnx"  # for this robot
+SLOW = 90.0  # s that a policy may take besides: this machine is busy, and its imports are many
+CODES = (0, 1, 3)  # as asked; refused, or ended otherwise; no daemon that answers
 SPAN = {"head_yaw": 0.6, "l_elbow": -0.8, "r_elbow": -0.8, "l_shoulder_roll": 0.8, "l_knee": 0.5}
 
 
@@ -32,19 +41,21 @@ class Storm:
         self.grown: dict[str, Growth] = {}
         self.count: dict[str, int] = {}
         self._second = 0.0
+        self.companions: Companions | None = None
 
     def live(self) -> dict[str, Any]:
         ground = self.ground
-        ground.robot()
+        ground.robot(name=ROBOT)
         ground.relayed()
         ground.daemon()
+        self.companions = Companions(ground.running.sockets, ground.folder)
         self.begun = time.monotonic()
         self.until = self.begun + self.seconds
         client = ground.client()
         client.call("AcquireLease")
-        acts = (self.play, self.stream, self.visit, self.wait, self.fault)
+        acts = (self.play, self.stream, self.visit, self.wait, self.fault, self.policy)
         while time.monotonic() < self.until and not self.wrong:
-            act = acts[int(self.random.choice(len(acts), p=[0.3, 0.2, 0.15, 0.1, 0.25]))]
+            act = acts[int(self.random.choice(len(acts), p=[0.29, 0.2, 0.15, 0.1, 0.22, 0.04]))]
             try:
                 client = self.ready(client)
                 act(client)
@@ -56,6 +67,7 @@ class Storm:
             self._note(act.__name__)
             self.weigh()
         self.wrong += [each for grown in self.grown.values() for each in grown.wrong()]
+        self.wrong += self.companions.end()
         if ground.running.end() != 0:
             self.wrong.append("the daemon did not end well")
         lived = time.monotonic() - self.begun
@@ -67,6 +79,7 @@ class Storm:
             "done": self.count,
             "processes": figures,
             "bus": ground.relay.counts(),
+            "beside": self.companions.figures(),
         }
 
     def _note(self, what: str) -> None:
@@ -99,6 +112,9 @@ class Storm:
         with suppress(AssertionError, OSError):
             front = ground.running.front()
             pids[f"front {front}"] = front
+        assert self.companions is not None
+        self.wrong += self.companions.look()
+        pids |= dict(self.companions.pids())
         for name, pid in pids.items():
             with suppress(OSError):
                 self.grown.setdefault(name, Growth(name)).look(now, pid)
@@ -158,6 +174,36 @@ class Storm:
     def wait(self, client: Client) -> None:
         self.pause(float(self.random.uniform(0.1, 2.0)))
 
+    def policy(self, client: Client) -> None:
+        """A policy drives for some seconds; sometimes a fault comes into it, or a signal."""
+        client.call("ReleaseLease")
+        seconds = float(self.random.uniform(3.0, 10.0))
+        command = ["-m", "twind.ctl.ctl_main", "--socket", str(self.ground.running.sockets), "policy", "run"]
+        command += [str(POLICY), "--seconds", f"{seconds:.1f}"]
+        log = self.ground.folder / "policy.log"
+        with log.open("wb") as written:
+            process = subprocess.Popen(
+                [sys.executable, *command], stdin=subprocess.DEVNULL, stdout=written, stderr=written, cwd=ROOT
+            )
+        try:
+            if self.random.random() < 0.3:
+                self.pause(float(self.random.uniform(2.0, 12.0)))
+                if self.random.random() < 0.5:
+                    process.send_signal(signal.SIGTERM)
+                else:
+                    self.fault(client)
+            end = time.monotonic() + seconds + SLOW
+            while process.poll() is None and time.monotonic() < end:
+                self.pause(0.2)
+            code = process.poll()
+            said = log.read_text(errors="replace")
+            if code not in CODES or "Traceback" in said:
+                self.wrong.append(f"policy run ended with {code}: {said[-600:]}")
+            self._note(f"policy {code}")
+        finally:
+            process.kill()
+            process.wait(10)
+
     def fault(self, client: Client) -> None:
         """One of the table, healed after a while."""
         name = str(self.random.choice(sorted(CASES.keys() - IDLE)))
@@ -180,5 +226,7 @@ def storm(seconds: float, seed: int) -> dict[str, Any]:
         said = "" if made.ground.relay is None else made.ground.relay.printed()[:500]
         return {"wrong": [*made.wrong, f"the run itself failed: {error!r}"[:600], said], "done": made.count}
     finally:
+        if made.companions is not None:
+            made.companions.close()
         with suppress(OSError):  # a relay that ended by itself does not listen
             made.ground.close()

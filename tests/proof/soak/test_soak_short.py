@@ -10,21 +10,21 @@ from twind.robot.modes import RobotState
 
 @pytest.mark.slow
 def test_a_minute_of_a_random_life_breaks_no_rule() -> None:
-    found = Life(2).live(1.0 / 60.0)
+    found = Life(2, "h24").live(1.0 / 60.0)
     assert not found["wrong"], found
     assert found["packets"] > 8_000
 
 
 @pytest.mark.campaign
 def test_six_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
-    found = Life(2).live(0.1)
+    found = Life(2, "h24").live(0.1)
     assert not found["wrong"], found
     assert sum(found["faults"].values()) > 4
     assert found["packets"] > 50_000
 
 
 def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None:
-    life = Life(3)
+    life = Life(3, "h24")
     life.ready()
     life.call(link.EStop, level="cut")
     life.obey({"fault": "hand", "id": 16, "to": 3500, "speed": 10.0})
@@ -32,7 +32,7 @@ def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None
     life.obey({"fault": "hand", "id": 16, "off": True})
     life.ready()
     assert (life.wrong, life.acts["by hand"], life.rig.loop.condition.state) == ([], 1, RobotState.ARMED)
-    life.rig.close()
+    life.close()
 
 
 @pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
