@@ -17,10 +17,18 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import msgspec
 from mcap.reader import make_reader
 
 ROOT = Path(__file__).resolve().parents[3]
 SCRAPE = 5.0  # s between two readings of the metrics
+# What viser's page reports first: until then the viewer draws nothing for it.
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    **{"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (2.0, 0.0, 1.0), "look_at": (0.0, 0.0, 0.5)},
+    **{"up_direction": (0.0, 0.0, 1.0), "fov": 1.0, "near": 0.1, "far": 100.0},
+    **{"image_height": 600, "image_width": 800},
+}
 END = 30.0  # s that a process may take to end
 
 
@@ -105,6 +113,7 @@ class Page(threading.Thread):
                 ) as line,
             ):
                 self.opened += 1
+                line.send(msgspec.msgpack.encode(CAMERA))
                 while not self._over.is_set():
                     with suppress(TimeoutError):
                         self.bytes += len(line.recv(timeout=1.0))
@@ -164,7 +173,7 @@ class Companions:
         return found
 
     def figures(self) -> dict[str, Any]:
-        """What they did; call it after the end. Raises what a broken recording raises."""
+        """Counts of their work, after their end. Raises the error of a broken recording."""
         files = sorted(self.recordings.rglob("*.mcap"))
         counts = [messages(each) for each in files]
         return {
@@ -184,7 +193,7 @@ class Companions:
 
 
 def messages(recording: Path) -> int:
-    """Messages of a recording, all read. Raises what the reader raises."""
+    """Messages of a recording, all read. Raises the reader's errors."""
     with recording.open("rb") as stream:
         return sum(1 for _ in make_reader(stream).iter_messages())
 
