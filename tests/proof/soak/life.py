@@ -29,7 +29,7 @@ from twind.safety.state_machine import LATCHED
 from twind.virtual.fault_commands import arguments
 
 RING = 8 << 20  # bytes of the flight recorder
-LOOK = 60.0  # s between two samples of memory
+LOOK = 20.0  # s between two samples of memory
 BACK = 40.0  # s within which commands must bring it back from anything
 
 

@@ -52,7 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
         found = virtual(options.hours, options.jobs, options.seed, options.robot)
     for each in found:
         print(json.dumps({key: value for key, value in each.items() if key != "wrong"}, indent=1))
-        how = f"MINUTES={options.minutes:g} REAL=1" if options.real else f"HOURS={each['hours']:g}"
+        life = f"ROBOT={each.get('robot')} HOURS={each.get('hours', 0):g}"
+        how = f"MINUTES={options.minutes:g} REAL=1" if options.real else life
         for wrong in each["wrong"]:
             print(f"make soak {how} SEED={each['seed']}: {wrong}")
     bad = sum(len(each["wrong"]) for each in found)

@@ -4,6 +4,7 @@ import pytest
 
 from tests.proof.soak.growth import Growth
 from tests.proof.soak.life import Life
+from tests.proof.soak.living import ROBOTS, robot_of
 from twind import link
 from twind.robot.modes import RobotState
 
@@ -43,3 +44,25 @@ def test_steady_growth_is_found_and_warm_up_is_not(leak: float, files: int) -> N
         grown.memory.append(80.0 + min(minute, 5) + leak * minute)
         grown.files.append(8 + (files and minute // 20))
     assert bool(grown.wrong()) == bool(leak or files)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["arm-robstride", "arm-cubemars", "arm-odrive"])
+def test_an_arm_whose_bus_was_lost_is_armed_again_and_breaks_no_rule(robot: str) -> None:
+    life = Life(1, robot)
+    life.ready()
+    life.motion_begins()
+    life.seconds(0.8)
+    life.obey({"fault": "unacknowledged", "bus": "main"})
+    life.seconds(0.3)
+    assert life.rig.loop.condition.latches
+    life.obey({"fault": "unacknowledged", "bus": "main", "on": False})
+    life.ready()
+    life.seconds(1.0)
+    assert (life.wrong, life.rig.loop.condition.state) == ([], RobotState.ARMED)
+    life.close()
+
+
+def test_every_seed_has_its_robot_and_neighbours_differ() -> None:
+    assert {robot_of(seed) for seed in range(len(ROBOTS))} == set(ROBOTS)
+    assert all(robot_of(seed) != robot_of(seed + 1) for seed in range(len(ROBOTS)))
