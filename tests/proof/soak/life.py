@@ -234,6 +234,7 @@ class Life:
     def reload(self) -> None:
         """Settings are read again while whatever goes on."""
         self.rig.adopt({"thresholds.latency_warn_ms": float(self.random.uniform(15.0, 40.0))}, reread=False)
+        self.rig.front.forget_briefings()
 
     def motion_begins(self) -> None:
         """Everybody on the way, and left so."""
