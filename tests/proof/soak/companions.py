@@ -29,7 +29,7 @@ CAMERA = {
     **{"up_direction": (0.0, 0.0, 1.0), "fov": 1.0, "near": 0.1, "far": 100.0},
     **{"image_height": 600, "image_width": 800},
 }
-END = 30.0  # s that a process may take to end
+END = 120.0  # s that a process may take to end
 
 
 class Companion:
