@@ -26,8 +26,8 @@ from twind.client import CallError, Client, ClientError
 IDLE = {"free", "replug", "clear", "seed", "record"}
 ROBOT = "h24-standing"
 POLICY = ROOT / "tests" / "data" / "policies" / "squat" / "squat.onnx"  # for this robot
-# s: kernel workers of normal priority carry the bytes of a tty. On a busy machine requests of six ticks came in
-# one piece, so whether one came before the answer to another (W9) is judged in virtual time alone.
+# s: kernel workers of normal priority carry the bytes of a tty. On a busy machine requests of six ticks came
+# in one piece, so whether one came before the answer to another (W9) is judged in virtual time alone.
 CARRIED = "0.1"
 SLOW = 180.0  # s that a policy may take besides: this machine is busy, and its imports are many
 CODES = (0, 1, 3)  # as asked; refused, or ended otherwise; no daemon that answers
