@@ -184,7 +184,7 @@ class Monitor(SerialMonitor):
         rows = [servos.row[id] for id in ids if id in servos.row]
         if request.eeprom and self.words.state != "calibrating":
             return f"EEPROM is written in state {self.words.state}"
-        if request.instruction == REBOOT and not self.words.at_rest:
+        if request.instruction == REBOOT and not self.words.restarts:
             return f"a reboot in state {self.words.state}"
         limp = servos.off[rows] & ~servos.on[rows]
         if request.instruction == REBOOT:

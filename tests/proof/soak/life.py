@@ -330,6 +330,7 @@ class Life:
             self.reload,
         )
         weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5, 0.3, 0.3, 0.5])
+        self.reload()  # from now on a briefing is kept
         while self.rig.clock.now() - begun < 3600.0 * hours and len(self.wrong) < 10:
             if self.rig.loop.condition.state is not RobotState.ARMED or self.rig.loop.condition.latches:
                 self.ready()
