@@ -126,7 +126,8 @@ faults: $(VENV)/.ready
 
 soak: $(VENV)/.ready
 	$(BIN)/python -m tests.proof.soak.run $(if $(HOURS),--hours $(HOURS)) $(if $(JOBS),--jobs $(JOBS)) \
-		$(if $(SEED),--seed $(SEED)) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(REAL),--real)
+		$(if $(SEED),--seed $(SEED)) $(if $(ROBOT),--robot $(ROBOT)) $(if $(MINUTES),--minutes $(MINUTES)) \
+		$(if $(REAL),--real)
 
 kills: $(VENV)/.ready
 	$(BIN)/python -m tests.support.sigkill_runs $(N) $(if $(SEED),--seed $(SEED))

@@ -88,6 +88,12 @@ class HandFront:
         """Kept for the next front."""
         self.briefings.append(briefing)
 
+    def forget_briefings(self) -> None:
+        """Close all but the newest, as the process of the front does."""
+        for briefing in self.briefings[:-1]:
+            os.close(briefing)
+        del self.briefings[:-1]
+
     def overdue(self, now: float) -> bool:
         return False
 

@@ -53,6 +53,7 @@ class Limits:
     support: str
     servos: dict[int, Servo]
     registers: Registers | None = None  # of servos with packets of the first protocol
+    sensors: frozenset[int] = frozenset()  # ids of the bus that are read and never written
 
     @classmethod
     def read(
@@ -77,7 +78,9 @@ class Limits:
         if not servos:
             raise ValueError(f"no servo on bus {bus}")
         baud = int(robot["buses"][bus].get("baud", 1_000_000))
-        return cls(bus, 1.0 / rate, baud, str(robot.get("support", "free")), servos, registers)
+        read = (robot.get("sensors") or {}).values()
+        sensors = frozenset(int(sensor["id"]) for sensor in read if sensor["bus"] == bus)
+        return cls(bus, 1.0 / rate, baud, str(robot.get("support", "free")), servos, registers, sensors)
 
 
 def _registers(name: str, kind: dict[str, Any]) -> Registers | None:

@@ -149,7 +149,9 @@ class Monitor(SerialMonitor):
         ear = self.ear
         if not self._alone and self._since < now:
             return  # a late stamp: when the packets of one chunk left, nobody knows
-        if not ear.done and ear.request is not None and now - ear.asked < ear.request.expected * self._byte:
+        if ear.done or ear.request is None:
+            return
+        if now - ear.asked < ear.request.expected * self._byte - self.carried:
             waited = (now - ear.asked) * 1e3
             text = f"a packet {waited:.2f} ms after a {ear.request.name} whose answer takes longer"
             self._broken("W9", now, None, text)
@@ -182,7 +184,7 @@ class Monitor(SerialMonitor):
         rows = [servos.row[id] for id in ids if id in servos.row]
         if request.eeprom and self.words.state != "calibrating":
             return f"EEPROM is written in state {self.words.state}"
-        if request.instruction == REBOOT and not self.words.at_rest:
+        if request.instruction == REBOOT and not self.words.restarts:
             return f"a reboot in state {self.words.state}"
         limp = servos.off[rows] & ~servos.on[rows]
         if request.instruction == REBOOT:

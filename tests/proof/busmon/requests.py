@@ -76,6 +76,7 @@ class Parser:
 
     def __init__(self, limits: Limits) -> None:
         self._servos = limits.servos
+        self._sensors = limits.sensors
         self.ids = bytes(sorted(limits.servos))
         self._size = 14 + 5 * len(self.ids)
         self._goal_head = (
@@ -112,7 +113,8 @@ class Parser:
     def _judge(self, request: Request, params: bytes) -> None:
         told = [row[0] for row in request.rows] + list(request.reads)
         group = request.instruction in (SYNC_READ, SYNC_WRITE, *FAST, BULK_READ, BULK_WRITE)
-        strange = [id for id in ([*told] if group else [request.id]) if id not in self._servos]
+        known = self._servos.keys() | (self._sensors if request.instruction == READ else ())
+        strange = [id for id in ([*told] if group else [request.id]) if id not in known]
         if request.instruction not in USED:
             request.wrong = f"{request.name} is never used"
         elif group != (request.id == BROADCAST):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.proof.busmon import packet
 from tests.proof.busmon.watched import Watched
 from tests.support.daemon_rig import Rig
 from tests.support.homing_rig import homed
@@ -64,6 +65,10 @@ class Day:
         self.rig.send(link.EStop, level=level)
         self.until_torque_off()
         assert self.rig.call(link.Reset).error is None
+
+    def verdict_of_reading(self) -> None:
+        self.watched.verdict()
+        assert all(monitor.answers > 50 for monitor in self.watched.monitors.values())
 
     def verdict(self) -> None:
         self.watched.verdict()
@@ -129,12 +134,34 @@ def test_a_robot_whose_counts_are_turns_off_keeps_every_rule(turns: int, tmp_pat
     day.rig.close()
 
 
+def test_a_sensor_is_read_and_never_written(tmp_path: Path) -> None:
+    day = Day(tmp_path, "h24-standing")
+    day.arm()
+    day.verdict_of_reading()
+    monitor = day.watched.monitors["main"]
+    monitor.sent(packet.make(200, 0x03, bytes.fromhex("40 00 01")), day.rig.clock.now())
+    assert {each.rule for each in monitor.violations} == {"W2"}
+    day.rig.close()
+
+
+def test_a_port_that_keeps_bytes_excuses_what_seems_too_early_and_no_other_does(tmp_path: Path) -> None:
+    for carried, rules in ((0.0, ["W9"]), (0.1, [])):
+        day = Day(tmp_path)
+        monitor = day.watched.monitors["main"]
+        monitor.carried = carried
+        question = packet.make(254, 0x82, bytes.fromhex("84 00 0a 00") + bytes(range(1, 25)))
+        now = day.rig.clock.now()
+        monitor.sent(question, now)
+        monitor.sent(question, now + 0.001)
+        assert [each.rule for each in monitor.violations] == rules
+        day.rig.close()
+
+
 def test_a_mirror_writes_nothing(tmp_path: Path) -> None:
     day = Day(tmp_path, mode=Mode.MIRROR)
     day.nod()
     day.run(1.0)
-    day.watched.verdict()
-    assert all(monitor.answers > 50 for monitor in day.watched.monitors.values())
+    day.verdict_of_reading()
     day.rig.close()
 
 

@@ -107,7 +107,8 @@ def test_goals_leave_in_states_that_move_and_torque_goes_on_in_one(state: str) -
 def test_eeprom_and_restarts_need_a_robot_at_rest_and_torque_read_off(state: str) -> None:
     written = packet.make(1, 0x03, bytes.fromhex("1f 00 50"))
     restart = packet.make(1, 0x08)
-    for data, states in ((written, ("calibrating",)), (restart, ("connected", "calibrating"))):
+    restarts = ("connected", "calibrating", "identifying")
+    for data, states in ((written, ("calibrating",)), (restart, restarts)):
         port = world.VirtualPort(LIMITS)
         daemon = Good(port, LIMITS)
         daemon.connect()

@@ -84,6 +84,8 @@ class Watched:
             if soft is not None:
                 self.take_report("damp", now)
         for port in loop.hardware.ports:
+            if port.name not in self.monitors:
+                continue
             is_open = port.reader is not None
             if self._said.get(("port", port.name)) not in (None, is_open):
                 self.monitors[port.name].take_report("port", now, open=is_open)

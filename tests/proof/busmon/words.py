@@ -19,6 +19,7 @@ MODES = ("sim", "mirror", "live")
 GOALS = frozenset(("arming", "armed", "settling", "fault", "estop"))  # in which goals may leave
 TORQUE = frozenset(("arming",))  # in which torque may be switched on
 AT_REST = frozenset(("connected", "calibrating"))  # in which registers may be set and servos restarted
+RESTARTS = AT_REST | {"identifying"}  # in which servos may be restarted: one may be what is not identified
 KNOWN = frozenset(("state", "mode", "estop", "killed", "born", "port", "hold", "damp", "aborted", "stopped"))
 KNOWN |= {"blind", "talker", "servos"}
 
@@ -50,6 +51,10 @@ class Words:
     @property
     def at_rest(self) -> bool:
         return self.state in AT_REST
+
+    @property
+    def restarts(self) -> bool:
+        return self.state in RESTARTS
 
     @property
     def silent(self) -> bool:

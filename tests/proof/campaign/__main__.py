@@ -56,6 +56,8 @@ def add(total: t.SubjectTotal, subject: CampaignSubject, count: float, run: tupl
     if not good:
         total.failed += max(1.0, broken)
         total.open.append(subject.command.format(count=count, next=total.next))
+    for name, number in re.findall(subject.parts, output) if subject.parts and good else ():
+        total.parts[name] = round(total.parts.get(name, 0.0) + float(number), 3)
     following = int(measured(subject.following, output))
     total.next = following or total.next + (int(count) if subject.following else 1)
     return good

@@ -22,6 +22,7 @@ class CampaignSubject:
     goal: float  # inputs of a version
     broken: str = ""  # pattern: those that failed; an exit code that is not 0 counts as one at least
     following: str = ""  # pattern: the first number of the next piece
+    parts: str = ""  # pattern: name and number of each part of a piece that passed
     longest: float = 3600.0  # s; a piece that takes longer hangs, and has failed
 
 
@@ -96,8 +97,9 @@ SUBJECTS = {
             "h of virtual time",
             "tests.proof.soak.run --hours {count:g} --seed {next}",
             r"passed: ([\d.]+) h",
-            0.5,
+            0.1,
             72,
+            parts=r'"robot": "([\w-]+)",\s+"hours": ([\d.]+)',
             longest=3 * 3600.0,
         ),
         CampaignSubject(
@@ -105,7 +107,7 @@ SUBJECTS = {
             "min of real processes",
             "tests.proof.soak.run --real --minutes {count:g} --seed {next}",
             r"passed: ([\d.]+) min",
-            10,
+            15,
             30,
         ),
     )

@@ -24,6 +24,14 @@ def test_a_piece_that_passed_is_added_and_the_next_begins_behind_it() -> None:
     assert (seen.passed, seen.failed, seen.next, seen.open) == (500, 0, 500, [])
 
 
+def test_what_each_robot_lived_is_added_by_its_name() -> None:
+    lived = '{"robot": "koch",\n "hours": 0.25}\npassed: 0.25 h'
+    seen = total("soak")
+    for run in [(0, lived), (0, lived), (1, lived)]:
+        driver.add(seen, SUBJECTS["soak"], 0.25, run)
+    assert seen.parts == {"koch": 0.5}
+
+
 def test_a_failure_is_counted_with_its_command_and_never_as_passed() -> None:
     seen = total()
     driver.add(seen, SUBJECTS[WIRE], 500, (0, GOOD))

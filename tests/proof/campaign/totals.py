@@ -27,6 +27,7 @@ class SubjectTotal:
     date: str = ""
     open: list[str] = field(default_factory=list)  # commands whose failure is not mended
     mended: list[str] = field(default_factory=list)  # ... that pass by now
+    parts: dict[str, float] = field(default_factory=dict)  # of what passed, by name
 
 
 def read(path: Path = TOTALS) -> list[SubjectTotal]:

@@ -30,20 +30,26 @@ def _kept(rig: Rig) -> None:
         save(rig.made, path)
 
 
+UNMONITORED = {"dynamixel2_unwatched"}  # families whose registers no monitor knows
+
+
 class Tap(Watched):
-    """`sent_at`: when each bus was last written to, s."""
+    """`sent_at`: when each bus was last written to, s. `unmonitored`: buses that nothing judges."""
 
     def __init__(self, rig: Rig, *, writes: bool = True) -> None:
         _kept(rig)
         self.rig = rig
         self.monitors = {
             name: monitor_of(_limits(rig.robot.path, rig.robot.name, name, rig.robot.rate_hz), writes=writes)
-            for name in rig.virtual
+            for name, bus in rig.virtual.items()
+            if bus.kind not in UNMONITORED
         }
+        self.unmonitored = sorted(rig.virtual.keys() - self.monitors.keys())
         self.sent_at = dict.fromkeys(rig.virtual, -1.0)
         self._said: dict[str, Any] = {}
         for name, bus in rig.virtual.items():
-            self._tap(self.monitors[name], bus)
+            if name in self.monitors:
+                self._tap(self.monitors[name], bus)
             self._clock(name, bus)
 
     def _clock(self, name: str, bus: Any) -> None:

@@ -1,47 +1,67 @@
 """A random life of one robot under the fake clock: motions, streams, stops, faults, and back again.
 
-Every second: nothing against the rules of the bus, a state that makes sense, torque as it is said to be.
+Every second: nothing against the rules of the bus, a state that makes sense, torque as it is said to be. A
+flight recorder is attached. Buses of a family without a monitor are judged by the rest.
 """
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tests.proof.faults.robot import CLEAR
 from tests.proof.faults.tap import Tap
 from tests.proof.soak.growth import Growth
+from tests.proof.soak.life_faults import Device, drawn, known, supply
+from tests.proof.soak.living import ends_of, robot_file, robot_of
 from tests.support.daemon_rig import Rig
-from tests.support.fault_cases import CASES, Order, healing, order
+from tests.support.fault_cases import Order
 from twind import link
+from twind.flight import FlightRing
 from twind.loop.procedures.torque_readback import torque_inherited
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.safety.state_machine import LATCHED
 from twind.virtual.fault_commands import arguments
-from twind_drivers.dynamixel.servo_twin import FAULTS
 
-IDLE = {"free", "replug", "clear", "seed", "record"}
-LOOK = 60.0  # s between two samples of memory
+RING = 8 << 20  # bytes of the flight recorder
+LOOK = 20.0  # s between two samples of memory
 BACK = 40.0  # s within which commands must bring it back from anything
 
 
 class Life:
-    """`seed` decides everything. `wrong`: what must not be, with the moment."""
+    """`seed` decides everything, also the robot where none is given. `wrong`: what must not be, and when."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, robot: str | None = None) -> None:
         self.random = np.random.default_rng([seed, 4])
-        self.rig = Rig()
+        self.robot = robot or robot_of(seed)
+        self.folder = tempfile.TemporaryDirectory(prefix="twind-soak-")
+        file = robot_file(self.robot, Path(self.folder.name))
+        self.rig = Rig(file, ring=FlightRing.create(RING))
         self.tap = Tap(self.rig)
         self.growth = Growth("loop")
         self.wrong = list[str]()
         self.acts: dict[str, int] = {}
         self.faults: dict[str, int] = {}
         self._looked = self._second = self.rig.clock.now()
-        self.far = np.array([CLEAR[name] for name in self.rig.names])
+        self.volts = {name: supply(bus) for name, bus in self.rig.virtual.items()}
+        self.base, self.far = ends_of(self.rig)
+        limits = self.rig.one.binding.limits
+        self.devices: dict[str, list[Device]] = {name: [] for name in self.rig.virtual}
+        for joint in self.rig.robot.joints:
+            place = self.rig.names.index(joint.name)
+            device = Device(joint.id, float(limits.lower[place]), float(limits.upper[place]))
+            self.devices[joint.bus].append(device)
+        self.moved = 0  # motions that were accepted
+
+    def close(self) -> None:
+        """Ends the daemon."""
+        self.rig.close()
+        self.folder.cleanup()
 
     # ------------------------------------------------------------------------------------ time
 
@@ -124,14 +144,16 @@ class Life:
         if here is None:
             return
         knots = int(random.integers(1, 8))
-        way = random.random((knots, len(self.far))) * self.far
-        way[-1] *= random.random() < 0.5
+        share = random.random((knots, len(self.far)))
+        share[-1] *= random.random() < 0.5
+        way = self.base + share * (self.far - self.base)
         commanded = random.random(len(self.far)) < random.uniform(0.1, 1.0)
         commanded[int(random.integers(len(self.far)))] = True
         times = np.cumsum(random.uniform(0.6, 2.0, knots))
         way = np.where(commanded, way, here.position)
-        rig.submit(Trajectory(times, way, commanded, np.zeros_like(way)), more=True, policy="retime")
+        ticket = rig.submit(Trajectory(times, way, commanded, np.zeros_like(way)), more=True, policy="retime")
         self.seconds(float(random.choice([random.uniform(0.1, times[-1]), times[-1] + 1.0])))
+        self.moved += any(reply.error is None for reply in rig.replies(ticket))
 
     def stream(self) -> None:
         """Setpoints of one joint for a while; then it falls silent, or is cancelled."""
@@ -142,7 +164,7 @@ class Life:
             return
         joint = int(random.integers(len(self.far)))
         here = float(rig.loop.executor.reference.position[joint])
-        there = float(random.random() * self.far[joint])
+        there = float(self.base[joint] + random.random() * (self.far - self.base)[joint])
         steps = max(20, round(abs(there - here) / 0.004))
         for number in range(steps):
             share = 0.5 - 0.5 * np.cos(np.pi * (number + 1) / steps)
@@ -174,19 +196,45 @@ class Life:
         self.seconds(float(self.random.uniform(0.0, 6.0)))
 
     def fault(self) -> None:
-        """One fault of the table, healed after a while."""
-        name = str(self.random.choice(sorted(CASES.keys() - IDLE)))
-        case = CASES[name][int(self.random.integers(len(CASES[name])))]
-        given = order(name, case, self.random)
-        self.faults[name] = self.faults.get(name, 0) + 1
+        """One fault of the table, of one bus, healed after a while."""
+        name = str(self.random.choice(sorted(self.rig.virtual)))
+        fault = drawn(self.random, self.rig.virtual[name], self.volts[name], self.devices[name])
+        self.faults[fault.name] = self.faults.get(fault.name, 0) + 1
         if self.random.random() < 0.7:
             self.motion_begins()
         self.ticks(int(self.random.integers(0, 60)))
-        self.obey(given)
-        self.seconds(float(self.random.uniform(*case.lasts)))
-        for each in healing(case, given):
+        self.obey(fault.given)
+        self.seconds(fault.lasts)
+        for each in fault.heal:
             self.obey(each)
         self.seconds(float(self.random.uniform(0.0, 1.5)))
+
+    def part(self) -> None:
+        """Torque for some joints alone, and off again."""
+        self.call(link.Disarm)
+        self.call(link.AcquireLease)
+        count = len(self.far)
+        some = sorted(self.random.choice(count, size=int(self.random.integers(1, count + 1)), replace=False))
+        self.call(link.Arm, joints=[int(each) for each in some])
+        self.seconds(float(self.random.uniform(0.1, 3.0)))
+        self.call(link.Disarm)
+
+    def other_mode(self) -> None:
+        """The bus read only, or closed, and live again; motions go to the simulation meanwhile."""
+        self.call(link.Disarm)
+        self.until(lambda: self.rig.loop.procedures.rank is None, 15.0)
+        self.call(link.SetMode, mode=str(self.random.choice(["mirror", "sim"])))
+        for _ in range(int(self.random.integers(0, 3))):
+            self.motion()
+        self.call(link.Cancel)
+        self.until(lambda: self.rig.loop.executor.motion in (Motion.IDLE, Motion.HOLDING), 3.0)
+        self.call(link.SetMode, mode="live")
+        self.seconds(float(self.random.uniform(0.1, 2.0)))
+
+    def reload(self) -> None:
+        """Settings are read again while whatever goes on."""
+        self.rig.adopt({"thresholds.latency_warn_ms": float(self.random.uniform(15.0, 40.0))}, reread=False)
+        self.rig.front.forget_briefings()
 
     def motion_begins(self) -> None:
         """Everybody on the way, and left so."""
@@ -194,17 +242,19 @@ class Life:
         if rig.loop.executor.reference is None or rig.loop.executor.motion is Motion.IDLE:
             return
         self.call(link.AcquireLease)
-        way = np.array([self.far * self.random.random(), np.zeros(len(self.far))])
+        way = np.array([self.base + self.random.random() * (self.far - self.base), self.base])
         everybody = np.ones(len(self.far), np.bool_)
         rig.submit(
             Trajectory(np.array([2.0, 4.0]), way, everybody, np.zeros_like(way)), more=True, policy="retime"
         )
 
     def obey(self, given: Order) -> None:
-        name, arguments_ = arguments(given, FAULTS)
-        for bus in self.rig.virtual.values():
-            bus.advance(self.rig.clock.now())
-            getattr(bus.faults, name)(**arguments_)
+        """An order to its bus, or to each."""
+        for name, bus in self.rig.virtual.items():
+            if given.get("bus", name) == name:
+                fault, parameters = arguments(given, known(bus))
+                bus.advance(self.rig.clock.now())
+                getattr(bus.faults, fault)(**parameters)
 
     # ------------------------------------------------------------------------------------ back
 
@@ -237,16 +287,29 @@ class Life:
         """Turn a joint back by hand that a hand turned out of its travel, as the refusal asks."""
         for finding in refused.parameters.get("findings") or ():
             if finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
-                id = self.rig.robot.joints[finding["joint"]].id
-                self.obey({"fault": "hand", "id": id, "rad": 0.0, "speed": 3.0})
+                joint = self.rig.robot.joints[finding["joint"]]
+                hand: Order = {"fault": "hand", "bus": joint.bus, "id": joint.id}
+                rad = float(self.base[finding["joint"]])
+                self.obey(hand | {"rad": rad, "speed": 3.0})
                 self.seconds(1.5)
-                self.obey({"fault": "hand", "id": id, "off": True})
+                self.obey(hand | {"off": True})
                 self.acts["by hand"] = self.acts.get("by hand", 0) + 1
 
     def _reboot(self) -> None:
+        """Restart devices that shut down; of one without a restart the supply is switched."""
+        now = self.rig.clock.now()
         for name, bus in self.rig.virtual.items():
-            for row in np.flatnonzero(bus.servos["hardware_error_status"]).tolist():
-                self.call(link.Reboot, bus=name, id=bus.servos.registers.id_of(row))
+            if bus.kind == "dynamixel2":
+                rows = np.flatnonzero(bus.servos["hardware_error_status"]).tolist()
+                ids = [bus.servos.registers.id_of(row) for row in rows]
+            else:
+                ids = [each["id"] for each in bus.truth(now) if each.get("fault")]
+            for id in ids:
+                reply = self.call(link.Reboot, bus=name, id=id)
+                if bus.kind == "can" and (reply is None or reply.error is not None):
+                    self.obey({"fault": "power", "bus": name, "id": id, "on": False})
+                    self.seconds(0.3)
+                    self.obey({"fault": "power", "bus": name, "id": id, "on": True})
                 self.seconds(0.3)
 
     def live(self, hours: float) -> dict[str, Any]:
@@ -262,8 +325,12 @@ class Life:
             self.lie_down,
             self.stop,
             self.fault,
+            self.part,
+            self.other_mode,
+            self.reload,
         )
-        weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5])
+        weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5, 0.3, 0.3, 0.5])
+        self.reload()  # from now on a briefing is kept
         while self.rig.clock.now() - begun < 3600.0 * hours and len(self.wrong) < 10:
             if self.rig.loop.condition.state is not RobotState.ARMED or self.rig.loop.condition.latches:
                 self.ready()
@@ -273,10 +340,13 @@ class Life:
         lived = (self.rig.clock.now() - begun) / 3600.0
         cpu = time.process_time() - cpu
         packets = sum(monitor.sent_packets for monitor in self.tap.monitors.values())
-        figures = {"hours": round(lived, 3), "cpu_s": round(cpu, 1), "packets": packets}
+        figures: dict[str, Any] = {"robot": self.robot, "hours": round(lived, 3), "cpu_s": round(cpu, 1)}
+        figures |= {"packets": packets, "moved": self.moved, "unmonitored": self.tap.unmonitored}
         figures["hours_per_s"] = round(lived / cpu, 5)
+        if 2 * self.moved < self.acts.get("motion", 0):
+            self.wrong.append(f"{self.moved} of {self.acts['motion']} motions were accepted: a life at rest")
         self.wrong += self.growth.wrong()
-        self.rig.close()
+        self.close()
         return (
             figures | {"acts": self.acts, "faults": self.faults, "wrong": self.wrong} | self.growth_figures()
         )

@@ -19,19 +19,19 @@ from typing import Any
 OUT = Path(__file__).resolve().parents[3] / ".soak.json"
 
 
-def _one(seed: int, hours: float) -> dict[str, Any]:
+def _one(seed: int, hours: float, robot: str | None) -> dict[str, Any]:
     from tests.proof.soak.life import Life
 
-    return {"seed": seed} | Life(seed).live(hours)
+    return {"seed": seed} | Life(seed, robot).live(hours)
 
 
-def virtual(hours: float, jobs: int, seed: int) -> list[dict[str, Any]]:
+def virtual(hours: float, jobs: int, seed: int, robot: str | None = None) -> list[dict[str, Any]]:
     """One result of each job."""
     share = hours / jobs
     if jobs == 1:
-        return [_one(seed, share)]
+        return [_one(seed, share, robot)]
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(_one, range(seed, seed + jobs), [share] * jobs))
+        return list(pool.map(_one, range(seed, seed + jobs), [share] * jobs, [robot] * jobs))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -39,6 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--hours", type=float, default=0.1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", help="a robot of the lives; default: by the seed")
     parser.add_argument("--minutes", type=float, default=0.5)
     parser.add_argument("--real", action="store_true")
     options = parser.parse_args(arguments)
@@ -48,10 +49,11 @@ def main(arguments: list[str] | None = None) -> int:
 
         found = [{"seed": options.seed} | storm(60.0 * options.minutes, options.seed)]
     else:
-        found = virtual(options.hours, options.jobs, options.seed)
+        found = virtual(options.hours, options.jobs, options.seed, options.robot)
     for each in found:
         print(json.dumps({key: value for key, value in each.items() if key != "wrong"}, indent=1))
-        how = f"MINUTES={options.minutes:g} REAL=1" if options.real else f"HOURS={each['hours']:g}"
+        life = f"ROBOT={each.get('robot')} HOURS={each.get('hours', 0):g}"
+        how = f"MINUTES={options.minutes:g} REAL=1" if options.real else life
         for wrong in each["wrong"]:
             print(f"make soak {how} SEED={each['seed']}: {wrong}")
     bad = sum(len(each["wrong"]) for each in found)

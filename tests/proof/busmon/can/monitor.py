@@ -183,8 +183,15 @@ class CanMonitor:
             self._torque(row, act.kind == "on", now)
         elif act.kind == "write":
             self._watchdog(row, act.seconds, now)
-        elif act.kind in ("clear", "set") and self.servos.on[row] and not self.servos.alert[row]:
+        elif act.kind == "limp":  # its goal counts no more: the next one is where it is
+            self.servos.anew[row] = True
+        elif act.kind in ("clear", "set") and self._energised(row):
             self._broken("W2", now, act.id, f"{act.kind} under torque")
+
+    def _energised(self, row: int) -> bool:
+        """Torque was switched on, and the motor has not said since that it is off, or that it has a fault."""
+        servos = self.servos
+        return bool(servos.on[row] and not servos.lost[row] and not servos.alert[row])
 
     def _fed_forward(self, row: int, act: Act, now: float) -> None:
         """W2, W3, W5 of a command, whatever its place."""
@@ -264,6 +271,7 @@ class CanMonitor:
             self._broken("W7", now, id, f"torque on, and its watchdog is {state}")
         servos.on[row] = True
         servos.off[row] = False
+        servos.lost[row] = False
         servos.first[row] = True
 
     def _watchdog(self, row: int, seconds: float, now: float) -> None:
@@ -283,7 +291,9 @@ class CanMonitor:
             servos.alert[row] = reply.alert
         if reply.word is not None:
             servos.at(now, np.array([row]), np.array([reply.word]))
-        if reply.on is not None and not servos.on[row]:
+        if reply.on is not None and servos.on[row]:
+            servos.lost[row] = not reply.on
+        elif reply.on is not None:
             servos.off[row] = not reply.on
         if reply.seconds is not None:
             servos.proved[row] = round(reply.seconds * 1e6) == servos.watchdog[row]
