@@ -83,6 +83,7 @@ class Storm:
             "done": self.count,
             "processes": figures,
             "bus": ground.relay.counts(),
+            "not_judged": ["W9"],  # see CARRIED
             "beside": self.companions.figures(),
         }
 
