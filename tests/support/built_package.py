@@ -57,8 +57,7 @@ def build(into: Path, of: Path) -> Path:
 @cache
 def package(below: Path) -> Path:
     """The package, in a folder below that one. Skips where it cannot be built."""
-    if shutil.which("dpkg-deb") is None:
-        pytest.skip("no dpkg-deb here")
+    require_dpkg_deb()
     of = wheels(below)
     folder = below / "package"
     with _first(folder) as mine:
@@ -66,6 +65,12 @@ def package(below: Path) -> Path:
             build(folder, of)
     (found,) = folder.glob("*.deb")
     return found
+
+
+def require_dpkg_deb() -> None:
+    """Skip on a machine that cannot build packages."""
+    if shutil.which("dpkg-deb") is None:
+        pytest.skip("no dpkg-deb here")
 
 
 def require_debian() -> None:

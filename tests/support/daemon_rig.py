@@ -259,10 +259,11 @@ class Rig:
         """A call and its last reply, within `ticks`."""
         ticket = self.send(kind, **parameters)
         for _ in range(ticks):
+            seen = len(self.news)
             self.ticks(1)
-            done = [reply for reply in self.replies(ticket) if not reply.continues]
-            if done:
-                return done[-1]
+            for news in self.news[seen:]:  # all news of a long call, in each of its ticks, would be its cost
+                if isinstance(news, link.Reply) and news.ticket == ticket and not news.continues:
+                    return news
         raise AssertionError(f"{kind.__name__} was not answered within {ticks} ticks")
 
     def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:

@@ -33,6 +33,19 @@ class ResponseWindows:
     passive: float  # N·m·s/rad, damping that acts without torque too
 
 
+@dataclass(frozen=True, slots=True)
+class _DampingTerms:
+    """Terms of a step that depend on the damping alone: (c, 1), or (c, w) where some servos are off."""
+
+    braking: Floats  # N·m·s/rad
+    servo: Floats  # N·m·s/rad, the part that the servo makes
+    impulse: Floats  # N·m·s²/rad, of one step
+
+    @classmethod
+    def of(cls, braking: Floats, passive: float, step: float) -> "_DampingTerms":
+        return cls(braking, np.maximum(braking - passive, 0.0), step * braking)
+
+
 def respond(windows: ResponseWindows, values: Floats, saturation_rad: float) -> Floats:
     """Return the readings (c, t, w), rad, of candidates `values` (c, p) in the order of `FITTED`."""
     columns = {name: values[:, place, None] for place, name in enumerate(FITTED)}
@@ -44,8 +57,13 @@ def respond(windows: ResponseWindows, values: Floats, saturation_rad: float) -> 
     load = columns["load_scale"]
     stribeck, dry = columns["stribeck_nm"], columns["friction_nm"]
     load_friction, sag = columns["load_friction_per_nm"], columns["sag_per_nm"]
+    armature = columns["armature_kg_m2"]
     goals = _delayed(windows, columns["delay_s"])
     step = windows.step
+    limp = np.minimum(damping, windows.passive)
+    pendulum = bool(windows.swing.any())
+    off = np.asarray(~(windows.torque_on > 0.0).all(axis=1))
+    plain = _DampingTerms.of(damping, windows.passive, step)
     shown = np.broadcast_to(windows.start, stiffness.shape).copy()
     angle = shown + half_play * windows.side
     speed = np.broadcast_to(windows.speed, stiffness.shape).copy()
@@ -54,21 +72,30 @@ def respond(windows: ResponseWindows, values: Floats, saturation_rad: float) -> 
     for at in range(len(windows.bias)):
         out[:, at] = shown
         error = goals[at] - angle
-        error -= np.clip(error, -half_dead, half_dead)
+        error -= np.minimum(np.maximum(error, -half_dead), half_dead)
+        error *= stiffness
         supply = np.maximum(1.0 - sag * np.abs(torque), LEAST_SUPPLY)
-        drive = np.clip(stiffness * error, -most, most) * supply * windows.torque_on[at]
+        drive = np.minimum(np.maximum(error, -most), most) * supply * windows.torque_on[at]
         bias = windows.bias[at] + windows.slope[at] * (angle - windows.measured[at])
-        bias = load * (bias + windows.swing * np.sin(angle))
-        inertia = windows.inertia[at] + columns["armature_kg_m2"]
-        braking = np.where(windows.torque_on[at] > 0.0, damping, np.minimum(damping, windows.passive))
-        torque = drive - np.maximum(braking - windows.passive, 0.0) * speed
-        friction = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
-        friction += load_friction * (drive - braking * speed + bias) ** 2
-        heavy = inertia + step * braking
+        if pendulum:
+            bias += windows.swing * np.sin(angle)
+        bias *= load
+        inertia = windows.inertia[at] + armature
+        terms = plain
+        if off[at]:
+            terms = _DampingTerms.of(
+                np.where(windows.torque_on[at] > 0.0, damping, limp), windows.passive, step
+            )
+        torque = drive - terms.servo * speed
+        friction = stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
+        friction += dry
+        friction += load_friction * (drive - terms.braking * speed + bias) ** 2
+        friction *= step
+        heavy = inertia + terms.impulse
         free = (inertia * speed + step * (drive - bias)) / heavy
-        speed = np.sign(free) * np.maximum(np.abs(free) - step * friction / heavy, 0.0)
+        speed = np.copysign(np.maximum(np.abs(free) - friction / heavy, 0.0), free)
         angle = angle + step * speed
-        shown = np.clip(shown, angle - half_play, angle + half_play)
+        shown = np.minimum(np.maximum(shown, angle - half_play), angle + half_play)
     return out
 
 

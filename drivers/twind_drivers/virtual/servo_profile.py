@@ -101,10 +101,10 @@ class ServoProfile:
         if not run.any():
             return
         one, two, three = self._ends
-        t = np.clip(now - self._begun, 0.0, one + two + three)
+        t = np.minimum(np.maximum(now - self._begun, 0.0), one + two + three)
         gather = np.minimum(t, one)
-        cruise = np.clip(t - one, 0.0, two)
-        brake = np.clip(t - one - two, 0.0, three)
+        cruise = np.minimum(np.maximum(t - one, 0.0), two)
+        brake = np.minimum(np.maximum(t - one - two, 0.0), three)
         grown = self._start + (self._peak - self._start) * _share(gather, one)
         left = self._peak * (1.0 - _share(brake, three))
         place = self._place + (self._start + grown) / 2.0 * gather

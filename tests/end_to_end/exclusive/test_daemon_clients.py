@@ -176,8 +176,7 @@ def test_a_daemon_without_descriptors_goes_on_moving_and_can_be_stopped(armed: L
         for _ in range(12):
             stack.enter_context(Client(str(armed.running.sockets), name="observe")).connect()
         place = armed.places()[PLACE]
-        time.sleep(0.5)
-        assert abs(armed.places()[PLACE] - place) > 5
+        until(lambda: abs(armed.places()[PLACE] - place) > 5, 10.0, "the motion goes on")
         assert not any(servo["tripped"] for servo in armed.virtual.servos())
         with armed.running.client() as client:
             began = time.monotonic()
