@@ -17,7 +17,10 @@ MODES = {"position": 3, "extended_position": 4, "current_based_position": 5}
 TABLES = {"STS": STS, "MX-28(1.0)": MX}  # by the beginning of a model's name
 X_SERIES = ("XL", "XC", "XM", "XH", "XD", "XW", "2X")
 TURNS = 1_048_575  # counts either way in the modes that have no limit registers
-AMPERE = 0.00269  # A a count of an X series servo, where the robot file says nothing else
+# A a count (e-manual, Goal Current), where the robot file says nothing else: of most X series servos, of some
+AMPERE = 0.00269
+SMALL_AMPERE = 0.001
+SMALL = ("XL330", "XC330")
 MOST_CURRENT = 2047
 SEARCHED = 0.2  # rad beyond its stop that a joint may be sent in search of it ...
 SLOWLY = 0.5  # rad/s ...
@@ -107,7 +110,7 @@ def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dic
     each = sign / ratio * math.tau / turn  # rad a count
     lower, upper = _range(joint["limits_rad"], each, mode, measured)
     sweep = [int(count) for count in measured["sweep_ticks"]]
-    full = float(kind.get("current_limit_a", 0.0)) / float(kind.get("current_lsb_a", AMPERE))
+    full = float(kind.get("current_limit_a", 0.0)) / _ampere(kind)
     if not lower < upper:
         raise ValueError(f"{name}: no count between {lower} and {upper}")
     return Servo(
@@ -163,4 +166,10 @@ def _least(joint: dict[str, Any], kind: dict[str, Any], key: str, default: float
 def _cap(mode: int, kind: dict[str, Any]) -> int:
     if mode != 5 or "current_limit_a" not in kind:
         return MOST_CURRENT
-    return math.floor(float(kind["current_limit_a"]) / float(kind.get("current_lsb_a", AMPERE)) + 1e-9)
+    return math.floor(float(kind["current_limit_a"]) / _ampere(kind) + 1e-9)
+
+
+def _ampere(kind: dict[str, Any]) -> float:
+    """A a count of a servo."""
+    usual = SMALL_AMPERE if str(kind["device"]).startswith(SMALL) else AMPERE
+    return float(kind.get("current_lsb_a", usual))

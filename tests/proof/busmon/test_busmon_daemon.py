@@ -134,6 +134,15 @@ def test_a_robot_whose_counts_are_turns_off_keeps_every_rule(turns: int, tmp_pat
     day.rig.close()
 
 
+def test_a_gripper_that_is_held_by_its_current_keeps_every_rule(tmp_path: Path) -> None:
+    day = Day(tmp_path, "koch")
+    day.arm()
+    day.run(0.2)
+    day.verdict_of_reading()
+    assert day.watched.monitors["main"].limits.servos[6].cap == 400  # mA, its current limit
+    day.rig.close()
+
+
 def test_a_sensor_is_read_and_never_written(tmp_path: Path) -> None:
     day = Day(tmp_path, "h24-standing")
     day.arm()
