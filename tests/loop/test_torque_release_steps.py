@@ -9,6 +9,7 @@ import pytest
 from tests.support.gate_rig import path
 from tests.support.procedure_rig import BROKEN, PERIOD, PLACE, REST, SILENT, WHY, ProcedureRig
 from twind.loop.ipc.call_outcome import CallFailure, CallReply
+from twind.loop.procedures.daemon_shutdown import shutdown
 from twind.loop.procedures.lowering import SettleProfile
 from twind.loop.procedures.procedure_runner import Priority
 from twind.loop.procedures.torque_release import STOPS
@@ -328,7 +329,7 @@ class Search:
 def shut(rig: ProcedureRig, search: Any = None) -> float:
     """Shut down; s that took."""
     homing: Any = search or Search(rig)
-    rig.own(Priority.SHUTDOWN, lambda: rig.release.shutdown(homing, rig.clock.now()))
+    rig.own(Priority.SHUTDOWN, lambda: shutdown(rig, rig.release, homing, rig.clock.now()))
     took = rig.until_done()
     assert rig.condition.finished
     assert homing.reported == 1
@@ -364,11 +365,17 @@ def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends() -> None:
     assert rig.requests() == OFF
 
 
+def lose(rig: ProcedureRig) -> None:
+    """Lose every bus of a robot that was held."""
+    rig.torque.lose_bus(np.ones(3, np.bool_))
+    rig.hardware.connected = False
+    rig.hardware.slow.torque[:] = -1
+
+
 @pytest.mark.parametrize("back", [0.5, None])
 def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None) -> None:
     rig = ProcedureRig()
-    rig.torque.lose_bus(np.ones(3, np.bool_))
-    rig.hardware.connected = False
+    lose(rig)
     begun = rig.clock.now()
 
     def plug() -> None:
@@ -389,8 +396,7 @@ def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
     rig = ProcedureRig(period=1.0 / 128.0)  # a second and a half is a whole number of such ticks
     assert shut(rig, Search(rig, 9.0)) == 1.5
     rig = ProcedureRig(period=1.0 / 128.0)
-    rig.torque.lose_bus(np.ones(3, np.bool_))
-    rig.hardware.connected = False
+    lose(rig)
     assert shut(rig) == 1.5
 
 
