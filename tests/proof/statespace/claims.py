@@ -22,6 +22,7 @@ CLIENT = (Motion.ACTIVE, Motion.STREAMING)
 
 
 GRACE = 3  # ticks after the return of a bus in which something must act on its torque
+RETURNED = 2  # ticks that a bus is back after which an ending daemon has switched it off
 WAITED = 2  # ticks that a daemon waits at least for a lost bus with torque of its own
 
 
@@ -45,7 +46,8 @@ class Claims:
         self.undone = 0  # ticks in which nothing switched such torque off on an open bus
         self.tried = np.zeros_like(self.found)  # torque off was sent after SIGTERM, on buses open since
         self.waited = 0  # ticks since SIGTERM without a joint that is held
-        self.open = world.hardware.open  # before this tick
+        # ticks that the bus of a joint was open before this one, up to RETURNED; all of them before SIGTERM
+        self.open = RETURNED * world.hardware.open
 
     @property
     def memory(self) -> tuple[object, ...]:
@@ -158,10 +160,11 @@ class Claims:
             raise ClaimBroken("the daemon ended with torque that it holds")
         if loop.condition.finished and not torque.inhibited:
             self._ends(on)
-        self.open = self._world.hardware.open
-        self.tried &= self.open
-        ending = loop.condition.stop_wanted and not torque.armed
-        self.waited = min(self.waited + 1, WAITED) if ending else 0
+        ending = loop.condition.stop_wanted
+        ticks = np.minimum(self.open + 1, RETURNED) if ending else RETURNED
+        self.open = ticks * self._world.hardware.open
+        self.tried &= self._world.hardware.open
+        self.waited = min(self.waited + 1, WAITED) if ending and not torque.armed else 0
 
     def _release_goes_on(self, state: RobotState, rank: Priority | None) -> None:
         """Torque that was ordered off goes off where its bus is open, also after an absence of the bus."""
@@ -179,7 +182,7 @@ class Claims:
     def _ends(self, on: Any) -> None:
         """Torque of this daemon, or ordered off, was ordered off on open buses; closed ones were awaited."""
         owed = on & (~self.found | self.ordered | self.awaited)
-        if (owed & self.open & self._world.hardware.open & ~self.tried).any():
+        if (owed & (self.open == RETURNED) & self._world.hardware.open & ~self.tried).any():
             raise ClaimBroken("the daemon ended before it sent torque off, which was ordered")
-        if (owed & ~self.open).any() and self.waited < WAITED:
+        if (owed & (self.open == 0)).any() and self.waited < WAITED:
             raise ClaimBroken("the daemon ended without the wait for a lost bus")
