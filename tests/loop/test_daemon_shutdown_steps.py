@@ -220,3 +220,19 @@ def test_where_nothing_can_be_written_a_stop_does_not_delay_the_end(mode: Mode) 
     rig.torque.latch_stop("cut")
     assert shut(rig) == 0.0
     assert rig.hardware.log == []
+
+
+def test_torque_that_is_being_switched_goes_off_without_a_wait_for_a_lost_bus() -> None:
+    rig = ProcedureRig()
+    lose(rig)
+    rig.torque.begin_energising()
+    rig.own(Priority.SHUTDOWN, lambda: shutdown(rig, rig.release, Search(rig), rig.clock.now()))  # type: ignore[arg-type]
+    assert rig.requests() == OFF
+
+
+def test_a_bus_that_is_back_already_does_not_delay_the_way_down(rig: ProcedureRig) -> None:
+    rig.torque.lose_bus(np.array([False, False, True]))
+    begun = rig.clock.now()
+    rig.own(Priority.SHUTDOWN, lambda: shutdown(rig, rig.release, Search(rig), begun))  # type: ignore[arg-type]
+    rig.ticks(5)
+    assert rig.requests() == ["read goals"], "the way to the rest pose has begun"

@@ -77,6 +77,15 @@ def test_a_robot_without_torque_is_switched_off_at_once() -> None:
     assert rig.clock.now() - begun < 3 * PERIOD
 
 
+@pytest.mark.parametrize("level", STOPS)
+def test_after_a_cut_torque_goes_off_and_nothing_is_driven(level: str) -> None:
+    rig = ProcedureRig()
+    rig.found()
+    rig.torque.latch_stop(level)
+    release(rig)
+    assert (rig.requests() == OFF) is (level == "cut")
+
+
 def test_an_inhibited_robot_is_not_lowered(rig: ProcedureRig) -> None:
     rig.torque.inhibit()
     release(rig)
