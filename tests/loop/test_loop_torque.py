@@ -144,7 +144,7 @@ def test_sigterm_leaves_inherited_torque_as_it_was_found(make_rig: MakeRig) -> N
 
 @pytest.mark.parametrize("moment", [1, 2, 4, 10, 60])
 def test_sigterm_completes_a_disarm_of_torque_that_was_found(make_rig: MakeRig, moment: int) -> None:
-    rig = make_rig()
+    rig = make_rig(start={"head_yaw": 0.4})  # so that there is a way
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()

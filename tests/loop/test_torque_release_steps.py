@@ -1,4 +1,4 @@
-"""Disarm, fault, shutdown and e-stop, step by step, on scripted buses."""
+"""Disarm, fault and e-stop, step by step, on scripted buses."""
 
 from contextlib import suppress
 from typing import Any
@@ -75,6 +75,15 @@ def test_a_robot_without_torque_is_switched_off_at_once() -> None:
     release(rig)
     assert rig.requests() == OFF
     assert rig.clock.now() - begun < 3 * PERIOD
+
+
+@pytest.mark.parametrize("level", STOPS)
+def test_after_a_cut_torque_goes_off_and_nothing_is_driven(level: str) -> None:
+    rig = ProcedureRig()
+    rig.found()
+    rig.torque.latch_stop(level)
+    release(rig)
+    assert (rig.requests() == OFF) is (level == "cut")
 
 
 def test_an_inhibited_robot_is_not_lowered(rig: ProcedureRig) -> None:
@@ -304,106 +313,6 @@ def test_a_fault_whose_torque_off_stays_unconfirmed_is_reported(rig: ProcedureRi
     rig.own(Priority.FAULT, rig.release.fault)
     rig.until_done()
     assert rig.codes() == ["settling", "TORQUE_MISMATCH", "connected"]
-
-
-# --------------------------------------------------------------------------------------------- shutdown
-
-
-class Search:
-    """An end-stop search whose servo is restored at some time."""
-
-    def __init__(self, rig: ProcedureRig, lasts: float = 0.0) -> None:
-        self._rig = rig
-        self._until = rig.clock.now() + lasts
-        self.reported = 0
-
-    @property
-    def unrestored(self) -> Any:
-        return object() if self._rig.clock.now() < self._until else None
-
-    def report_pending_restore(self) -> None:
-        self.reported += 1
-
-
-def shut(rig: ProcedureRig, search: Any = None) -> float:
-    """Shut down; s that took."""
-    homing: Any = search or Search(rig)
-    rig.own(Priority.SHUTDOWN, lambda: rig.release.shutdown(homing, rig.clock.now()))
-    took = rig.until_done()
-    assert rig.condition.finished
-    assert homing.reported == 1
-    return took
-
-
-def test_an_ending_daemon_lowers_its_robot(rig: ProcedureRig) -> None:
-    moving(rig)
-    shut(rig)
-    assert rig.requests() == ["read goals", *OFF]
-    assert [event.code for event in rig.book.events] == ["settling", "connected"]
-    [(_, [reason])] = ended_goals(rig)
-    assert (reason.code, reason.message) == (ReasonCode.NOT_ARMED, "the daemon ends: the robot is lowered")
-
-
-def test_torque_that_was_found_on_stays_on_when_the_daemon_ends() -> None:
-    rig = ProcedureRig()
-    rig.found()
-    assert shut(rig) == 0.0
-    assert rig.hardware.log == []
-
-
-def test_torque_of_an_inhibited_robot_stays_on_when_the_daemon_ends(rig: ProcedureRig) -> None:
-    rig.torque.inhibit()
-    shut(rig)
-    assert rig.hardware.log == []
-
-
-def test_torque_that_is_being_switched_goes_off_when_the_daemon_ends() -> None:
-    rig = ProcedureRig()
-    rig.torque.begin_energising()
-    shut(rig)
-    assert rig.requests() == OFF
-
-
-@pytest.mark.parametrize("back", [0.5, None])
-def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None) -> None:
-    rig = ProcedureRig()
-    rig.torque.lose_bus(np.ones(3, np.bool_))
-    rig.hardware.connected = False
-    begun = rig.clock.now()
-
-    def plug() -> None:
-        if back is not None and rig.clock.now() >= begun + back:
-            rig.hardware.connected = True
-            rig.found()
-
-    rig.watched = plug
-    took = shut(rig)
-    if back is None:
-        assert took == pytest.approx(1.5, abs=2.5 * PERIOD)
-        assert rig.hardware.log == []
-    else:
-        assert rig.requests() == ["prepare", "hold True", "read goals", *OFF]
-
-
-def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
-    rig = ProcedureRig(period=1.0 / 128.0)  # a second and a half is a whole number of such ticks
-    assert shut(rig, Search(rig, 9.0)) == 1.5
-    rig = ProcedureRig(period=1.0 / 128.0)
-    rig.torque.lose_bus(np.ones(3, np.bool_))
-    rig.hardware.connected = False
-    assert shut(rig) == 1.5
-
-
-def test_without_a_lost_bus_nothing_is_waited_for() -> None:
-    rig = ProcedureRig()
-    rig.hardware.connected = False
-    assert shut(rig) == 0.0
-
-
-@pytest.mark.parametrize(("lasts", "took"), [(0.5, 0.5), (9.0, 1.5)])
-def test_the_servo_of_a_search_is_restored_before_the_daemon_ends(lasts: float, took: float) -> None:
-    rig = ProcedureRig()
-    assert shut(rig, Search(rig, lasts)) == pytest.approx(took, abs=2.5 * PERIOD)
 
 
 # --------------------------------------------------------------------------------------------- e-stop

@@ -269,6 +269,7 @@ ROOMS = (
         "release",
         (
             "twind/loop/procedures/torque_release.py",
+            "twind/loop/procedures/daemon_shutdown.py",
             "twind/loop/procedures/torque_takeover.py",
             "twind/loop/procedures/lowering.py",
             "twind/loop/procedures/damping.py",
@@ -277,6 +278,7 @@ ROOMS = (
         ),
         (
             "tests/loop/test_torque_release_steps.py",
+            "tests/loop/test_daemon_shutdown_steps.py",
             "tests/loop/test_torque_takeover.py",
             "tests/loop/test_lowering.py",
             "tests/loop/test_torque_switching.py",

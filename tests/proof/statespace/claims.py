@@ -22,6 +22,8 @@ CLIENT = (Motion.ACTIVE, Motion.STREAMING)
 
 
 GRACE = 3  # ticks after the return of a bus in which something must act on its torque
+RETURNED = 2  # ticks that a bus is back after which an ending daemon has switched it off
+WAITED = 2  # ticks that a daemon waits at least for a lost bus with torque of its own
 
 
 class ClaimBroken(AssertionError):
@@ -38,17 +40,27 @@ class Claims:
         self.found = world.truth.torque.copy()  # torque that was on before this daemon
         self.returned = 0  # ticks since a lost bus is back with torque that nothing acts on
         self.leased = False  # the Arm under way was ordered by the lease holder
+        self.cut = False  # an e-stop of level `cut` was ordered; until a reset
         self.ordered = np.zeros_like(self.found)  # joints whose torque was ordered off, and is on
-        self.tried = False  # torque off was sent after SIGTERM
+        self.awaited = np.zeros_like(self.found)  # the same by an e-stop, on a closed bus; until a reset
+        self.undone = 0  # ticks in which nothing switched such torque off on an open bus
+        self.tried = np.zeros_like(self.found)  # torque off was sent after SIGTERM, on buses open since
+        self.waited = 0  # ticks since SIGTERM without a joint that is held
+        # ticks that the bus of a joint was open before this one, up to RETURNED; all of them before SIGTERM
+        self.open = RETURNED * world.hardware.open
 
     @property
     def memory(self) -> tuple[object, ...]:
         """Part of the key of a state."""
-        masks = tuple(self.found.tolist()), tuple(self.ordered.tolist())
-        return self.stopped, self.acknowledged, self.leased, self.returned, self.tried, *masks
+        masks = self.found, self.ordered, self.awaited, self.tried, self.open
+        flags = self.stopped, self.acknowledged, self.leased, self.cut
+        return *flags, self.returned, self.undone, self.waited, *(tuple(mask.tolist()) for mask in masks)
 
-    def stop(self) -> None:
-        """A stop is ordered."""
+    def stop(self, level: str = "") -> None:
+        """A stop is ordered; of a `level`, if it is an e-stop, which also waits for closed buses."""
+        if level:
+            self.awaited[:] = True
+        self.cut = self.cut or level == "cut"
         self.stopped = True
         self.acknowledged = False
 
@@ -58,10 +70,18 @@ class Claims:
         if torque.armed or torque.energising:
             raise ClaimBroken("a reset was obeyed with torque on")
         self.acknowledged = self.stopped
+        self.cut = False
+        self.awaited[:] = False
 
     def arm(self, *, leased: bool) -> None:
         """An arming is ordered."""
         self.leased = leased
+
+    def lose(self) -> None:
+        """A bus is about to be lost."""
+        torque = self._world.loop.torque
+        if torque.armed or torque.energising or torque.unconfirmed:
+            self.stop()
 
     def release(self, rank: Priority) -> None:
         """Torque off is ordered, also what was found on; refused while a procedure as urgent runs."""
@@ -74,8 +94,10 @@ class Claims:
         loop = self._world.loop
         rank = loop.procedures.rank
         if name == "torque False":
-            self.tried = self.tried or loop.condition.stop_wanted
+            self.tried |= joints & loop.condition.stop_wanted
             return
+        if self.cut and name != "read goals":
+            raise ClaimBroken(f"{name} after a cut, without a reset")
         if loop.torque.inhibited and name in ("goal", "torque True", "damp"):
             raise ClaimBroken(f"{name} while inhibited")
         if name == "torque True" and not (
@@ -126,26 +148,41 @@ class Claims:
             raise ClaimBroken(f"state arming, and {rank} owns the torque")
         if state is _S.SETTLING and rank is None:
             raise ClaimBroken("state settling, and nothing lowers the robot")
-        ends = loop.condition.stop_wanted and not on.any()  # nothing is left to stop
+        over = loop.condition.finished and not on.any()  # nothing was left to stop
         if (
             self.stopped
-            and not (self.acknowledged or ends)
+            and not (self.acknowledged or over)
             and not (state in STOPPED or (state in AWAY and loop.condition.latched))
         ):
             raise ClaimBroken(f"state {state} after a stop, without a reset")
         self._release_goes_on(state, rank)
-        mine = (np.any(torque.held) or torque.energising) and bool((on & self._world.hardware.open).any())
-        if loop.condition.finished and mine and not torque.inhibited:
-            raise ClaimBroken("the daemon ended with torque that it could write to")
+        if loop.condition.finished and torque.armed and not torque.inhibited:
+            raise ClaimBroken("the daemon ended with torque that it holds")
+        if loop.condition.finished and not torque.inhibited:
+            self._ends(on)
+        ending = loop.condition.stop_wanted
+        ticks = np.minimum(self.open + 1, RETURNED) if ending else RETURNED
+        self.open = ticks * self._world.hardware.open
+        self.tried &= self._world.hardware.open
+        self.waited = min(self.waited + 1, WAITED) if ending and not torque.armed else 0
 
     def _release_goes_on(self, state: RobotState, rank: Priority | None) -> None:
-        """Torque that was ordered off, on a bus that is open since, goes off before the daemon ends."""
+        """Torque that was ordered off goes off where its bus is open, also after an absence of the bus."""
         loop = self._world.loop
-        self.ordered &= self._world.truth.torque & self._world.hardware.open
+        self.awaited &= self._world.truth.torque
+        self.ordered &= self._world.truth.torque
         if state is _S.ARMED:
             self.ordered[:] = False
         acts = (rank is not None and rank >= Priority.DISARM) or loop.torque.inhibited
-        if self.ordered.any() and not (acts or loop.torque.unconfirmed or loop.torque.pending_restore):
+        owed = (self.ordered | self.awaited) & self._world.hardware.open
+        self.undone = self.undone + 1 if owed.any() and not acts else 0
+        if self.undone > GRACE:
             raise ClaimBroken("torque was ordered off, is on, and nothing switches it off")
-        if self.ordered.any() and loop.condition.finished and not self.tried:
+
+    def _ends(self, on: Any) -> None:
+        """Torque of this daemon, or ordered off, was ordered off on open buses; closed ones were awaited."""
+        owed = on & (~self.found | self.ordered | self.awaited)
+        if (owed & (self.open == RETURNED) & self._world.hardware.open & ~self.tried).any():
             raise ClaimBroken("the daemon ended before it sent torque off, which was ordered")
+        if (owed & (self.open == 0)).any() and self.waited < WAITED:
+            raise ClaimBroken("the daemon ended without the wait for a lost bus")

@@ -144,7 +144,7 @@ class ModelWorld:
         self.hardware.written = lambda: self.loop.robot.written
         self.claims = Claims(self)
         self.hardware.watch = self.claims.request
-        self.hardware.on_loss = self._bus_lost
+        self.hardware.on_loss = self.claims.lose
         self.front.obeyed = self.claims.reset
 
     def _simulated(self, measured: Any, goal: Any, now: float) -> JointState:
@@ -157,11 +157,6 @@ class ModelWorld:
         if decision.latches:
             self.claims.stop()
         return decision
-
-    def _bus_lost(self) -> None:
-        torque = self.loop.torque
-        if torque.armed or torque.energising or torque.unconfirmed:
-            self.claims.stop()
 
     # ------------------------------------------------------------------------- steps
 
@@ -233,12 +228,12 @@ def _move(world: ModelWorld) -> None:
     world.tick()
 
 
-def _stop(level: str) -> Callable[[ModelWorld], None]:
+def _stop(level: str, *, fails: bool = False) -> Callable[[ModelWorld], None]:
     def run(world: ModelWorld) -> None:
         world.send(link.EStop, STRANGER, level=level)
-        world.claims.stop()
+        world.claims.stop(level)
         world.claims.release(STOPS[level])
-        world.tick()
+        world.tick(fails=fails)
 
     return run
 
@@ -311,6 +306,7 @@ STEPS: Mapping[str, Callable[[ModelWorld], None]] = MappingProxyType(
         "setpoint": _move,
         "e-stop settle": _stop("settle"),
         "e-stop cut": _stop("cut"),
+        "e-stop cut, requests fail": _stop("cut", fails=True),
         "reset": _reset,
         "disarm": _disarm,
         "client killed": _client_killed,
@@ -333,6 +329,7 @@ CORE = (
     "arm",
     "e-stop settle",
     "e-stop cut",
+    "e-stop cut, requests fail",
     "reset",
     "disarm",
     "lower bus lost",

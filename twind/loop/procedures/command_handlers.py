@@ -13,6 +13,7 @@ from twind.loop.ipc.call_outcome import CallOutcome, CallReply
 from twind.loop.ipc.front_link import ReceivedCommand
 from twind.loop.procedures import arming
 from twind.loop.procedures.calibrating_state import CalibratingState
+from twind.loop.procedures.daemon_shutdown import shutdown
 from twind.loop.procedures.device_procedures import DeviceCommands
 from twind.loop.procedures.estop_replies import EStopReplies
 from twind.loop.procedures.gate_input import GateInput
@@ -119,7 +120,8 @@ class CommandHandlers:
         context = self._context
         releasing = self._lowering()
         if context.procedures.own(
-            Priority.SHUTDOWN, lambda: self.release.shutdown(self.homing, now, releasing=releasing)
+            Priority.SHUTDOWN,
+            lambda: shutdown(context, self.release, self.homing, now, releasing=releasing),
         ):
             lowering = ": lowering the robot" if context.torque.armed or releasing else ""
             context.reports.event("info", EventCode.STOPPING, f"the daemon ends{lowering}")

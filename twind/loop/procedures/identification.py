@@ -311,9 +311,11 @@ class IdentificationState:
         armed = torque.armed
         # Torque off without a confirmation may be torque on: the other buses confirm only their own.
         on = armed or torque.energising or torque.unconfirmed
-        held = on or context.procedures.rank is Priority.ARM
+        rank = context.procedures.rank
+        held = on or rank is Priority.ARM
+        if held or (rank is not None and rank >= Priority.DISARM):  # torque off is still due there
+            torque.lose_bus(context.robot.joints.on_bus(bus))
         if held:
-            context.torque.lose_bus(context.robot.joints.on_bus(bus))
             context.condition.latch(finding)
             context.condition.change(RobotEvent.FAULT)
         if held and context.hardware.writers:

@@ -1,4 +1,4 @@
-"""Torque release: disarm, fault, shutdown, e-stop.
+"""Torque release: disarm, fault, e-stop; the end of the daemon is in `daemon_shutdown`.
 
 Each lowers the robot to its rest pose where it can be held, then switches torque off, twice, and reads it
 back. Only an explicit cut skips the motion. A motion that does not end is damped (`damping`) before torque
@@ -11,27 +11,23 @@ from types import MappingProxyType
 
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.damping import damp
-from twind.loop.procedures.homing_procedure import HomingProcedure
 from twind.loop.procedures.internal_faults import fail
 from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
 from twind.loop.procedures.torque_readback import (
-    torque_inherited,
     torque_off,
     torque_on,
     torque_possible,
 )
 from twind.loop.procedures.torque_switching import (
     error_text,
-    retry_torque_off,
     say_unconfirmed,
     switch_torque_off,
 )
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
-from twind.robot.arrays import every
 from twind.robot.fall_settings import FallReaction
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
@@ -39,7 +35,6 @@ from twind.safety.state_machine import RobotEvent
 from twind.twin.twin import Twin
 from twind_drivers.bus import BusError
 
-AWAITED = 1.5  # s that an ending daemon waits for a lost bus with torque of its own
 FOLD = 0.05  # s for the motion of a falling robot to its pose: the limits alone say how long it takes
 STOPS = MappingProxyType({"settle": Priority.ESTOP, "cut": Priority.CUT})  # by level
 
@@ -85,8 +80,8 @@ class TorqueRelease:
     def _bring_down(self, profile: SettleProfile) -> Steps:
         """Take the robot over, lower it, and damp it where it does not come to rest. Raises BusError."""
         context = self._context
-        if context.torque.inhibited:
-            return
+        if context.torque.inhibited or context.torque.stop_level == "cut":
+            return  # after a cut nothing is driven until a reset, whoever switches torque off
         if not (yield from take_over(context, lambda: self._verified.unjudged, profile.whole)):
             return
         if not (yield from lower(context, profile, self._notifier.extend)):
@@ -103,14 +98,14 @@ class TorqueRelease:
         except Exception as again:  # noqa: BLE001 - torque off does not depend on damping either
             fail(context, Finding(ReasonCode.INTERNAL, message=repr(again)))
 
-    def _release_reported(self, why: Finding, profile: SettleProfile = USUAL) -> Steps:
+    def release_reported(self, why: Finding, profile: SettleProfile = USUAL) -> Steps:
         """Release; report what could not be read back off."""
         try:
             yield from self.release(why, profile)
         except BusError as error:
             say_unconfirmed(self._context, error)
 
-    # ------------------------------------------------------------------------------- disarm, fault, shutdown
+    # ------------------------------------------------------------------------------- disarm, fault
 
     def disarm(self) -> Procedure:
         """Lower the robot, then switch torque off. Its outcome waits until torque is read back off."""
@@ -142,7 +137,7 @@ class TorqueRelease:
         unknown = Finding(ReasonCode.FAULT_LATCHED, message="a fault")
         latched = next(iter(why or condition.latches.values()), unknown)
         condition.change_if(RobotEvent.SETTLE)
-        yield from self._release_reported(latched, self._profile(why))
+        yield from self.release_reported(latched, self._profile(why))
         condition.change_if(RobotEvent.SETTLED)
         return None
 
@@ -154,43 +149,6 @@ class TorqueRelease:
         if fall is None or fall.reaction is not FallReaction.FOLD:
             return USUAL
         return SettleProfile(way=FOLD, pose=fall.pose)
-
-    def shutdown(self, homing: HomingProcedure, now: float, *, releasing: bool = False) -> Procedure:
-        """Handle SIGTERM: lower the robot if this daemon has torque on, then end.
-
-        Torque that was found on, or may not be written any more, stays as it is, unless it was going off
-        already (`releasing`: this ends the procedure that did so). A lost bus with torque of this daemon is
-        waited for.
-        """
-        context = self._context
-        torque = context.torque
-        until = now + AWAITED
-        while torque.pending_restore and not context.hardware.connected and now < until:
-            now = yield
-        ordered = torque.pending_restore or torque.unconfirmed
-        mine = torque.armed or torque.energising or (ordered and torque_on(context))
-        if releasing or (mine and not torque.inhibited):
-            context.condition.change_if(RobotEvent.SETTLE)
-            why = Finding(ReasonCode.NOT_ARMED, message="the daemon ends: the robot is lowered")
-            yield from self._release_reported(why)
-            yield from self._release_returned()
-            context.condition.change_if(RobotEvent.SETTLED)
-        until = context.clock.now() + AWAITED
-        while homing.unrestored is not None and context.clock.now() < until:
-            yield  # the servo of an end-stop search is restored
-        homing.report_pending_restore()
-        context.condition.finished = True
-        return None
-
-    def _release_returned(self) -> Steps:
-        """Switch torque off on a bus that came back during a release, which did not reach it."""
-        context = self._context
-        now = context.clock.now()
-        until = now + AWAITED
-        while context.torque.pending_restore and every(context.hardware.open) and now < until:
-            if torque_inherited(context):
-                yield from retry_torque_off(context)
-            now = yield
 
     # ------------------------------------------------------------------------------- e-stop
 
