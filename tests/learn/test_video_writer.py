@@ -10,6 +10,8 @@ import pytest
 pytest.importorskip("imageio_ffmpeg", reason="make extras EXTRAS=learn")
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
+import imageio_ffmpeg
+
 from tests.support.card_files import STANDING, STANDING_PLAIN, carded, linear
 from tests.support.videos import decoded
 from twind.config.robot_file import load_robot
@@ -47,6 +49,41 @@ def test_a_file_is_not_written_over(model: Any, tmp_path: Path) -> None:
     with pytest.raises(OperationFailed, match="is there already"):
         VideoWriter(tmp_path / "a.mp4", model, "torso")
     assert (tmp_path / "a.mp4").read_text() == "mine"
+
+
+def test_a_link_placed_after_the_file_was_made_is_not_followed(
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "theirs").write_text("theirs")
+    path = tmp_path / "a.mp4"
+    encode = imageio_ffmpeg.write_frames
+
+    def swapped(*given: Any, **named: Any) -> Any:
+        path.rename(tmp_path / "moved.mp4")
+        path.symlink_to(tmp_path / "theirs")
+        return encode(*given, **named)
+
+    monkeypatch.setattr(imageio_ffmpeg, "write_frames", swapped)
+    writer = VideoWriter(path, model, "torso")
+    writer.add(mujoco.MjData(model))
+    writer.close()
+    assert (tmp_path / "theirs").read_text() == "theirs"
+    assert len(decoded(tmp_path / "moved.mp4")[0]) == 1
+
+
+def test_an_encoder_that_does_not_start_leaves_no_file_and_a_second_attempt_succeeds(
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.mp4"
+    with monkeypatch.context() as patch:
+        patch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
+        with pytest.raises(OperationFailed, match=r"a\.mp4: the encoder does not start: "):
+            VideoWriter(path, model, "torso")
+    assert not path.exists()
+    writer = VideoWriter(path, model, "torso")
+    writer.add(mujoco.MjData(model))
+    writer.close()
+    assert len(decoded(path)[0]) == 1
 
 
 def test_without_an_encoder_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
