@@ -1,5 +1,7 @@
 """Videos: what is written can be decoded, has the right size and length, and writes over nothing."""
 
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +73,22 @@ def test_a_link_placed_after_the_file_was_made_is_not_followed(
     assert len(decoded(tmp_path / "moved.mp4")[0]) == 1
 
 
-def test_an_encoder_that_does_not_start_leaves_no_file_and_a_second_attempt_succeeds(
-    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("how", ["does not start", "wrote nothing"])
+def test_an_encoder_without_a_picture_leaves_no_file_and_a_second_attempt_succeeds(
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
     path = tmp_path / "a.mp4"
     with monkeypatch.context() as patch:
-        patch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
-        with pytest.raises(OperationFailed, match=r"a\.mp4: the encoder does not start: "):
-            VideoWriter(path, model, "torso")
+        if how == "wrote nothing":
+            encode = partial(imageio_ffmpeg.write_frames, codec="no_codec")
+            patch.setattr(imageio_ffmpeg, "write_frames", encode)
+        else:
+            patch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
+        with (
+            pytest.raises(OperationFailed, match=rf"a\.mp4: the encoder {how}"),
+            closing(VideoWriter(path, model, "torso")) as writer,
+        ):
+            writer.add(mujoco.MjData(model))
     assert not path.exists()
     writer = VideoWriter(path, model, "torso")
     writer.add(mujoco.MjData(model))

@@ -68,10 +68,15 @@ class VideoWriter:
         self.frames += 1
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file; one that stays empty is removed. Raises OperationFailed: pictures were lost so."""
         self._encoder.close()
+        empty = not os.fstat(self._file.fileno()).st_size
         self._file.close()
         self._renderer.close()
+        if empty:
+            self.path.unlink(missing_ok=True)
+        if empty and self.frames:
+            raise OperationFailed(f"{self.path}: the encoder wrote nothing; its message is above")
 
 
 def _brief(error: Exception) -> str:
