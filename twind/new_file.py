@@ -8,14 +8,12 @@ import os
 from pathlib import Path
 from types import MappingProxyType
 
-# errors of a disk or of rights, with their remedies
+# errors that nothing but a write meets, with their remedies; rights can be missing for a read too
 UNWRITABLE = MappingProxyType(
     {
         errno.ENOSPC: "free space on that disk",
         errno.EDQUOT: "free space, or raise the quota of this user",
         errno.EROFS: "mount that file system writable",
-        errno.EACCES: "try with sudo",
-        errno.EPERM: "try with sudo",
     }
 )
 TRIES = 100  # a file that comes back each time is placed by another program
@@ -43,7 +41,7 @@ def open_new(path: Path | str, mode: int, folder: int | None = None) -> int:
 def unwritten(error: OSError) -> str:
     """Return why something was not written, with the remedy where it is known."""
     why = error.strerror or str(error)
-    remedy = UNWRITABLE.get(error.errno or 0)
+    remedy = "try with sudo" if isinstance(error, PermissionError) else UNWRITABLE.get(error.errno or 0)
     return f"{why}; {remedy}" if remedy else why
 
 

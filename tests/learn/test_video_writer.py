@@ -1,5 +1,7 @@
 """Videos: what is written can be decoded, has the right size and length, and writes over nothing."""
 
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,8 @@ import pytest
 
 pytest.importorskip("imageio_ffmpeg", reason="make extras EXTRAS=learn")
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
+
+import imageio_ffmpeg
 
 from tests.support.card_files import STANDING, STANDING_PLAIN, carded, linear
 from tests.support.videos import decoded
@@ -47,6 +51,49 @@ def test_a_file_is_not_written_over(model: Any, tmp_path: Path) -> None:
     with pytest.raises(OperationFailed, match="is there already"):
         VideoWriter(tmp_path / "a.mp4", model, "torso")
     assert (tmp_path / "a.mp4").read_text() == "mine"
+
+
+def test_a_link_placed_after_the_file_was_made_is_not_followed(
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "theirs").write_text("theirs")
+    path = tmp_path / "a.mp4"
+    encode = imageio_ffmpeg.write_frames
+
+    def swapped(*given: Any, **named: Any) -> Any:
+        path.rename(tmp_path / "moved.mp4")
+        path.symlink_to(tmp_path / "theirs")
+        return encode(*given, **named)
+
+    monkeypatch.setattr(imageio_ffmpeg, "write_frames", swapped)
+    writer = VideoWriter(path, model, "torso")
+    writer.add(mujoco.MjData(model))
+    writer.close()
+    assert (tmp_path / "theirs").read_text() == "theirs"
+    assert len(decoded(tmp_path / "moved.mp4")[0]) == 1
+
+
+@pytest.mark.parametrize("how", ["does not start", "wrote nothing"])
+def test_an_encoder_without_a_picture_leaves_no_file_and_a_second_attempt_succeeds(
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    path = tmp_path / "a.mp4"
+    with monkeypatch.context() as patch:
+        if how == "wrote nothing":
+            encode = partial(imageio_ffmpeg.write_frames, codec="no_codec")
+            patch.setattr(imageio_ffmpeg, "write_frames", encode)
+        else:
+            patch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
+        with (
+            pytest.raises(OperationFailed, match=rf"a\.mp4: the encoder {how}"),
+            closing(VideoWriter(path, model, "torso")) as writer,
+        ):
+            writer.add(mujoco.MjData(model))
+    assert not path.exists()
+    writer = VideoWriter(path, model, "torso")
+    writer.add(mujoco.MjData(model))
+    writer.close()
+    assert len(decoded(path)[0]) == 1
 
 
 def test_without_an_encoder_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.ctl.ctl_main import main
 from twind.exceptions import InvalidInput
+from twind.observe.describing import mjcf_writer
 from twind.observe.describing.mjcf_writer import write_mjcf
 from twind.twin.identified_model import apply_identified
 
@@ -124,6 +125,28 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"out\.xml exists: remove it"):
         write_mjcf(ROBOT, tmp_path / "out.xml")
     assert (tmp_path / "out.xml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["model.xml", "model-assets"])
+def test_what_another_program_makes_meanwhile_stays_and_nothing_else_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "source").mkdir()
+    robot = with_meshes(tmp_path / "source")
+    out = tmp_path / "out"
+
+    def meanwhile(*_given: object) -> None:
+        if name == "model-assets":
+            (out / name).mkdir()
+        (out / name / "theirs" if name == "model-assets" else out / name).write_text("theirs")
+
+    monkeypatch.setattr(mjcf_writer, "_set_identified", meanwhile)
+    out.mkdir()
+    with pytest.raises(FileExistsError):
+        write_mjcf(robot, out / "model.xml")
+    kept = [each for each in out.rglob("*") if each.is_file()]
+    assert [each.read_text() for each in kept] == ["theirs"]
+    assert [each.name for each in out.iterdir()] == [name]
 
 
 def test_a_broken_model_is_refused_and_nothing_is_left(

@@ -17,6 +17,7 @@ from twind.observe.recording import open_recording
 from twind.observe.recording.recording_topics import MJCF
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_file import RecordFile
+from twind.twin import model_from_text
 from twind.twin.binding import bind
 from twind.twin.model_from_text import compile_model
 
@@ -68,6 +69,41 @@ def test_what_no_number_in_the_text_tells_ends_at_the_bounds_of_a_process_of_its
     monkeypatch.setattr(model_trial, "BOUNDS", ProcessBounds(seconds=2, memory=768, output=1))
     with pytest.raises(InvalidInput, match=r"recorded model: (takes|needs) more than .*; make it smaller"):
         compile_model(hostile(COPIES), HOME)
+
+
+def test_a_model_that_needs_too_much_memory_whole_is_not_compiled_in_parts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without its textures it would fit."""
+    monkeypatch.setattr(model_trial, "BOUNDS", ProcessBounds(seconds=20, memory=700, output=1))
+    monkeypatch.setattr(model_from_text, "compile_text", lambda *args, **named: pytest.fail("compiled here"))
+    flat = 'type="2d" builtin="flat" width="4096" height="4096"'
+    textures = "".join(f'<texture name="t{number}" {flat}/>' for number in range(24))
+    with pytest.raises(InvalidInput, match=r"recorded model: .*(allocate memory|memory; make it smaller)"):
+        compile_model(hostile(f"<asset>{textures}</asset>"), HOME)
+
+
+def with_mesh(name: str) -> str:
+    return hostile(f'<asset><mesh name="q" file="{name}"/></asset>')
+
+
+def test_an_unreadable_file_is_left_out_of_the_trial_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, missing = compile_model(hostile(""), HOME)
+    model, left_out = compile_model(with_mesh("gone.stl"), HOME)
+    assert left_out and not missing
+    assert (model.nmesh, model.nbody) == (0, whole.nbody)
+    monkeypatch.setattr(model_trial, "BOUNDS", ProcessBounds(seconds=2, memory=768, output=1))
+    with pytest.raises(InvalidInput, match=r"recorded model: (takes|needs) more than .*; make it smaller"):
+        compile_model(with_mesh("gone.stl").replace(WORLD, WORLD + COPIES), HOME)
+
+
+def test_a_file_that_can_be_read_and_is_no_mesh_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "odd.stl"
+    path.write_text("no mesh")
+    with pytest.raises(InvalidInput, match=r"recorded model: the model cannot be compiled: .*; correct it"):
+        compile_model(with_mesh(str(path)), HOME)
+    path.unlink()
+    assert compile_model(with_mesh(str(path)), HOME)[1]
 
 
 def test_a_muscle_is_tried_whatever_its_element() -> None:

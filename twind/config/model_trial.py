@@ -55,21 +55,29 @@ def require_readable_model(path: Path, elements: Sequence[ModelElement]) -> None
 
     Raises ConfigError: it cannot, or it names a file that is none or too large.
     """
+    _require_files(elements)
     _try(elements, str(path), {"path": str(path)})
 
 
-def require_readable_text(mjcf: str, folder: Path) -> None:
+def require_readable_text(mjcf: str, folder: Path) -> bool:
     """Require the same, and sane numbers, of a model that has no file; its meshes are below `folder`.
 
+    Returns whether it was tried without its files, and has to be compiled so: this user may not read one.
     Raises ConfigError.
     """
-    _try(require_sane_text(mjcf, folder), str(folder / RECORDED), {"mjcf": mjcf, "folder": str(folder)})
+    elements = require_sane_text(mjcf, folder)
+    left_out = not _require_files(elements)
+    _try(
+        elements,
+        str(folder / RECORDED),
+        {"mjcf": mjcf, "folder": str(folder), "files_left_out": left_out},
+    )
+    return left_out
 
 
-def _try(elements: Sequence[ModelElement], name: str, request: Mapping[str, str]) -> None:
-    """Check the files of a model, and compile it where it may cost more than its text. Raises ConfigError."""
-    files = _require_files(elements)
-    if not files and len(elements) <= MAX_PLAIN and all(map(_is_plain, elements)):
+def _try(elements: Sequence[ModelElement], name: str, request: Mapping[str, object]) -> None:
+    """Compile a model where it may cost more than its text. Raises ConfigError."""
+    if len(elements) <= MAX_PLAIN and all(map(_is_plain, elements)):
         return
     try:
         call_module(WORKER, request, BOUNDS, file=name)
@@ -83,7 +91,7 @@ def _is_plain(element: ModelElement) -> bool:
 
 
 def _require_files(elements: Sequence[ModelElement]) -> bool:
-    """Check the files that elements name; return whether there are any. Raises ConfigError."""
+    """Check the files that elements name; return whether this user may read all. Raises ConfigError."""
     folders = {
         value
         for each in elements
@@ -92,15 +100,18 @@ def _require_files(elements: Sequence[ModelElement]) -> bool:
         if key in _FOLDERS
     }
     sizes: dict[str, int] = {}
+    readable = True
     for element in elements:
         for name in _names(element):
-            for path in _places(element, name, folders):
+            places = tuple(_places(element, name, folders))
+            readable &= any(os.access(path, os.R_OK) for path in places)
+            for path in places:
                 sizes[os.path.realpath(path)] = _size(element, path)
                 if sum(sizes.values()) > MAX_ALL:
                     raise element.refused(
                         f"the files of the model are larger than {MAX_ALL >> 20} MiB: decimate them"
                     )
-    return bool(sizes)
+    return readable
 
 
 def _names(element: ModelElement) -> Iterator[str]:

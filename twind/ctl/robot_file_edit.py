@@ -10,7 +10,7 @@ import yaml
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError, read_text
-from twind.new_file import write_new
+from twind.new_file import unwritten, write_new
 
 TODO_COMMENT = "# What no source states: mode live is refused until `twindctl robot finish` has settled it."
 
@@ -55,7 +55,13 @@ class RobotFileEdit:
         self.text = self.text[:begin] + body + gap + tail
 
     def save(self) -> None:
-        """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is refused."""
+        """Replace the file: the old text or the new one, never mixed. Raises Rejected: it is not replaced."""
+        try:
+            self._save()
+        except OSError as error:
+            raise Rejected(f"{self.path} cannot be written: {unwritten(error)}") from None
+
+    def _save(self) -> None:
         fresh = self.path.with_name(f".{self.path.stem}.new.yaml")
         try:
             write_new(fresh, self.text.encode())

@@ -19,38 +19,38 @@ STAND_IN = 0.03  # m, radius of the sphere in place of a mesh that cannot be rea
 
 
 def compile_model(mjcf: str, folder: str) -> tuple[Any, bool]:
-    """Return the model, and whether meshes had to be left out: this user may not read their files.
+    """Return the model, and whether its files were left out: this user may not read one of them.
 
     Raises InvalidInput: it cannot be compiled, or would cost memory or time without bound.
     """
     try:
-        require_readable_text(mjcf, Path(folder))
+        files_left_out = require_readable_text(mjcf, Path(folder))
     except ConfigError as error:
         raise InvalidInput(str(error)) from None
-    model, meshes_missing = compile_tried(mjcf, folder)
+    model = compile_text(mjcf, folder, files_left_out=files_left_out)
     require_sane_model(model, Path(folder) / RECORDED)
-    return model, meshes_missing
+    return model, files_left_out
 
 
-def compile_tried(mjcf: str, folder: str) -> tuple[Any, bool]:
-    """Return the same of a text that was tried, without a trial. Raises InvalidInput."""
+def compile_text(mjcf: str, folder: str, *, files_left_out: bool) -> Any:
+    """Return the model of a text, without a trial; spheres stand for meshes left out. Raises InvalidInput."""
     try:
         spec = mujoco.MjSpec.from_string(mjcf)
         spec.modelfiledir = folder
-        return spec.compile(), False
-    except ValueError:
-        pass
-    try:
-        spec = mujoco.MjSpec.from_string(mjcf)
-        for geom in spec.geoms:
-            if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
-                geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
-                geom.meshname = ""
-                geom.hfieldname = ""
-                geom.size = [STAND_IN, 0.0, 0.0]
-        for files in (spec.meshes, spec.hfields, spec.textures):
-            for each in list(files):
-                spec.delete(each)
-        return spec.compile(), True
+        if files_left_out:
+            _leave_out_files(spec)
+        return spec.compile()
     except ValueError as error:
         raise InvalidInput(f"the model cannot be compiled: {' '.join(str(error).split())}") from None
+
+
+def _leave_out_files(spec: Any) -> None:
+    for geom in spec.geoms:
+        if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
+            geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
+            geom.meshname = ""
+            geom.hfieldname = ""
+            geom.size = [STAND_IN, 0.0, 0.0]
+    for files in (spec.meshes, spec.hfields, spec.textures):
+        for each in list(files):
+            spec.delete(each)

@@ -12,18 +12,19 @@ def main() -> None:
     request = read_request()
     import mujoco  # noqa: PLC0415 - within the bounds
 
-    from twind.twin.model_from_text import compile_tried  # noqa: PLC0415 - imports it too
+    from twind.twin.model_from_text import compile_text  # noqa: PLC0415 - imports it too
 
     answer: object = {}
     try:
         if "path" in request:
-            mujoco.MjData(mujoco.MjSpec.from_file(request["path"]).compile())
+            model = mujoco.MjSpec.from_file(request["path"]).compile()
         else:
-            mujoco.MjData(compile_tried(request["mjcf"], request["folder"])[0])
+            model = compile_text(request["mjcf"], request["folder"], files_left_out=request["files_left_out"])
+        mujoco.MjData(model)
     except InvalidInput as error:
         answer = refusal(error)
     except ValueError as error:
-        answer = refusal(InvalidInput(f"{error}; correct it", where=request.get("path", "")))
+        answer = refusal(InvalidInput(f"{error}; correct it"))
     sys.stdout.write(json.dumps(answer))
 
 

@@ -15,6 +15,7 @@ from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput
+from twind.new_file import unwritten
 from twind_calibration.drafting.bodiless_model import bodiless_model
 from twind_calibration.drafting.mapping_file import fill_from_file, read_mapping
 from twind_calibration.drafting.model_source import fill_from_hardware, fill_from_model
@@ -39,8 +40,12 @@ def write_new(options: argparse.Namespace) -> int:
         raise Rejected(f"{folder} exists: choose another --folder")
     draft = RobotDraft(options.name)
     sources = _read_sources(options, draft)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as beside:
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        place = tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent)
+    except OSError as error:
+        raise Rejected(f"{folder} cannot be made: {unwritten(error)}") from None
+    with place as beside:
         made = Path(beside) / folder.name
         made.mkdir()
         model = None if options.model is None else _import(options, made)

@@ -7,6 +7,7 @@ is compiled again and compared. Not in it: load-dependent friction and play (`tw
 import os
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -30,7 +31,7 @@ def write_mjcf(robot: RobotFile, path: Path) -> None:
     """Write the model to `path`, and its assets into the folder `STEM-assets` beside it.
 
     Folders on the way are made. Raises InvalidInput: a model that is not valid or cannot be written so;
-    neither file nor assets are left then. OSError.
+    nothing that this call made is left then. OSError: also if another program makes one of them meanwhile.
     """
     assets = path.with_name(f"{path.stem}-assets")
     for place in (path, assets):
@@ -42,16 +43,14 @@ def write_mjcf(robot: RobotFile, path: Path) -> None:
     root = _included(_parsed(robot.mjcf_path), robot.mjcf_path.parent)
     _set_identified(root, spec, robot)
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        _copy_assets(root, robot.mjcf_path.parent, assets)
+    with ExitStack() as undo:  # knows only what this call made
+        _copy_assets(root, robot.mjcf_path.parent, assets, undo)
         ElementTree.indent(root)
         with path.open("x", encoding="utf-8") as file:
+            undo.callback(path.unlink, missing_ok=True)
             file.write(ElementTree.tostring(root, encoding="unicode") + "\n")
         _require_same(spec.compile(), path)
-    except BaseException:
-        path.unlink(missing_ok=True)
-        shutil.rmtree(assets, ignore_errors=True)
-        raise
+        undo.pop_all()
 
 
 def _included(root: Element, folder: Path) -> Element:
@@ -131,8 +130,8 @@ def _set_body(element: Element, body: Any) -> None:
     _set(inertial, "quat", body.iquat)
 
 
-def _copy_assets(root: Element, source: Path, assets: Path) -> None:
-    """Copy each file that the model names, and name the copy."""
+def _copy_assets(root: Element, source: Path, assets: Path, undo: ExitStack) -> None:
+    """Copy each file that the model names into a new folder, and name the copy."""
     compilers = list(root.iter("compiler"))
     given = {key: value for each in compilers for key, value in each.items()}
     common = given.get("assetdir", "")
@@ -144,8 +143,11 @@ def _copy_assets(root: Element, source: Path, assets: Path) -> None:
         found = (source / given.get(FOLDERS[element.tag], common) / file).resolve()
         if found not in names:
             stem = file.name if file.name not in names.values() else f"{len(names)}-{file.name}"
-            assets.mkdir(exist_ok=True)
-            shutil.copyfile(found, assets / stem)
+            if not names:
+                assets.mkdir()
+                undo.callback(shutil.rmtree, assets, ignore_errors=True)
+            with found.open("rb") as original, (assets / stem).open("xb") as copy:
+                shutil.copyfileobj(original, copy)
             names[found] = stem
         if element.tag == "mesh" and element.get("name") is None:
             element.set("name", file.stem)
