@@ -39,6 +39,26 @@ def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
     ]
 
 
+def test_a_simulated_robot_shows_no_bus_no_latency_and_no_missing_connection() -> None:
+    answer = status(None) | {"mode": "sim", "state": "disconnected"}
+    answer["buses"][0] |= {"connected": False, "port": None}
+    world = StateCache(briefing())
+    world.take(overview(100.0))
+    world.take(tick(100.0, 1))
+    joint = msgspec.json.decode(world.joints())[0] | {"calibrated": False}
+    text = render(answer, [joint])
+    assert "mode sim · simulated robot · motion" in text
+    for word in ("connected", "latency", "bus ", "unknown", "uncalibrated"):
+        assert word not in text
+    assert "simulated" not in render(answer | {"state": "fault"}).splitlines()[0]
+
+
+def test_a_bus_without_a_port_names_the_option() -> None:
+    answer = status(None)
+    answer["buses"][0] |= {"connected": False, "port": None}
+    assert "bus      bus_0: no port; start twind with --port, or with --virtual" in status_lines(answer)
+
+
 ESTOP = Finding(ReasonCode.ESTOP, message="e-stop (settle)")
 STALE = Finding(ReasonCode.STATE_STALE, joint=3, value=0.2, bound=0.1)
 NEEDED = "reset    needed for ESTOP: "

@@ -48,7 +48,7 @@ def test_motion_needs_an_armed_robot_in_live_and_no_latch_anywhere(
     mode: Mode, state: RobotState, motion: Motion
 ) -> None:
     expected = [LATCHING[state]] if state in LATCHING else []
-    if mode is Mode.LIVE and state is not RobotState.ARMED:
+    if mode is Mode.LIVE and state is not RobotState.ARMED and not expected:
         expected.append(ReasonCode.NOT_ARMED)
     over = {"mode": mode, "state": state, "motion": motion}
     assert codes(admit(w.snapshot(**over), BOTH, w.TH)) == expected
@@ -61,7 +61,7 @@ def test_arming_is_for_live_and_starts_from_connected(mode: Mode, state: RobotSt
     expected = [LATCHING[state]] if state in LATCHING else []
     if mode is not Mode.LIVE:
         expected.append(ReasonCode.MODE_DENIES)
-    elif state is not RobotState.CONNECTED:
+    elif state is not RobotState.CONNECTED and not expected:
         expected.append(ReasonCode.ARM_FAILED)
     assert codes(arming(w.snapshot(mode=mode, state=state), w.TH)) == expected
 
@@ -93,6 +93,37 @@ def test_latches_refuse_in_every_mode(
     assert codes(verdict) == expected
     if ReasonCode.SERVO_ALERT in latched:
         assert "SERVO_ALERT" in verdict.refusals[0].message
+
+
+@pytest.mark.parametrize(
+    ("latched", "over", "message"),
+    [
+        (
+            (ReasonCode.FALLING,),
+            {"torque_on": True},
+            "FALLING (the robot fell); torque is on; next: `twindctl disarm`, then `twindctl reset`, "
+            "then set it on its feet, then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.FOLLOW_ERR,),
+            {},
+            "FOLLOW_ERR; torque is off; next: `twindctl reset`, then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.ESTOP,),
+            {"state": RobotState.ESTOP, "torque_on": True},
+            "an e-stop is latched; torque is on; next: wait until torque is off, then `twindctl reset`, "
+            "then `twindctl arm`",
+        ),
+        ((ReasonCode.ESTOP,), {"mode": Mode.SIM}, "an e-stop is latched; next: `twindctl reset`"),
+    ],
+)
+def test_a_latch_is_refused_with_what_happened_and_the_next_commands(
+    latched: tuple[ReasonCode, ...], over: dict[str, object], message: str
+) -> None:
+    given = w.snapshot(**{"state": RobotState.FAULT, "latched": latched, **over})
+    assert admit(given, BOTH, w.TH).refusals[0].message == message
+    assert arming(given, w.TH).refusals[0].message == message
 
 
 @pytest.mark.parametrize("mode", Mode)

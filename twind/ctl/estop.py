@@ -6,6 +6,8 @@ import os
 from twind.client import NoDaemon
 from twind.command_line.verb import DONE, FunctionVerb, Rejected, connected, remote_robot, show
 from twind.protocol.socket_paths import SYSTEM
+from twind.robot.finding import ReasonCode
+from twind.robot.recovery_steps import THEN, reset_steps
 
 LOWERING = 30.0  # s that a daemon may take to lower its robot and end
 
@@ -36,7 +38,7 @@ def reset_after_estop(*, torque_off: bool | None) -> str:
     """Return the next step after an e-stop: a reset is refused while torque is on. None: unknown."""
     if torque_off is None:
         return "`twindctl reset`; where it is refused, `twindctl status` shows the steps"
-    return "`twindctl reset`" if torque_off else "wait until torque is off, then `twindctl reset`"
+    return THEN.join(reset_steps((ReasonCode.ESTOP,), torque_on=not torque_off))
 
 
 def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:

@@ -12,6 +12,7 @@ from twind.exceptions import InvalidInput
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
+from twind.robot.recovery_steps import next_text
 from twind.robot_client.goal_stream import GoalStream, StreamReport
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_message import ImuReading
@@ -145,7 +146,8 @@ def _inertial(robot: WalkingRobot) -> ImuReading | None:
 
 
 def _fall(inertial: ImuReading, time: float, steps: int) -> FindingMessage:
-    message = f"fell after {steps} steps: tilt of the base (rad); it was stopped by an e-stop"
+    after = next_text((ReasonCode.ESTOP, ReasonCode.FALLING), torque_on=True, live=True)
+    message = f"fell after {steps} steps: tilt of the base (rad); it was stopped by an e-stop; {after}"
     tilt = max(map(abs, tilt_of(inertial.quaternion)))
     return _finding(ReasonCode.UNSTABLE_POSE, time, message, tilt, FALLEN)
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from twind.robot.arrays import Bools
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.modes import RESET_STATES, Mode, Motion, RobotState
+from twind.robot.recovery_steps import codes_text, next_text, not_armed_text
 from twind.safety.gate_types import GateSnapshot, GateThresholds
 from twind.safety.headroom import headroom
 
@@ -22,8 +23,8 @@ def admit(
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot), *snapshot.holding]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
-        if snapshot.state is not RobotState.ARMED:
-            reason = f"state is {snapshot.state}; arm first"
+        if snapshot.state is not RobotState.ARMED and snapshot.state not in RESET_STATES:
+            reason = not_armed_text(snapshot.state, (), torque_on=False)
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
         refusals += _freshness(snapshot, commanded, thresholds)
@@ -41,7 +42,7 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
     if snapshot.mode is not Mode.LIVE:
         reason = f"mode {snapshot.mode} has no torque to switch on; arm in mode live"
         return Verdict((*refusals, Finding(ReasonCode.MODE_DENIES, message=reason)))
-    if snapshot.state is not RobotState.CONNECTED:
+    if snapshot.state is not RobotState.CONNECTED and snapshot.state not in RESET_STATES:
         reason = f"state is {snapshot.state}; arming starts from connected"
         refusals.append(Finding(ReasonCode.ARM_FAILED, message=reason))
     if not chosen.any():
@@ -63,16 +64,22 @@ def _lease(snapshot: GateSnapshot) -> list[Finding]:
 def _latches(snapshot: GateSnapshot) -> list[Finding]:
     """Check FAULT_LATCHED and ESTOP_LATCHED.
 
-    The states themselves count as latches, whatever the list says.
+    The states themselves count as latches, whatever the list says. The messages have the steps to a reset.
     """
     stops = {ReasonCode.ESTOP, ReasonCode.ESTOP_LATCHED}
-    faults = [code for code in snapshot.latched if code not in stops]
+    faults = tuple(dict.fromkeys(code for code in snapshot.latched if code not in stops))
+    stopped = snapshot.state is RobotState.ESTOP or not stops.isdisjoint(snapshot.latched)
+    failed = bool(faults) or snapshot.state in (RobotState.FAULT, RobotState.INHIBITED)
+    if not (stopped or failed):
+        return []
+    codes = (*faults, ReasonCode.ESTOP) if stopped else faults
+    steps = next_text(codes, torque_on=snapshot.torque_on, live=snapshot.mode is Mode.LIVE)
     findings = []
-    if snapshot.state is RobotState.ESTOP or stops & set(snapshot.latched):
-        findings.append(Finding(ReasonCode.ESTOP_LATCHED, message="e-stop is latched; reset it first"))
-    if faults or snapshot.state in (RobotState.FAULT, RobotState.INHIBITED):
-        named = ", ".join(dict.fromkeys(faults)) or f"state is {snapshot.state}"
-        findings.append(Finding(ReasonCode.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
+    if stopped:
+        findings.append(Finding(ReasonCode.ESTOP_LATCHED, message=f"an e-stop is latched; {steps}"))
+    if failed:
+        named = codes_text(faults) or f"state is {snapshot.state}"
+        findings.append(Finding(ReasonCode.FAULT_LATCHED, message=f"{named}; {steps}"))
     return findings
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.torque_readback import torque_on
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.arrays import Bools
@@ -58,6 +59,7 @@ class GateInput:
             lease_held=self._lease.held_by(client, now),
             mismatches=tuple(self._troubles()),
             calibrated=np.array(robot.joints.calibrated),
+            torque_on=context.condition.latched and torque_on(context),
             limp=context.torque.limp,
             age=now - target.time + target.age,
             latency=self._health.latency(now),
