@@ -146,8 +146,14 @@ def _add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> No
             help=summary(verb),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        add_common_options(child, argparse.SUPPRESS)  # also after the verb
+        add_common_options(child, argparse.SUPPRESS, _without(verb))  # also after the verb
         verb.add_arguments(child)
+
+
+def _without(verb: Verb) -> set[str]:
+    """Common options that have no use for a verb, or are refused."""
+    unused = set(getattr(verb, "unused_options", ()))
+    return unused if getattr(verb, "supports_remote", False) else unused | {"--remote"}
 
 
 if __name__ == "__main__":
