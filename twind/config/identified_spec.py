@@ -56,6 +56,7 @@ class GapReference:
 
     spread: NotNegative  # share of the spread of the measured position
     unexplained: NotNegative  # share of what the delayed goal leaves unexplained
+    effort: NotNegative | None = None  # share of the measured effort; None: not measured
 
 
 @dataclass(frozen=True, slots=True)

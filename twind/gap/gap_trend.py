@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twind.config.identified_spec import IdentifiedModel
-from twind.gap.gap_figures import JointGap
+from twind.gap.gap_figures import GapFigure, JointGap
 
 GROWN = 1.5  # times the reference: a joint is reported
 CALM = 1.2  # times the reference: below it a joint may be reported again
@@ -13,34 +13,43 @@ IN_A_ROW = 3  # figures above the bound, so that one second does not report
 
 @dataclass(frozen=True, slots=True)
 class GrownGap:
-    """A joint whose unexplained share of the position exceeds its bound."""
+    """A joint whose unexplained share of `quantity` exceeds its bound."""
 
     joint: str
+    quantity: str  # position or effort
     value: float
     bound: float
 
 
 class GapTrend:
-    """Reports each joint once while its gap is grown."""
+    """Reports each joint once while its gap is grown, in position or effort: a load shows in effort first."""
 
     def __init__(self, identified: IdentifiedModel | None) -> None:
         joints = {} if identified is None else identified.joints
-        self._reference = {name: each.gap.unexplained for name, each in joints.items() if each.gap}
-        self._above: dict[str, int] = {}
+        known = {name: each.gap for name, each in joints.items() if each.gap}
+        self._references = {
+            name: (("position", gap.unexplained), ("effort", gap.effort)) for name, gap in known.items()
+        }
+        self._above: dict[tuple[str, str], int] = {}
 
     def update(self, gaps: Sequence[JointGap]) -> list[GrownGap]:
         """Take the figures of a window; return the joints that are newly grown."""
-        found: list[GrownGap] = []
-        for gap in gaps:
-            reference = self._reference.get(gap.joint)
-            value = None if gap.position is None else gap.position.unexplained
+        return [grown for gap in gaps if (grown := self._newly_grown(gap)) is not None]
+
+    def _newly_grown(self, gap: JointGap) -> GrownGap | None:
+        references = self._references.get(gap.joint, ())
+        reported = any(self._above.get((gap.joint, name), 0) >= IN_A_ROW for name, _ in references)
+        newly: GrownGap | None = None
+        for quantity, reference in references:
+            figure: GapFigure | None = getattr(gap, quantity)
+            value = None if figure is None else figure.unexplained
             if not reference or value is None:
                 continue
-            above = self._above.get(gap.joint, 0)
+            above = self._above.get((gap.joint, quantity), 0)
             if value > GROWN * reference:
-                self._above[gap.joint] = above + 1
-                if above + 1 == IN_A_ROW:
-                    found.append(GrownGap(gap.joint, value, GROWN * reference))
+                self._above[gap.joint, quantity] = above + 1
+                if above + 1 == IN_A_ROW and newly is None and not reported:
+                    newly = GrownGap(gap.joint, quantity, value, GROWN * reference)
             elif value < CALM * reference or above < IN_A_ROW:
-                self._above[gap.joint] = 0
-        return found
+                self._above[gap.joint, quantity] = 0
+        return newly

@@ -116,4 +116,5 @@ def _with_gap(joint: IdentifiedJoint, gap: JointGap) -> IdentifiedJoint:
     figure = gap.position
     if figure is None or figure.nrmse_spread is None or figure.unexplained is None:
         return joint
-    return replace(joint, gap=GapReference(figure.nrmse_spread, figure.unexplained))
+    effort = None if gap.effort is None else gap.effort.unexplained
+    return replace(joint, gap=GapReference(figure.nrmse_spread, figure.unexplained, effort))
