@@ -92,7 +92,10 @@ def _sockets_gone(options: argparse.Namespace, error: NoDaemon) -> NoDaemon:
         return error
     from twind.ctl import lost_socket_daemon  # only a failed connection pays for it
 
-    found = lost_socket_daemon.find(lost_socket_daemon.folders(options.socket), patience=0.0)
+    folders = lost_socket_daemon.folders(options.socket)
+    if error.where and os.path.normpath(os.path.dirname(error.where)) not in map(os.path.normpath, folders):
+        return error  # of another daemon, such as the leader of `follow`
+    found = lost_socket_daemon.find(folders, patience=0.0)
     return NoDaemon(lost_socket_daemon.described(found[0]), absent=True) if found else error
 
 

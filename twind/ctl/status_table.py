@@ -190,7 +190,7 @@ def _row(joint: JointMessage, *, simulated: bool) -> tuple[str, ...]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
 
 
 def _ms(value: float | None) -> str:

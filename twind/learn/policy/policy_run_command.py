@@ -24,6 +24,7 @@ from twind.command_line.verb import (
     operator,
     show,
 )
+from twind.ctl.status_table import state_text
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.cards.driven_policy import AnyPolicy, actor_for, command_for, task_for
 from twind.learn.live.base_estimator import BaseEstimator
@@ -183,7 +184,8 @@ def _figures(figures: Mapping[str, Any]) -> list[str]:
         f"{figures['refused']} refused, {figures['holds']} holds{_held(figures)}, "
         f"tilt at most {figures['most_tilt_deg']:g}°, return {_number(figures['return_per_step'])} per step",
     ]
-    if figures["missed"] > MANY * (figures["steps"] + figures["missed"]) or figures["too_late"]:
+    missed = figures["missed"] > MANY * (figures["steps"] + figures["missed"])
+    if (missed and figures["steps"]) or figures["too_late"]:
         lines.append(BUSY)
     lines += [
         f"refused  {code}{f' {joint}' if joint else ''}: {count} times"
@@ -202,4 +204,5 @@ def _after(status: Mapping[str, object]) -> str:
         return "the robot holds with torque on, and no client drives it: `twindctl disarm` lowers it"
     if status["mode"] == "live" and (stop := stopped_text(status)):
         return f"no client drives it now: {stop}"
-    return f"no client drives it now: mode {status['mode']}, state {status['state']}"
+    mode = str(status["mode"])
+    return f"no client drives it now: mode {mode}, {state_text(mode, str(status['state']))}"
