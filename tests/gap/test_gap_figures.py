@@ -79,20 +79,21 @@ def test_a_grown_gap_is_reported_once_until_it_was_calm() -> None:
 
 
 def test_a_load_that_shows_in_effort_alone_is_reported_once_with_the_effort() -> None:
-    reference = IdentifiedJoint(gap=GapReference(spread=0.01, unexplained=0.2, effort=0.16))
+    reference = IdentifiedJoint(gap=GapReference(spread=0.01, unexplained=0.2, effort=0.16, effort_nm=0.1))
     trend = GapTrend(IdentifiedModel("h24", "", "", "", 0.0, 0.0, {"hip": reference}))
     found = figure(motion(), motion())
 
-    def reports(position: float, effort: float) -> list[tuple[str, float]]:
+    def reports(position: float, effort: float, rms: float = 0.2) -> list[tuple[str, float]]:
         assert found.position is not None and found.effort is not None
         gap = replace(
             found,
             position=replace(found.position, unexplained=position),
-            effort=replace(found.effort, unexplained=effort),
+            effort=replace(found.effort, unexplained=effort, rms=rms),
         )
         return [(each.quantity, each.bound) for _ in range(2 * IN_A_ROW) for each in trend.update([gap])]
 
     assert reports(0.29, 0.23) == []
+    assert reports(0.29, 0.6, rms=0.1) == []  # of a motion that needs little effort
     assert reports(0.29, 0.29) == [("effort", pytest.approx(0.24))]
     assert reports(0.35, 0.29) == []  # it is known already
     assert reports(0.2, 0.16) == []

@@ -28,7 +28,8 @@ class GapTrend:
         joints = {} if identified is None else identified.joints
         known = {name: each.gap for name, each in joints.items() if each.gap}
         self._references = {
-            name: (("position", gap.unexplained), ("effort", gap.effort)) for name, gap in known.items()
+            name: (("position", gap.unexplained, 0.0), ("effort", gap.effort, gap.effort_nm or 0.0))
+            for name, gap in known.items()
         }
         self._above: dict[tuple[str, str], int] = {}
 
@@ -38,15 +39,15 @@ class GapTrend:
 
     def _newly_grown(self, gap: JointGap) -> GrownGap | None:
         references = self._references.get(gap.joint, ())
-        reported = any(self._above.get((gap.joint, name), 0) >= IN_A_ROW for name, _ in references)
+        reported = any(self._above.get((gap.joint, name), 0) >= IN_A_ROW for name, _, _ in references)
         newly: GrownGap | None = None
-        for quantity, reference in references:
+        for quantity, reference, rms in references:
             figure: GapFigure | None = getattr(gap, quantity)
             value = None if figure is None else figure.unexplained
-            if not reference or value is None:
+            if figure is None or not reference or value is None:
                 continue
             above = self._above.get((gap.joint, quantity), 0)
-            if value > GROWN * reference:
+            if value > GROWN * reference and figure.rms >= GROWN * rms:  # a share of little effort is large
                 self._above[gap.joint, quantity] = above + 1
                 if above + 1 == IN_A_ROW and newly is None and not reported:
                     newly = GrownGap(gap.joint, quantity, value, GROWN * reference)

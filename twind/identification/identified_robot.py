@@ -116,5 +116,7 @@ def _with_gap(joint: IdentifiedJoint, gap: JointGap) -> IdentifiedJoint:
     figure = gap.position
     if figure is None or figure.nrmse_spread is None or figure.unexplained is None:
         return joint
-    effort = None if gap.effort is None else gap.effort.unexplained
-    return replace(joint, gap=GapReference(figure.nrmse_spread, figure.unexplained, effort))
+    reference = GapReference(figure.nrmse_spread, figure.unexplained)
+    if gap.effort is not None and gap.effort.unexplained is not None:
+        reference = replace(reference, effort=gap.effort.unexplained, effort_nm=gap.effort.rms)
+    return replace(joint, gap=reference)
