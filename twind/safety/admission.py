@@ -23,8 +23,10 @@ def admit(
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot), *snapshot.holding]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
-        if snapshot.state is not RobotState.ARMED and snapshot.state not in RESET_STATES:
-            reason = not_armed_text(snapshot.state, (), torque_on=False)
+        if snapshot.state is not RobotState.ARMED:
+            stopped = snapshot.state in RESET_STATES  # FAULT_LATCHED or ESTOP_LATCHED has the steps
+            text = not_armed_text(snapshot.state, (), torque_on=False)
+            reason = f"state is {snapshot.state}" if stopped else text
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
         refusals += _freshness(snapshot, commanded, thresholds)
@@ -42,7 +44,7 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
     if snapshot.mode is not Mode.LIVE:
         reason = f"mode {snapshot.mode} has no torque to switch on; arm in mode live"
         return Verdict((*refusals, Finding(ReasonCode.MODE_DENIES, message=reason)))
-    if snapshot.state is not RobotState.CONNECTED and snapshot.state not in RESET_STATES:
+    if snapshot.state is not RobotState.CONNECTED:
         reason = f"state is {snapshot.state}; arming starts from connected"
         refusals.append(Finding(ReasonCode.ARM_FAILED, message=reason))
     if not chosen.any():

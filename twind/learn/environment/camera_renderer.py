@@ -23,13 +23,14 @@ CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
 class CameraRenderer:
     """A camera that goes along with the base and sees the whole robot. Holds a GL context until `close`.
 
-    The first picture frames the box around the robot's shapes; the distance grows where it reaches further.
+    Each picture frames the box around the robot's shapes. A `steady` camera keeps the frame of its first
+    picture; its distance grows where the robot reaches further.
 
     Not `mujoco.Renderer`: that takes the context that was chosen while MuJoCo was imported, and to the twin's
     users MuJoCo is imported with none.
     """
 
-    def __init__(self, model: Any, base: str) -> None:
+    def __init__(self, model: Any, base: str, *, steady: bool = False) -> None:
         """Raises OperationFailed: neither EGL nor OSMesa works here."""
         self._model = model
         number = model.body(base).id
@@ -41,6 +42,7 @@ class CameraRenderer:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._camera.distance = 0.0
         self._base = number
+        self._steady = steady
         self._offset: NDArray[np.float64] | None = None  # m, from the base to the centre of the first picture
         self._camera.azimuth = ASIDE
         self._camera.elevation = ABOVE
@@ -73,7 +75,9 @@ class CameraRenderer:
     def _frame(self, data: Any) -> None:
         """Look at the robot from where all of it is seen."""
         corners = self._corners(data)
-        if self._offset is None:
+        if not self._steady:
+            self._camera.distance = 0.0
+        if self._offset is None or not self._steady:
             self._offset = (corners.min(axis=0) + corners.max(axis=0)) / 2.0 - data.xpos[self._base]
         centre = data.xpos[self._base] + self._offset
         self._camera.lookat[:] = centre

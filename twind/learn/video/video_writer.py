@@ -32,7 +32,7 @@ class VideoWriter:
         self.path = path
         self.frames = 0
         self._model = model
-        self._renderer = CameraRenderer(model, base)
+        self._renderer = CameraRenderer(model, base, steady=True)
         high, wide = SIZE
         self._encoder: Any = imageio_ffmpeg.write_frames(
             str(path), (wide, high), fps=fps, output_params=["-movflags", "+faststart"]
