@@ -93,7 +93,13 @@ def test_a_motion_that_a_fall_ended_shows_the_next_commands(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     daemon = StandIn("aborted")
-    fall = {"state": "fault", "armed": True, "faults": [{"code": "FALLING"}], "latched": ["FALLING"]}
+    fall = {
+        "mode": "live",
+        "state": "fault",
+        "armed": True,
+        "faults": [{"code": "FALLING"}],
+        "latched": ["FALLING"],
+    }
     call = daemon.call
 
     def answer(method: str, **parameters: Any) -> Any:

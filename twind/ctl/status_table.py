@@ -15,7 +15,7 @@ from twind.protocol.messages import (
     StreamingMessage,
 )
 from twind.robot.modes import RESET_STATES, Mode, RobotState
-from twind.robot.recovery_steps import THEN, reset_steps
+from twind.robot.recovery_steps import THEN, UNKNOWN, reported_torque, reset_steps
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
@@ -111,8 +111,11 @@ def _reset_texts(status: StatusMessage) -> list[str]:
     transient = [code for code in codes if code not in latched]
     texts = []
     if latched:
-        steps = reset_steps(latched, torque_on=status["armed"] or status["inherited"])
-        texts.append(f"needed for {', '.join(latched)}: {THEN.join(steps)}")
+        torque_on = reported_torque(status)
+        live = status["mode"] == Mode.LIVE
+        steps = reset_steps(status["state"], latched, torque_on=torque_on, live=live)
+        torque = f"{UNKNOWN}; next: " if torque_on is None and live else ""
+        texts.append(f"needed for {', '.join(latched)}: {torque}{THEN.join(steps)}")
     if transient:
         names = ", ".join(transient)
         texts.append(f"not needed for {names}: clears once its cause is gone; until then arming is refused")

@@ -4,25 +4,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.exceptions import InvalidInput
-from twind.robot.modes import RESET_STATES, RobotState
-from twind.robot.recovery_steps import not_armed_text
+from twind.robot.modes import RESET_STATES, Mode, RobotState
+from twind.robot.recovery_steps import not_armed_text, reported_torque, stopped_by_text
 
 
 def require_armed(status: Mapping[str, Any]) -> None:
     """Raises InvalidInput where goals would move no robot, with the steps from there to an armed robot."""
-    if status["mode"] != "live" or (status["armed"] and status["state"] == RobotState.ARMED):
+    if status["mode"] != Mode.LIVE or (status["armed"] and status["state"] == RobotState.ARMED):
         return
-    raise InvalidInput(_text(status))
+    stopped = bool(_latched(status)) or status["state"] in RESET_STATES
+    raise InvalidInput(_stopped_by(status) if stopped else not_armed_text(status["state"]))
 
 
 def stopped_text(status: Mapping[str, Any]) -> str:
     """Return what stopped the robot, and the next commands; "": nothing."""
-    return _text(status) if status["state"] in RESET_STATES else ""
+    return _stopped_by(status) if status["state"] in RESET_STATES else ""
 
 
-def _text(status: Mapping[str, Any]) -> str:
-    torque_on = bool(status["armed"] or status.get("inherited"))
-    return not_armed_text(status["state"], _latched(status), torque_on=torque_on)
+def _stopped_by(status: Mapping[str, Any]) -> str:
+    torque_on = reported_torque(status)
+    return stopped_by_text(status["state"], _latched(status), torque_on=torque_on, mode=status["mode"])
 
 
 def _latched(status: Mapping[str, Any]) -> list[str]:

@@ -25,8 +25,7 @@ def admit(
     if snapshot.mode is Mode.LIVE:
         if snapshot.state is not RobotState.ARMED:
             stopped = snapshot.state in RESET_STATES  # FAULT_LATCHED or ESTOP_LATCHED has the steps
-            text = not_armed_text(snapshot.state, (), torque_on=False)
-            reason = f"state is {snapshot.state}" if stopped else text
+            reason = f"state is {snapshot.state}" if stopped else not_armed_text(snapshot.state)
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
         refusals += _freshness(snapshot, commanded, thresholds)
@@ -75,7 +74,8 @@ def _latches(snapshot: GateSnapshot) -> list[Finding]:
     if not (stopped or failed):
         return []
     codes = (*faults, ReasonCode.ESTOP) if stopped else faults
-    steps = next_text(codes, torque_on=snapshot.torque_on, live=snapshot.mode is Mode.LIVE)
+    live = snapshot.mode is Mode.LIVE
+    steps = next_text(snapshot.state, codes, torque_on=snapshot.torque_on, live=live)
     findings = []
     if stopped:
         findings.append(Finding(ReasonCode.ESTOP_LATCHED, message=f"an e-stop is latched; {steps}"))
