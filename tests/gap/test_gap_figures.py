@@ -96,6 +96,12 @@ def test_a_load_that_shows_in_effort_alone_is_reported_once_with_the_effort() ->
     assert reports(0.29, 0.6, rms=0.1) == []  # of a motion that needs little effort
     assert reports(0.29, 0.29) == [("effort", pytest.approx(0.24))]
     assert reports(0.35, 0.29) == []  # it is known already
+    assert reports(0.35, 0.16) == [
+        ("position", pytest.approx(0.3))
+    ]  # the effort is calm, the position is not
+    assert reports(0.35, 0.29) == []
+    assert reports(0.29, 0.29) == []  # neither grown nor calm
+    assert reports(0.2, 0.29) == [("effort", pytest.approx(0.24))]
     assert reports(0.2, 0.16) == []
     assert reports(0.35, 0.16) == [("position", pytest.approx(0.3))]
     assert not GapTrend(None).update([found])

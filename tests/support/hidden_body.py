@@ -22,8 +22,8 @@ from twind.robot.trajectory import Trajectory
 from twind.virtual.virtual_robot_spec import body_for, buses
 
 RENEWED = 20  # ticks from one renewal of the lease to the next
-QUIET = 0.5  # s without motion: the robot rests
-LONGEST = 40  # times `QUIET` until it must rest
+QUIET = 0.5  # s in which no joint reads a velocity: the robot rests
+LONGEST = 20.0  # s until it must rest
 READY = 2.0  # s on the way to the pose in which joints move
 
 
@@ -47,7 +47,7 @@ class HiddenBodyRig(Rig):
     def excite(self, pose: str, amplitude: float) -> MotionSamples:
         """Move each joint alone, then all together, as `live_excitation` does; return the motion."""
         self.connect()
-        self._hang_quiet()
+        self.hang_quiet()
         self.arm()
         self._rows: list[tuple[float, Any, Any, Any]] = []
         self._follow(
@@ -62,15 +62,17 @@ class HiddenBodyRig(Rig):
             MotionSamples(self.names, time, goal, position, velocity, unknown), self.loop.robot.period
         )
 
-    def _hang_quiet(self) -> None:
+    def hang_quiet(self) -> None:
         """Wait until the limp robot rests: a cable stronger than its friction moves it out of its rest pose.
 
-        Arming is refused (ARM_FAILED) while joints move, as it must be.
+        Arming is refused (ARM_FAILED) while joints move.
         """
-        for _ in range(LONGEST):
-            before = self.loop.robot.measured.position.copy()
-            self.seconds(QUIET)
-            if (self.loop.robot.measured.position == before).all():
+        period = self.loop.robot.period
+        quiet = 0
+        for _ in range(round(LONGEST / period)):
+            self.ticks(1)
+            quiet = quiet + 1 if (self.loop.robot.measured.velocity == 0.0).all() else 0
+            if quiet * period >= QUIET:
                 return
         raise AssertionError("the limp robot does not come to rest")
 

@@ -32,16 +32,15 @@ class GapTrend:
             for name, gap in known.items()
         }
         self._above: dict[tuple[str, str], int] = {}
+        self._reported: dict[str, str] = {}  # joint -> the quantity reported, until it is calm
 
     def update(self, gaps: Sequence[JointGap]) -> list[GrownGap]:
         """Take the figures of a window; return the joints that are newly grown."""
         return [grown for gap in gaps if (grown := self._newly_grown(gap)) is not None]
 
     def _newly_grown(self, gap: JointGap) -> GrownGap | None:
-        references = self._references.get(gap.joint, ())
-        reported = any(self._above.get((gap.joint, name), 0) >= IN_A_ROW for name, _, _ in references)
-        newly: GrownGap | None = None
-        for quantity, reference, rms in references:
+        grown: list[GrownGap] = []
+        for quantity, reference, rms in self._references.get(gap.joint, ()):
             figure: GapFigure | None = getattr(gap, quantity)
             value = None if figure is None else figure.unexplained
             if figure is None or not reference or value is None:
@@ -49,8 +48,13 @@ class GapTrend:
             above = self._above.get((gap.joint, quantity), 0)
             if value > GROWN * reference and figure.rms >= GROWN * rms:  # a share of little effort is large
                 self._above[gap.joint, quantity] = above + 1
-                if above + 1 == IN_A_ROW and newly is None and not reported:
-                    newly = GrownGap(gap.joint, quantity, value, GROWN * reference)
+                if above + 1 >= IN_A_ROW:
+                    grown.append(GrownGap(gap.joint, quantity, value, GROWN * reference))
             elif value < CALM * reference or above < IN_A_ROW:
                 self._above[gap.joint, quantity] = 0
-        return newly
+                if self._reported.get(gap.joint) == quantity:
+                    del self._reported[gap.joint]  # another quantity may have grown meanwhile
+        if not grown or gap.joint in self._reported:
+            return None
+        self._reported[gap.joint] = grown[0].quantity
+        return grown[0]
