@@ -1,4 +1,6 @@
-"""Entry points of the programs: Ctrl-C while one is imported or starts ends it with 130, without a traceback.
+"""Entry points of the programs: Ctrl-C while one is imported ends it with 130, without a traceback.
+
+The same holds while it runs, for a Ctrl-C that the program itself does not handle.
 
 Imports the standard library alone, so that little can be interrupted before it acts.
 """
@@ -27,7 +29,10 @@ def virtual() -> int:
 
 
 def start(module: str) -> int:
-    """Import `module` and run its `main`; return the exit code. SIGINT that is ignored stays ignored."""
+    """Import `module` and run its `main`; return its exit code, or 130 after a KeyboardInterrupt of either.
+
+    SIGINT that is ignored stays ignored.
+    """
     guarded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     try:
         if guarded:

@@ -1,4 +1,4 @@
-"""Ctrl-C while a program is imported or starts ends it with exit code 130 and no traceback."""
+"""Ctrl-C in a program that does not handle it, and while one is imported, ends it with 130 and no traceback."""
 
 import signal
 import subprocess
