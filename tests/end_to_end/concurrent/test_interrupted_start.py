@@ -1,4 +1,4 @@
-"""Ctrl-C in a program that does not handle it, and while one is imported, ends it with 130 and no traceback."""
+"""Ctrl-C in a program that does not handle it, and while one is imported, ends it with 130, no traceback."""
 
 import signal
 import subprocess
