@@ -47,7 +47,7 @@ JOINTS = st.builds(
     IdentifiedJoint,
     **{name: st.none() | estimates(name) for name in PARAMETERS},
     p_gain=st.none() | st.integers(1, 16383).map(float),
-    gap=st.none() | st.builds(GapReference, SIZES, SIZES),
+    gap=st.none() | st.builds(GapReference, SIZES, SIZES, st.none() | SIZES, st.none() | SIZES),
 )
 PLACES = st.tuples(*[st.integers(-(10**9), 10**9).map(lambda count: count / 1e9)] * 3)
 SPREADS = st.tuples(SHARES, SHARES, SHARES)

@@ -1,10 +1,13 @@
 """Commands that need a daemon, where there is none."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+from twind.ctl import lost_socket_daemon
 from twind.ctl.ctl_main import main
+from twind.ctl.lost_socket_daemon import LostSocketDaemon
 
 COMMANDS = (
     "monitor",
@@ -24,3 +27,16 @@ def test_a_command_without_a_daemon_exits_with_three(
     assert main(["--socket", str(tmp_path), *command.split()]) == 3
     said = capsys.readouterr()
     assert "no daemon" in said.err and not said.out
+
+
+def test_an_absent_leader_is_not_taken_for_a_daemon_whose_sockets_are_gone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = LostSocketDaemon(str(tmp_path), os.getuid(), os.getpid())
+    monkeypatch.setattr(lost_socket_daemon, "find", lambda *_, **__: [mine])
+    assert main(["--socket", str(tmp_path), "follow", str(tmp_path / "leader"), str(tmp_path)]) == 3
+    error = capsys.readouterr().err
+    assert f"{tmp_path}/leader/observe.sock: no daemon" in error
+    assert "estop" not in error
+    assert main(["--socket", str(tmp_path), "status"]) == 3
+    assert "its sockets are gone" in capsys.readouterr().err

@@ -26,8 +26,12 @@ class EStopClient(AbstractContextManager["EStopClient"]):
 @pytest.mark.parametrize(
     ("torque_off", "torque", "next_step"),
     [
-        (True, "torque is off", "next: `twindctl reset`"),
-        (False, "torque is on", "next: wait until torque is off, then `twindctl reset`"),
+        (True, "torque is off", "next: find and mend the cause, then `twindctl reset`"),
+        (
+            False,
+            "torque is on",
+            "next: wait until torque is off, then find and mend the cause, then `twindctl reset`",
+        ),
         (
             None,
             "torque unknown",

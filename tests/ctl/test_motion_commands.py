@@ -87,3 +87,32 @@ def test_a_motion_that_ended_early_shows_where_its_joints_are(
     )
     assert PLAY.run(options) == 1
     assert capsys.readouterr().out == "aborted at 100%; now at pan -0.200 rad\n"
+
+
+def test_a_motion_that_a_fall_ended_shows_the_next_commands(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = StandIn("aborted")
+    fall = {
+        "mode": "live",
+        "state": "fault",
+        "armed": True,
+        "faults": [{"code": "FALLING"}],
+        "latched": ["FALLING"],
+    }
+    call = daemon.call
+
+    def answer(method: str, **parameters: Any) -> Any:
+        found = call(method, **parameters)
+        return found | {"status": fall} if method == "GetStatus" else found
+
+    monkeypatch.setattr(daemon, "call", answer)
+    monkeypatch.setattr(motion_commands, "operator", lambda _: daemon)
+    monkeypatch.setattr(motion_commands, "asked_motion", lambda *_: MOTION)
+    options = argparse.Namespace(
+        motion="swing", approach=False, retime=False, take=False, json=False, verb="play", socket=None
+    )
+    assert PLAY.run(options) == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    stopped = "the robot is stopped by FALLING (the robot fell); torque is on; next: "
+    assert last.startswith(f"{stopped}`twindctl disarm`")

@@ -10,6 +10,7 @@ from twind.ctl.status_table import joint_lines, render, status_lines
 from twind.front.state_cache import StateCache
 from twind.link import BusInfo
 from twind.robot.finding import Finding, ReasonCode
+from twind.robot.recovery_steps import UNKNOWN
 
 SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"
 LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
@@ -37,6 +38,26 @@ def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
         f"warning  bus_0: {SLOW}",
         f"warning  bus_2: {LONG}",
     ]
+
+
+def test_a_simulated_robot_shows_no_bus_no_latency_and_no_missing_connection() -> None:
+    answer = status(None) | {"mode": "sim", "state": "disconnected"}
+    answer["buses"][0] |= {"connected": False, "port": None}
+    world = StateCache(briefing())
+    world.take(overview(100.0))
+    world.take(tick(100.0, 1))
+    joint = msgspec.json.decode(world.joints())[0] | {"calibrated": False}
+    text = render(answer, [joint])
+    assert "mode sim · simulated robot · motion" in text
+    for word in ("connected", "latency", "bus ", "unknown", "uncalibrated"):
+        assert word not in text
+    assert "simulated" not in render(answer | {"state": "fault"}).splitlines()[0]
+
+
+def test_a_bus_without_a_port_names_the_option() -> None:
+    answer = status(None)
+    answer["buses"][0] |= {"connected": False, "port": None}
+    assert "bus      bus_0: no port; start twind with --port, or with --virtual" in status_lines(answer)
 
 
 ESTOP = Finding(ReasonCode.ESTOP, message="e-stop (settle)")
@@ -76,8 +97,9 @@ def test_without_latched_codes_the_state_says_whether_a_reset_is_needed(state: s
     assert status_lines(answer)[-1].startswith(f"reset    {resets} for STATE_STALE: ")
 
 
-WAIT = "wait until torque is off, then `twindctl reset`"
-LOWER = "`twindctl disarm`, then `twindctl reset`"
+MENDED = "find and mend the cause, then `twindctl reset`"
+WAIT = f"wait until torque is off, then {MENDED}"
+LOWER = f"`twindctl disarm`, then {MENDED}"
 
 
 @pytest.mark.parametrize(
@@ -85,14 +107,19 @@ LOWER = "`twindctl disarm`, then `twindctl reset`"
     [
         ("ESTOP", {"armed": True}, WAIT),
         ("ESTOP", {"armed": False, "inherited": True}, WAIT),
-        ("ESTOP", {"armed": False}, "`twindctl reset`"),
+        ("ESTOP", {"armed": False, "torque_on": True}, WAIT),
+        ("ESTOP", {"armed": False, "torque_on": False}, MENDED),
+        ("ESTOP", {"armed": False, "mode": "sim"}, MENDED),
         ("OVERTEMP", {"armed": True}, LOWER),
         ("OVERTEMP", {"armed": False, "inherited": True}, LOWER),
-        ("OVERTEMP", {"armed": False}, "`twindctl reset`"),
+        ("OVERTEMP", {"armed": False, "torque_on": False}, MENDED),
+        ("PORT_LOST", {"armed": False}, f"{UNKNOWN}; next: {LOWER}"),
+        ("PORT_LOST", {"armed": False, "mode": "mirror"}, MENDED),
+        ("INTERNAL", {"armed": True, "state": "inhibited"}, f"support the robot, then {LOWER}"),
     ],
 )
 def test_the_steps_to_a_reset_depend_on_the_fault_and_on_torque(
-    code: str, torque: dict[str, bool], steps: str
+    code: str, torque: dict[str, Any], steps: str
 ) -> None:
     answer = status(faults=[Finding(ReasonCode(code))], latched=[code]) | torque
     assert status_lines(answer)[-1] == f"reset    needed for {code}: {steps}"

@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from functools import cache
@@ -124,6 +126,18 @@ def test_pictures_are_shown_and_small() -> None:
 
 
 # ---------------------------------------------------------------------------------------------- examples, run
+
+EXCERPTS = ("drivers/README.md",)  # a method out of a class of the sources
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if name(page) not in EXCERPTS], ids=name)
+def test_every_python_example_imports_what_it_uses(page: Path) -> None:
+    """An example may use `robot`, the open one of the examples before it."""
+    for example in fenced(page.read_text(), "python"):
+        ruff = [sys.executable, "-m", "ruff", "check", "--isolated", "--quiet", "--output-format", "concise"]
+        ruff += ["--select", "E9,F", "--ignore", "F401", "--config", 'builtins=["robot"]', "-"]
+        found = subprocess.run(ruff, input=example, text=True, capture_output=True, check=False)
+        assert found.returncode == 0, found.stdout + found.stderr + example
 
 
 def test_the_settings_of_the_readme_are_settings(tmp_path: Path) -> None:

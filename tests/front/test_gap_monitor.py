@@ -129,7 +129,7 @@ def test_samples_go_out_and_figures_come_in_until_they_are_old(monkeypatch: pyte
         await attached(front, monitor)
         monitor.tick(front.news(20.0))
         assert np.frombuffer(front.received()).tolist() == [20.0, *[20.0, 0.5] * 4]
-        grown = [{"joint": "knee", "value": 0.3, "bound": 0.2}]
+        grown = [{"joint": "knee", "quantity": "effort", "value": 0.3, "bound": 0.2}]
         front.theirs.send(json.dumps({"gap": {"joints": []}, "grown": grown}).encode())
         while front.world.gap is None:
             await asyncio.sleep(0.001)

@@ -76,3 +76,32 @@ def test_a_grown_gap_is_reported_once_until_it_was_calm() -> None:
     assert not trend.update(gap(0.2))
     assert sum(len(trend.update(gap(0.31))) for _ in range(IN_A_ROW)) == 1
     assert not GapTrend(None).update(gap(9.0))
+
+
+def test_a_load_that_shows_in_effort_alone_is_reported_once_with_the_effort() -> None:
+    reference = IdentifiedJoint(gap=GapReference(spread=0.01, unexplained=0.2, effort=0.16, effort_nm=0.1))
+    trend = GapTrend(IdentifiedModel("h24", "", "", "", 0.0, 0.0, {"hip": reference}))
+    found = figure(motion(), motion())
+
+    def reports(position: float, effort: float, rms: float = 0.2) -> list[tuple[str, float]]:
+        assert found.position is not None and found.effort is not None
+        gap = replace(
+            found,
+            position=replace(found.position, unexplained=position),
+            effort=replace(found.effort, unexplained=effort, rms=rms),
+        )
+        return [(each.quantity, each.bound) for _ in range(2 * IN_A_ROW) for each in trend.update([gap])]
+
+    assert reports(0.29, 0.23) == []
+    assert reports(0.29, 0.6, rms=0.1) == []  # of a motion that needs little effort
+    assert reports(0.29, 0.29) == [("effort", pytest.approx(0.24))]
+    assert reports(0.35, 0.29) == []  # it is known already
+    assert reports(0.35, 0.16) == [
+        ("position", pytest.approx(0.3))
+    ]  # the effort is calm, the position is not
+    assert reports(0.35, 0.29) == []
+    assert reports(0.29, 0.29) == []  # neither grown nor calm
+    assert reports(0.2, 0.29) == [("effort", pytest.approx(0.24))]
+    assert reports(0.2, 0.16) == []
+    assert reports(0.35, 0.16) == [("position", pytest.approx(0.3))]
+    assert not GapTrend(None).update([found])

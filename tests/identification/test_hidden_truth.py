@@ -8,8 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from tests.support.hidden_body import HiddenBodyRig
+from tests.support.hidden_robot import hide
 from tests.support.hidden_truth_figures import HiddenTruthResult, judge_body, judge_seed, summary
+from twind import link
 from twind.config.robot_file import load_robot
+from twind.robot.finding import ReasonCode
 from twind.twin.simulation import hush
 
 
@@ -22,6 +26,22 @@ def shares(results: Sequence[HiddenTruthResult]) -> tuple[float, float]:
     """Return the share of parameters in their intervals, and the median interval by that of the prior."""
     rows = [row for each in results for row in each.parameters]
     return float(np.mean([row.inside for row in rows])), float(np.median([row.width for row in rows]))
+
+
+def test_an_arm_that_follows_its_cable_is_armed_only_once_it_hangs_quiet() -> None:
+    rig = HiddenBodyRig(hide(load_robot("so101"), 7))
+    try:
+        rig.connect()
+        rig.lease()
+        refused = rig.call(link.Arm)
+        assert refused.error == "Refused"
+        (finding,) = refused.parameters["findings"]
+        assert (finding["code"], finding["joint"]) == (ReasonCode.ARM_FAILED, rig.names.index("wrist_flex"))
+        assert finding["value"] > finding["bound"]
+        rig.hang_quiet()
+        rig.arm()
+    finally:
+        rig.close()
 
 
 @pytest.mark.campaign

@@ -58,6 +58,22 @@ def step(robot: CodedRefusalRobot) -> object:
     return bench.step("elbow")
 
 
+def test_each_motion_is_reported_before_it_begins() -> None:
+    robot = CodedRefusalRobot()
+    robot.joints["wrist"] = robot.joints["elbow"]
+    steps: list[tuple[str, float, int]] = []
+
+    def report(text: str, share: float, seconds: float | None = None) -> None:
+        assert seconds is not None and seconds > 0.0
+        steps.append((text, share, len(robot.reaches)))
+
+    described = {"joints": [JOINT, JOINT | {"name": "wrist"}]}
+    excite_robot(robot, SilentClient(), described, ["elbow", "wrist"], 0.4, report)  # type: ignore[arg-type]
+    texts = ["moves elbow (1 of 3)", "moves wrist (2 of 3)", "moves all joints together (3 of 3)"]
+    assert [(text, made) for text, _, made in steps] == list(zip(texts, range(3), strict=True))
+    assert [share for _, share, _ in steps] == pytest.approx([0.0, 1 / 3, 2 / 3], abs=0.02)
+
+
 @pytest.mark.parametrize("code", sorted(PATH_LIMITS))
 def test_a_path_beyond_a_limit_is_tried_again_smaller(code: str) -> None:
     robot = CodedRefusalRobot((code,), (code, "POS_LIMIT"))

@@ -6,6 +6,7 @@ import pytest
 from tests.support.hidden_robot import goals_of, hide, record
 from twind.config.robot_file import load_robot
 from twind.identification.excitation import RATE, ExcitationBounds, excite
+from twind.identification.identified_robot import DataOrigin, identify_robot
 from twind.identification.robot_fit import identify_joints
 from twind.identification.servo_parameters import interval
 from twind.twin.simulation import hush
@@ -39,6 +40,28 @@ def test_a_joint_that_does_not_move_is_left_out() -> None:
     hidden = hide(ROBOT, 1)
     goals = np.zeros((600, 2))
     assert identify_joints(hidden.binding, [record(hidden, goals)]) == {}
+
+
+@pytest.mark.slow
+def test_only_joints_that_were_named_are_reported_as_still() -> None:
+    hidden = hide(ROBOT, 1)
+    goals = np.zeros((2400, 2))
+    goals[:, ROBOT.names.index("tilt")] = 0.3 * np.sin(np.arange(2400) * 0.03)
+    motions = [record(hidden, goals)]
+    origin = DataOrigin("2026-11-29T10:00:00Z", "test", "hidden")
+    steps: list[str] = []
+    found = identify_robot(
+        hidden.binding,
+        motions,
+        origin,
+        lambda _: hidden.binding,
+        ["tilt"],
+        lambda text, share, seconds=None: steps.append(text),
+    )
+    assert list(found.model.joints) == ["tilt"]
+    assert found.still == []
+    assert steps[:1] == ["fits tilt"]
+    assert "pan" not in " ".join(steps)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])

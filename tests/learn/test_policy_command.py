@@ -17,7 +17,7 @@ from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
 from twind.learn.cards.driven_policy import command_for
-from twind.learn.live.daemon_robot import plant_from_answer, require_armed, require_mode
+from twind.learn.live.daemon_robot import plant_from_answer, require_mode
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_file import load
 from twind.learn.policy.policy_run_command import _figures
@@ -103,28 +103,6 @@ def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
 
 def test_the_robot_of_a_daemon_is_simulated_from_its_description() -> None:
     assert plant_from_answer(robot_reply(), 0.02).layout.joints == ROBOT.names
-
-
-def standing(state: str, *codes: str, mode: str = "live", armed: bool = False) -> dict[str, Any]:
-    """A status, as far as it is looked at."""
-    return {"mode": mode, "armed": armed, "state": state, "faults": [{"code": each} for each in codes]}
-
-
-def test_an_unarmed_robot_is_refused_with_the_commands_that_arm_it() -> None:
-    require_armed(standing("armed", armed=True))
-    require_armed(standing("connected", mode="sim"))
-    anew = "twindctl disarm, twindctl reset, twindctl arm"
-    for status, said in (
-        (standing("connected"), "the robot is connected, not armed: twindctl arm"),
-        (standing("fault", "LEASE_LOST"), f"the robot is fault (LEASE_LOST), not armed: .*{anew}"),
-        (standing("fault", "OVERCURRENT", "OVERCURRENT", armed=True), f"(OVERCURRENT), not armed: .*{anew}"),
-        (standing("estop", "ESTOP"), f"find out why it was stopped, then {anew}"),
-        (standing("inhibited"), anew),
-        (standing("settling"), "wait until it lies"),
-        (standing("identifying"), "twindctl status"),
-    ):
-        with pytest.raises(InvalidInput, match=said.replace("(", "[(]").replace(")", "[)]")):
-            require_armed(status)
 
 
 def ended(**changed: Any) -> dict[str, Any]:

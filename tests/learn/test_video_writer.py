@@ -22,6 +22,7 @@ from twind.exceptions import OperationFailed
 from twind.learn.environment.camera_renderer import CameraRenderer
 from twind.learn.video import video_writer
 from twind.learn.video.video_writer import VideoWriter
+from twind.twin.binding import bind
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,26 @@ def test_a_video_has_the_pictures_that_were_added(model: Any, tmp_path: Path) ->
     frames, size, fps = decoded(tmp_path / "a.mp4")
     assert len(frames) == writer.frames == 10 and size == (640, 480) and fps == pytest.approx(20.0)
     assert np.abs(frames[0].astype(int) - frames[-1].astype(int)).max() > 50  # an arm has moved
+
+
+@pytest.mark.parametrize("name", ["h24-standing", "so101", "pan-tilt"])
+def test_the_robot_fills_the_picture_and_none_of_it_is_cut_off(model: Any, name: str) -> None:
+    binding = bind(load_robot(name), None)
+    data = mujoco.MjData(binding.model)
+    data.qpos[binding.qpos] = binding.rest
+    mujoco.mj_forward(binding.model, data)
+    renderer = CameraRenderer(binding.model, binding.robot.base)
+    pictures = [renderer.take(data).astype(int)]
+    robot = binding.model.geom_bodyid > 0
+    binding.model.geom_matid[robot] = -1
+    binding.model.geom_rgba[robot, 3] = 0.0
+    pictures.append(renderer.take(data))
+    renderer.close()
+    shown = np.abs(pictures[0] - pictures[1]).max(axis=2) > 8
+    shares = [np.ptp(np.flatnonzero(shown.any(axis=axis))) / shown.shape[1 - axis] for axis in (0, 1)]
+    assert max(shares) > 0.6
+    assert not shown[[0, -1]].any()
+    assert not shown[:, [0, -1]].any()
 
 
 def test_a_file_is_not_written_over(model: Any, tmp_path: Path) -> None:

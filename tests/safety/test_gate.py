@@ -13,6 +13,7 @@ from tests.support import gate_rig as w
 from tests.support.examples import examples
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.recovery_steps import UNKNOWN
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.admission import admit, arming
@@ -93,6 +94,62 @@ def test_latches_refuse_in_every_mode(
     assert codes(verdict) == expected
     if ReasonCode.SERVO_ALERT in latched:
         assert "SERVO_ALERT" in verdict.refusals[0].message
+
+
+MENDED = ", then find and mend the cause, then `twindctl reset`"
+
+
+@pytest.mark.parametrize(
+    ("latched", "over", "message"),
+    [
+        (
+            (ReasonCode.FALLING,),
+            {"torque_on": True},
+            f"FALLING (the robot fell); torque is on; next: `twindctl disarm`{MENDED}, "
+            "then set it on its feet, then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.FOLLOW_ERR,),
+            {"torque_on": False},
+            "FOLLOW_ERR; torque is off; next: find and mend the cause, then `twindctl reset`, "
+            "then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.PORT_LOST,),
+            {"state": RobotState.DISCONNECTED},
+            f"PORT_LOST; {UNKNOWN}; next: `twindctl disarm`{MENDED}, then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.INTERNAL, ReasonCode.WATCHDOG_TRIPPED),
+            {"state": RobotState.INHIBITED, "torque_on": True},
+            "INTERNAL, WATCHDOG_TRIPPED; torque is on; next: support the robot, then `twindctl disarm`"
+            f"{MENDED}, then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.INTERNAL,),
+            {"state": RobotState.INHIBITED},
+            f"INTERNAL; {UNKNOWN}; next: support the robot, then `twindctl disarm`{MENDED}, "
+            "then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.ESTOP,),
+            {"state": RobotState.ESTOP, "torque_on": True},
+            f"an e-stop is latched; torque is on; next: wait until torque is off{MENDED}, "
+            "then `twindctl arm`",
+        ),
+        (
+            (ReasonCode.ESTOP,),
+            {"mode": Mode.SIM},
+            f"an e-stop is latched; next: {MENDED.removeprefix(', then ')}",
+        ),
+    ],
+)
+def test_a_latch_is_refused_with_what_happened_and_the_next_commands(
+    latched: tuple[ReasonCode, ...], over: dict[str, object], message: str
+) -> None:
+    given = w.snapshot(**{"state": RobotState.FAULT, "latched": latched, **over})
+    assert admit(given, BOTH, w.TH).refusals[0].message == message
+    assert arming(given, w.TH).refusals[0].message == message
 
 
 @pytest.mark.parametrize("mode", Mode)

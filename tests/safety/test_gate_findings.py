@@ -42,7 +42,7 @@ def test_a_latched_state_names_itself_where_no_code_is_known(state: RobotState) 
     ]
     assert f"state is {state}" in finding.message
     verdict = admit(w.snapshot(state=state, latched=(ReasonCode.OVERTEMP,)), BOTH, w.TH)
-    assert any("latched: OVERTEMP;" in f.message for f in verdict.refusals)
+    assert any(f.message.startswith("OVERTEMP;") for f in verdict.refusals)
 
 
 def test_the_default_slice_of_a_check_is_500_points() -> None:

@@ -22,6 +22,8 @@ from twind.robot.trajectory import Trajectory
 from twind.virtual.virtual_robot_spec import body_for, buses
 
 RENEWED = 20  # ticks from one renewal of the lease to the next
+QUIET = 0.5  # s in which no joint reads a velocity: the robot rests
+LONGEST = 20.0  # s until it must rest
 READY = 2.0  # s on the way to the pose in which joints move
 
 
@@ -44,6 +46,8 @@ class HiddenBodyRig(Rig):
 
     def excite(self, pose: str, amplitude: float) -> MotionSamples:
         """Move each joint alone, then all together, as `live_excitation` does; return the motion."""
+        self.connect()
+        self.hang_quiet()
         self.arm()
         self._rows: list[tuple[float, Any, Any, Any]] = []
         self._follow(
@@ -57,6 +61,20 @@ class HiddenBodyRig(Rig):
         return resample(
             MotionSamples(self.names, time, goal, position, velocity, unknown), self.loop.robot.period
         )
+
+    def hang_quiet(self) -> None:
+        """Wait until the limp robot rests: a cable stronger than its friction moves it out of its rest pose.
+
+        Arming is refused (ARM_FAILED) while joints move.
+        """
+        period = self.loop.robot.period
+        quiet = 0
+        for _ in range(round(LONGEST / period)):
+            self.ticks(1)
+            quiet = quiet + 1 if (self.loop.robot.measured.velocity == 0.0).all() else 0
+            if quiet * period >= QUIET:
+                return
+        raise AssertionError("the limp robot does not come to rest")
 
     def true_parameters(self) -> IdentifiedModel:
         """Return what the body of the armed robot has; it knows no dead band, sag or friction near rest."""

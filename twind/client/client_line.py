@@ -75,7 +75,8 @@ class SocketLine:
             sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
             full = isinstance(error, BlockingIOError)
-            raise NoDaemon(f"{self.where}: {_explain_error(error)}", absent=absent, full=full) from None
+            text = f"{self.where}: {_explain_error(error)}"
+            raise NoDaemon(text, absent=absent, full=full, where=self.where) from None
         self._socket = sock
 
     def close(self) -> None:

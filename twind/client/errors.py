@@ -27,11 +27,12 @@ class NoDaemon(ClientError):
     """No daemon can be reached. The text lists the sockets tried and the start command.
 
     `absent`: there is none, as far as a socket shows: no such socket, or no process listens on it. Else it is
-    unknown: this user may not connect, or (`full`) too many connections wait.
+    unknown: this user may not connect, or (`full`) too many connections wait. `where`: the socket tried.
     """
 
-    def __init__(self, message: str, *, absent: bool = False, full: bool = False) -> None:
+    def __init__(self, message: str, *, absent: bool = False, full: bool = False, where: str = "") -> None:
         super().__init__(message)
+        self.where = where
         self.absent = absent
         self.full = full
 

@@ -94,14 +94,15 @@ class ProgressLine:
 def _share(share: float | None, past: float) -> list[str]:
     """Parts of the line: the bar and the times, as far as they are known."""
     if share is None:
-        return [_clock(past)]
+        return [clock_text(past)]
     share = max(0.0, min(1.0, share))
     done = int(share * BAR)
-    parts = [f"{'━' * done}{'─' * (BAR - done)} {share:4.0%}", _clock(past)]
+    parts = [f"{'━' * done}{'─' * (BAR - done)} {share:4.0%}", clock_text(past)]
     if past >= KNOWN_AFTER and KNOWN_FROM <= share < 1.0:
-        parts[-1] += f", about {_clock(past / share - past)} left"
+        parts[-1] += f", about {clock_text(past / share - past)} left"
     return parts
 
 
-def _clock(seconds: float) -> str:
+def clock_text(seconds: float) -> str:
+    """Format a time, s, as `7:05`."""
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

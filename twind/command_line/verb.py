@@ -32,7 +32,8 @@ class Verb(Protocol):
     """A module or an object; the entry-point group `twind.verbs` names more of them.
 
     `group` is one of GROUPS. The docstring of a module is its help: the first line is the line of the verb in
-    `twindctl --help`. A verb whose calls all work through `--remote` sets `supports_remote = True`.
+    `twindctl --help`. A verb whose calls all work through `--remote` sets `supports_remote = True`. Its help
+    omits the common options of `unused_options`, such as `("--socket",)` of a verb that asks no daemon.
     """
 
     group: str

@@ -56,6 +56,8 @@ class GapReference:
 
     spread: NotNegative  # share of the spread of the measured position
     unexplained: NotNegative  # share of what the delayed goal leaves unexplained
+    effort: NotNegative | None = None  # share of the measured effort; None: not measured
+    effort_nm: NotNegative | None = None  # rms error of the effort, N·m
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,10 @@ def _sockets_gone(options: argparse.Namespace, error: NoDaemon) -> NoDaemon:
         return error
     from twind.ctl import lost_socket_daemon  # only a failed connection pays for it
 
-    found = lost_socket_daemon.find(lost_socket_daemon.folders(options.socket), patience=0.0)
+    folders = lost_socket_daemon.folders(options.socket)
+    if error.where and os.path.normpath(os.path.dirname(error.where)) not in map(os.path.normpath, folders):
+        return error  # of another daemon, such as the leader of `follow`
+    found = lost_socket_daemon.find(folders, patience=0.0)
     return NoDaemon(lost_socket_daemon.described(found[0]), absent=True) if found else error
 
 
@@ -153,8 +156,14 @@ def _add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> No
             help=summary(verb),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        add_common_options(child, argparse.SUPPRESS)  # also after the verb
+        add_common_options(child, argparse.SUPPRESS, _without(verb))  # also after the verb
         verb.add_arguments(child)
+
+
+def _without(verb: Verb) -> set[str]:
+    """Common options that have no use for a verb, or are refused."""
+    unused = set(getattr(verb, "unused_options", ()))
+    return unused if getattr(verb, "supports_remote", False) else unused | {"--remote"}
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from twind.ctl.demo_viewer import viewer
 from twind.ctl.status_table import latency_text, loop_text
 
 group = "see"
+unused_options = ("--socket", "--json")  # it asks no daemon
 
 START = 30.0  # s the daemon may take until its robot is connected
 TRIES = 3  # of one motion

@@ -6,6 +6,8 @@ import os
 from twind.client import NoDaemon
 from twind.command_line.verb import DONE, FunctionVerb, Rejected, connected, remote_robot, show
 from twind.protocol.socket_paths import SYSTEM
+from twind.robot.finding import ReasonCode
+from twind.robot.recovery_steps import THEN, reset_steps
 
 LOWERING = 30.0  # s that a daemon may take to lower its robot and end
 
@@ -27,16 +29,16 @@ def _run(options: argparse.Namespace) -> int:
         answer = client.call("EStop", level=level, reason=options.reason)
     off = answer.get("torque_off")
     torque = "torque unknown" if off is None else f"torque is {'off' if off else 'on'}"
-    next_step = f"next: {reset_after_estop(torque_off=off)}"
+    next_step = f"next: {reset_after_estop(answer['state'], torque_off=off)}"
     show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}\n{next_step}")
     return DONE
 
 
-def reset_after_estop(*, torque_off: bool | None) -> str:
+def reset_after_estop(state: str, *, torque_off: bool | None) -> str:
     """Return the next step after an e-stop: a reset is refused while torque is on. None: unknown."""
     if torque_off is None:
         return "`twindctl reset`; where it is refused, `twindctl status` shows the steps"
-    return "`twindctl reset`" if torque_off else "wait until torque is off, then `twindctl reset`"
+    return THEN.join(reset_steps(state, (ReasonCode.ESTOP,), torque_on=not torque_off))
 
 
 def terminate_daemons(options: argparse.Namespace, absent: NoDaemon) -> int:

@@ -27,6 +27,7 @@ from twind.command_line.verb import (
     remote_robot,
     show,
 )
+from twind.robot_client.require_armed import stopped_text
 
 SHOWN = 6  # joints in one line
 # why a motion takes longer than its path; other codes are shown alone
@@ -142,14 +143,16 @@ def _run(client: Client, trajectories: Sequence[dict[str, Any]], options: argpar
 
 
 def _place_text(client: Client, joints: Sequence[str]) -> str:
-    """Return where these joints are now; empty where the daemon does not tell."""
-    rows: Sequence[Mapping[str, Any]] = ()
+    """Return where these joints are now, and the steps of a stopped robot; empty: they are unknown."""
+    answer: Mapping[str, Any] = {}
     with contextlib.suppress(ClientError):
-        rows = client.call("GetStatus", joints=True)["joints"]
-    at = {row["name"]: row["position"] for row in rows}
+        answer = client.call("GetStatus", joints=True)
+    at = {row["name"]: row["position"] for row in answer.get("joints") or ()}
     known = [f"{name} {at[name]:.3f}" for name in joints if at.get(name) is not None]
     rest = ", ..." if len(known) > SHOWN else ""
-    return f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
+    place = f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
+    stop = stopped_text(answer["status"]) if answer.get("status") else ""
+    return place + (f"\n{stop}" if stop else "")
 
 
 def longer_text(last: dict[str, Any]) -> str:

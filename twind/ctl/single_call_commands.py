@@ -18,6 +18,7 @@ from twind.command_line.verb import (
     show,
     write_register,
 )
+from twind.robot.modes import RobotState
 
 
 def _mode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +83,12 @@ def _dump_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="part of the file's name (default DUMP)")
 
 
+def _state(answer: Mapping[str, str]) -> str:
+    """Format the state; in mode sim no robot is connected, which is no fault."""
+    state = answer["state"]
+    return "no robot is connected" if state == RobotState.DISCONNECTED else f"state {state}"
+
+
 MODE = FunctionVerb(
     "drive", "Show or change the mode: sim, mirror or live.", _mode_arguments, _mode, supports_remote=True
 )
@@ -90,7 +97,7 @@ DISARM = FunctionVerb(
     "drive",
     "Settle to the rest pose, then switch torque off.",
     no_arguments,
-    one_call("Disarm", lambda _, answer: f"disarmed: state {answer['state']}"),
+    one_call("Disarm", lambda _, answer: f"disarmed: {_state(answer)}"),
 )
 RESET = FunctionVerb(
     "drive",
@@ -98,7 +105,7 @@ RESET = FunctionVerb(
     _reset_arguments,
     one_call(
         "Reset",
-        lambda _, answer: f"state {answer['state']}",
+        lambda _, answer: f"reset: {_state(answer)}",
         lambda options: {"codes": options.codes or None},
     ),
 )
@@ -106,7 +113,7 @@ STOP = FunctionVerb(
     "drive",
     "Decelerate and hold.",
     no_arguments,
-    one_call("Cancel", lambda _, answer: f"stopping: state {answer['state']}"),
+    one_call("Cancel", lambda _, answer: f"stopping: {_state(answer)}"),
     supports_remote=True,
 )
 MARK = FunctionVerb(

@@ -6,9 +6,16 @@ from collections.abc import Sequence
 from twind.client.errors import finding_lines
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
-from twind.ctl.estop import reset_after_estop
-from twind.protocol.messages import GapMessage, JointMessage, LoopMessage, StatusMessage, StreamingMessage
-from twind.robot.modes import RESET_STATES, RobotState
+from twind.protocol.messages import (
+    BusMessage,
+    GapMessage,
+    JointMessage,
+    LoopMessage,
+    StatusMessage,
+    StreamingMessage,
+)
+from twind.robot.modes import RESET_STATES, Mode, RobotState
+from twind.robot.recovery_steps import THEN, UNKNOWN, reported_torque, reset_steps
 
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
@@ -18,7 +25,9 @@ COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torqu
 
 def render(status: StatusMessage, joints: Sequence[JointMessage] | None = None) -> str:
     """Text of a status, and the joints as a table."""
-    return "\n".join([*status_lines(status), *(["", *joint_lines(joints)] if joints else [])])
+    simulated = status["mode"] == Mode.SIM
+    table = ["", *joint_lines(joints, simulated=simulated)] if joints else []
+    return "\n".join([*status_lines(status), *table])
 
 
 def status_lines(status: StatusMessage) -> list[str]:
@@ -30,24 +39,16 @@ def status_lines(status: StatusMessage) -> list[str]:
     head = [
         status["robot"],
         f"mode {status['mode']}",
-        f"state {status['state']}",
+        state_text(status["mode"], status["state"]),
         f"motion {status['motion']}",
     ]
     held = "free" if lease is None else f"{lease['holder']}, for {lease['expires_in']:.2f} s"
-    lines = [
-        " · ".join([*head, *flags]),
-        f"lease    {held}",
-        f"latency  {latency_text(status)}",
-        f"loop     {loop_text(loop)}",
-    ]
+    lines = [" · ".join([*head, *flags]), f"lease    {held}"]
+    if status["mode"] != Mode.SIM:  # no bus, so no latency
+        lines.append(f"latency  {latency_text(status)}")
+    lines.append(f"loop     {loop_text(loop)}")
     for bus in status["buses"]:
-        state = "connected" if bus["connected"] else "not connected"
-        lines.append(
-            f"bus      {bus['name']} on {bus['port'] or 'no port'}: {state}, {_ms(bus['latency_ms'])}, "
-            f"{bus['utilisation']:.0%} of the tick, {bus['errors']} errors in {bus['exchanges']} exchanges"
-        )
-        if bus.get("warning"):
-            lines.append(f"warning  {bus['name']}: {bus['warning']}")
+        lines += _bus_lines(bus, simulated=status["mode"] == Mode.SIM)
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
     if unwatched := status.get("unwatched"):
@@ -64,6 +65,28 @@ def status_lines(status: StatusMessage) -> list[str]:
     lines += gap_lines(status.get("gap"))
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]
+
+
+def state_text(mode: str, state: str) -> str:
+    """Format the state; in mode sim no robot is connected, which is no fault."""
+    return "simulated robot" if (mode, state) == (Mode.SIM, RobotState.DISCONNECTED) else f"state {state}"
+
+
+def _bus_lines(bus: BusMessage, *, simulated: bool) -> list[str]:
+    """Format a bus and its warning. Mode sim opens none."""
+    name = bus["name"]
+    warning = [f"warning  {name}: {bus['warning']}"] if bus.get("warning") else []
+    if not bus["connected"]:
+        if simulated:
+            return warning
+        if not bus["port"]:
+            return [f"bus      {name}: no port; start twind with --port, or with --virtual", *warning]
+    state = "connected" if bus["connected"] else "not connected"
+    text = (
+        f"bus      {name} on {bus['port'] or 'no port'}: {state}, {_ms(bus['latency_ms'])}, "
+        f"{bus['utilisation']:.0%} of the tick, {bus['errors']} errors in {bus['exchanges']} exchanges"
+    )
+    return [text, *warning]
 
 
 def _fault_lines(status: StatusMessage) -> list[str]:
@@ -88,19 +111,15 @@ def _reset_texts(status: StatusMessage) -> list[str]:
     transient = [code for code in codes if code not in latched]
     texts = []
     if latched:
-        texts.append(f"needed for {', '.join(latched)}: {_reset_steps(status, latched)}")
+        torque_on = reported_torque(status)
+        live = status["mode"] == Mode.LIVE
+        steps = reset_steps(status["state"], latched, torque_on=torque_on, live=live)
+        torque = f"{UNKNOWN}; next: " if torque_on is None and live else ""
+        texts.append(f"needed for {', '.join(latched)}: {torque}{THEN.join(steps)}")
     if transient:
         names = ", ".join(transient)
         texts.append(f"not needed for {names}: clears once its cause is gone; until then arming is refused")
     return texts
-
-
-def _reset_steps(status: StatusMessage, latched: Sequence[str]) -> str:
-    """Return the steps up to the reset, which needs torque off. An e-stop switches it off by itself."""
-    torque_on = status["armed"] or status["inherited"]
-    if torque_on and "ESTOP" not in latched:
-        return "`twindctl disarm`, then `twindctl reset`"
-    return reset_after_estop(torque_off=not torque_on)
 
 
 def latency_text(status: StatusMessage) -> str:
@@ -145,14 +164,17 @@ def stream_text(report: StreamingMessage) -> str:
     return f"{report['endpoint']}: {', '.join(counts)}" + (f"; {report['error']}" if report["error"] else "")
 
 
-def joint_lines(joints: Sequence[JointMessage]) -> list[str]:
-    """Format a table of joints; an unknown value is a dash."""
-    return align_columns([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
+def joint_lines(joints: Sequence[JointMessage], *, simulated: bool = False) -> list[str]:
+    """Format a table of joints; an unknown value is a dash. A simulated joint needs no calibration."""
+    rows = [_row(joint, simulated=simulated) for joint in joints]
+    return align_columns([COLUMNS, *rows], left=(0, len(COLUMNS) - 1))
 
 
-def _row(joint: JointMessage) -> tuple[str, ...]:
+def _row(joint: JointMessage, *, simulated: bool) -> tuple[str, ...]:
     notes = [] if joint["heard"] else ["silent"]
-    if not joint["calibrated"]:
+    if simulated:
+        pass
+    elif not joint["calibrated"]:
         notes.append("uncalibrated")
     elif joint.get("verified") is False:
         notes.append("unverified")
@@ -171,7 +193,7 @@ def _row(joint: JointMessage) -> tuple[str, ...]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
 
 
 def _ms(value: float | None) -> str:

@@ -17,6 +17,7 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.trajectory_files import motion_names
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless_lines, observer
+from twind.exceptions import InvalidInput
 
 group = "drive"
 
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """0 when it was ended by Ctrl-C; 1 when its device is gone."""
     from twind.ctl.teleoperating.default_mapping import mapping_text
+    from twind.robot_client.require_armed import require_armed
 
     with observer(options) as client:
         robot = client.call("GetRobot")["robot"]
@@ -49,8 +51,10 @@ def run(options: argparse.Namespace) -> int:
     folder = robot.get("motions")
     motions = motion_names(Path(folder)) if isinstance(folder, str) else ()
     if options.write_mapping is None:
-        if status["mode"] == "live" and not status["armed"]:  # later this command would hold the lease
-            raise Rejected("the robot is not armed: run twindctl arm first")
+        try:
+            require_armed(status)  # later this command would hold the lease
+        except InvalidInput as error:
+            raise Rejected(str(error)) from None
         return _teleoperate(options, robot, motions)
     try:
         with options.write_mapping.open("x") as file:

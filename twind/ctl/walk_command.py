@@ -35,8 +35,6 @@ def run(options: argparse.Namespace) -> int:
 
     velocity = (options.forward, options.left, options.turn)
     with catch_stop_signals() as ended, Robot(options.socket, take=options.take, state_rate=100.0) as robot:
-        if robot.status["mode"] == "live" and not robot.armed:
-            raise Rejected("the robot is not armed: run twindctl arm first")
         try:
             outcome = robot.walk(
                 seconds=options.seconds, command=lambda now: None if ended.is_set() else velocity

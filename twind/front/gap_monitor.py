@@ -132,7 +132,8 @@ class GapMonitor:
     def _grown(self, grown: dict[str, Any]) -> None:
         """Report a joint whose gap has grown."""
         message = (
-            f"{grown['joint']}: {grown['value']:.0%} of its motion unexplained, bound {grown['bound']:.0%}, "
+            f"{grown['joint']}: {grown['value']:.0%} of its {grown['quantity']} unexplained, "
+            f"bound {grown['bound']:.0%}, "
             "1.5 times the identified; look for a load, wear or a loose horn, then identify again"
         )
         self._warn(EventCode.GAP_GROWN, message)

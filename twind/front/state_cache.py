@@ -33,7 +33,7 @@ EVENT_REASONS = ("id", "phase", "before", "cause", "stop")
 STATUS_OF_TICK = ("mode", "state", "motion", "armed", "inherited")
 STATUS_OF_OVERVIEW = (
     *("hw_connected", "sim_connected", "latency_ms", "latency_avg_ms", "latency_max_ms", "violations"),
-    *("skew_ms", "skew_max_ms", "lease", "latched", "supply_relay", "stop_button", "fall"),
+    *("skew_ms", "skew_max_ms", "lease", "latched", "supply_relay", "stop_button", "fall", "torque_on"),
 )
 _TORQUE = {1: True, 0: False}
 

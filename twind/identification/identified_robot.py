@@ -1,11 +1,12 @@
 """The identified model of a robot from its motion: joints, links, and the judgement of the whole body."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from twind.command_line.phase_lines import StepReport, no_report
 from twind.config.identified_spec import GapReference, IdentifiedJoint, IdentifiedModel
 from twind.config.robot_spec import RobotFile
 from twind.exceptions import InvalidInput
@@ -28,11 +29,7 @@ class RobotIdentification:
     model: IdentifiedModel
     before: Sequence[JointGap]
     after: Sequence[JointGap]
-
-    @property
-    def still(self) -> list[str]:
-        """Joints that are not in the model, as they moved too little."""
-        return [each.joint for each in self.before if each.joint not in self.model.joints]
+    still: Sequence[str]  # joints that were to be identified and moved too little
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +47,19 @@ def identify_robot(
     origin: DataOrigin,
     rebind: Any,
     joints: Sequence[str] | None = None,
+    report: StepReport = no_report,
 ) -> RobotIdentification:
     """Return the identified model of a robot, judged on the held-out part of its motions.
 
     `plain`: the robot without an overlay; `motions`: even samples of one period; `rebind`: function that
-    returns the robot's binding with an IdentifiedModel. Raises InvalidInput: no joint moved enough.
+    returns the robot's binding with an IdentifiedModel; `joints`: only these; `report`: gets each
+    step. Raises InvalidInput: no joint moved enough.
     """
-    first = identify_joints(plain, motions, joints)
+
+    def fits(begin: float) -> Callable[[str, float], None]:
+        return lambda name, share: report(f"fits {name}", begin + 0.5 * share)
+
+    first = identify_joints(plain, motions, joints, report=fits(0.0))
     if not first:
         raise InvalidInput("no joint moved enough to identify it: each needs some 0.1 rad, several times")
     masses = IdentifiedModel(
@@ -70,14 +73,17 @@ def identify_robot(
         bodies=link_masses(plain, motions, {name: each.load for name, each in first.items()}),
     )
     # Torques were found as shares of a weight that was fitted too; now of the weight that the model gets.
-    found = identify_joints(rebind(masses), motions, joints, first)
+    found = identify_joints(rebind(masses), motions, joints, first, fits(0.5))
     fitted = {name: each.joint for name, each in found.items()}
     model = replace(masses, joints=with_p_gains(plain.robot, fitted))
+    report("simulates the whole robot, before and after", 1.0)
     before = _gaps(plain, motions)
     after = _gaps(rebind(model), motions)
     judged_joints = {each.joint: each for each in after}
     joints_with_gap = {name: _with_gap(each, judged_joints[name]) for name, each in model.joints.items()}
-    return RobotIdentification(replace(model, joints=joints_with_gap), before, after)
+    wanted = plain.robot.names if joints is None else joints
+    still = [name for name in wanted if name not in model.joints]
+    return RobotIdentification(replace(model, joints=joints_with_gap), before, after, still)
 
 
 def with_p_gains(robot: RobotFile, joints: Mapping[str, IdentifiedJoint]) -> dict[str, IdentifiedJoint]:
@@ -110,4 +116,7 @@ def _with_gap(joint: IdentifiedJoint, gap: JointGap) -> IdentifiedJoint:
     figure = gap.position
     if figure is None or figure.nrmse_spread is None or figure.unexplained is None:
         return joint
-    return replace(joint, gap=GapReference(figure.nrmse_spread, figure.unexplained))
+    reference = GapReference(figure.nrmse_spread, figure.unexplained)
+    if gap.effort is not None and gap.effort.unexplained is not None:
+        reference = replace(reference, effort=gap.effort.unexplained, effort_nm=gap.effort.rms)
+    return replace(joint, gap=reference)

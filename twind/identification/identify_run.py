@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from twind.command_line.phase_lines import PhaseLines
 from twind.command_line.verb import Rejected, UsageError, observer, show
 from twind.config.identified_file import identified_path, save_identified
 from twind.config.identified_spec import IdentifiedModel
@@ -70,7 +71,9 @@ def identify_live(options: argparse.Namespace, joints: Sequence[str]) -> None:
         if not robot.armed:
             raise Rejected("a robot is identified armed: `twindctl arm`")
         listener = observer(options)
-        messages = excite_robot(robot, listener, known["robot"], joints or robot.names, options.amplitude)
+        report = PhaseLines(options, "identify")
+        wanted = joints or robot.names
+        messages = excite_robot(robot, listener, known["robot"], wanted, options.amplitude, report)
     if not messages:
         raise Rejected(
             "no joint moved: the gate refused every path, or all are too warm; give it room, let it cool, or "
@@ -131,7 +134,7 @@ def _identify(
 ) -> None:
     """Fit, print and write."""
     try:
-        found = _fit(files, motions, source, joints)
+        found = _fit(options, files, motions, source, joints)
     except InvalidInput as error:
         raise Rejected(f"{source}: {error}") from None
     path = None
@@ -152,6 +155,7 @@ def _identify(
 
 
 def _fit(
+    options: argparse.Namespace,
     files: FitFiles,
     motions: Sequence[MotionSamples],
     source: str,
@@ -164,7 +168,8 @@ def _fit(
         files.require_joints(each.names)
     origin = DataOrigin(_now(), f"twind {__version__}", source)
     samples = [resample(each, period) for each in motions]
-    return identify_robot(files.plain, samples, origin, files.bound_with, joints)
+    report = PhaseLines(options, "identify")
+    return identify_robot(files.plain, samples, origin, files.bound_with, joints, report)
 
 
 def _gap_lines(found: RobotIdentification) -> list[str]:

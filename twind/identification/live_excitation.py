@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from twind.client import Refused
+from twind.command_line.phase_lines import StepReport, no_report
 from twind.identification.excitation import RATE, ExcitationBounds, excite
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
@@ -69,21 +70,34 @@ class MessageRecorder:
 
 
 def excite_robot(
-    robot: Robot, client: Any, described: Mapping[str, Any], joints: Sequence[str], amplitude: float
+    robot: Robot,
+    client: Any,
+    described: Mapping[str, Any],
+    joints: Sequence[str],
+    amplitude: float,
+    report: StepReport = no_report,
 ) -> list[Mapping[str, Any]]:
     """Move the joints and return the states of all of it; empty: each was too warm, or refused for its path.
 
-    `client`: an observer; `described`: the robot as GetRobot answers. Raises Refused: for another reason than
-    the limits of a path, such as an e-stop or a lease that an operator took; ClientError.
+    `client`: an observer; `described`: the robot as GetRobot answers; `report`: gets each motion.
+    Raises Refused: for another reason than the limits of a path, such as an e-stop or a lease that an
+    operator took; ClientError.
     """
     bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
+    parts = [{name: bounds[name]} for name in joints] + [bounds] * (len(joints) > 1)
+    planned = [_duration(robot, part, amplitude) for part in parts]
+    whole = min(sum(planned), LONGEST)
     moved = False
     with MessageRecorder(client) as recorder:
-        for name in joints:
-            if recorder.seconds < LONGEST:
-                moved |= _try(robot, {name: bounds[name]}, amplitude)
-        if len(joints) > 1 and recorder.seconds < LONGEST:
-            _try(robot, bounds, TOGETHER * amplitude)
+        for place, part in enumerate(parts):
+            if recorder.seconds >= LONGEST:
+                break
+            together = len(part) > 1
+            what = "all joints together" if together else next(iter(part))
+            share = min(sum(planned[:place]) / whole, 1.0)
+            report(f"moves {what} ({place + 1} of {len(parts)})", share, whole)
+            done = _try(robot, part, TOGETHER * amplitude if together else amplitude)
+            moved |= done and not together
     return recorder.messages if moved else []
 
 
@@ -99,6 +113,12 @@ def motion_of(
     length = max(map(len, columns))
     points = np.stack([np.pad(column, (0, length - len(column)), mode="edge") for column in columns], axis=-1)
     return points, np.arange(1, length + 1) / RATE
+
+
+def _duration(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> float:
+    """Return the duration of a motion that the gate does not slow down, s."""
+    readings = robot.joints
+    return float(motion_of(bounds, {name: readings[name].goal or 0.0 for name in bounds}, amplitude)[1][-1])
 
 
 def _try(robot: Robot, bounds: Mapping[str, ExcitationBounds], amplitude: float) -> bool:

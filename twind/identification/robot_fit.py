@@ -1,10 +1,11 @@
 """Fit of all joints of a robot to its recorded motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from twind.command_line.phase_lines import no_report
 from twind.config.counts import rad_per_tick
 from twind.config.identified_spec import PARAMETERS, GapReference, IdentifiedJoint, ParameterEstimate
 from twind.gap.motion_samples import MotionSamples
@@ -38,19 +39,23 @@ def identify_joints(
     motions: Sequence[MotionSamples],
     joints: Sequence[str] | None = None,
     earlier: Mapping[str, IdentifiedServo] | None = None,
+    report: Callable[[str, float], None] = no_report,
 ) -> dict[str, IdentifiedServo]:
     """Return the identified joints by name; those that move too little are left out.
 
     `motions`: even samples of one period, as `resample` makes them. `joints`: only these. `earlier`: results
     from which these begin; the weight behind the joints then is that of `binding`. Joints with no more weight
-    than a cable pulls keep them: of what acts like weight there, no mass is the cause.
+    than a cable pulls keep them: of what acts like weight there, no mass is the cause. `report`: gets each
+    joint's name and the share that is done.
     """
     weights = link_weights(binding, motions)
     loads = [joint_loads(binding, each.time, each.position) for each in motions]
     found = {}
+    chosen = [name for name in binding.robot.names if joints is None or name in joints]
     for place, name in enumerate(binding.robot.names):
-        if joints is not None and name not in joints:
+        if name not in chosen:
             continue
+        report(name, chosen.index(name) / len(chosen))
         priors = model_priors(binding, place, weights)
         if earlier is not None and name in earlier and priors.sd[FITTED.index(LOAD)] >= LARGEST:
             found[name] = earlier[name]

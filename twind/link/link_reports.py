@@ -126,6 +126,7 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     temperature: bytes  # °C, float64 of n joints
     voltage: bytes  # V
     torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
+    torque_on: bool | None = None  # at some joint; False: read off at every joint; None: not known
     fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
     supply_relay: str | None = None  # open, closed, tripped, failed, unknown; None: there is none
     stop_button: str | None = None  # released, pressed, unplugged, unknown; None: there is none

@@ -11,6 +11,7 @@ import argparse
 from twind.command_line.verb import DONE
 
 group = "set up"
+unused_options = ("--socket", "--json")  # it asks no daemon
 
 SHELLS = ("bash", "zsh")
 PROGRAMS = ("twindctl", "twind", "twind-virtual")

@@ -27,6 +27,7 @@ from twind.observe.writing.record_schemas import attachments, clock_words
 from twind.plain_file import open_plain
 
 group = "record"
+unused_options = ("--socket",)  # it asks no daemon
 
 _NAMES = {EntryKind.OUT: "out", EntryKind.IN: "in", EntryKind.PORT: "port"}
 

@@ -15,6 +15,7 @@ from twind.command_line.extras import how_to_add
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 group = "record"
+unused_options = ("--socket",)  # it asks no daemon
 
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 

@@ -24,6 +24,7 @@ from twind.ros import STRING, definition_text
 from twind.version import __version__
 
 group = "record"
+unused_options = ("--socket",)  # it asks no daemon
 
 TEXT = -1  # no schema of a file has this number
 TOLD = 1000  # messages between two words of how far it is

@@ -170,3 +170,4 @@ class StatusMessage(TypedDict):
     stop_button: str | None
     fall: str | None
     gap: GapMessage | None
+    torque_on: bool | None

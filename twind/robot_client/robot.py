@@ -23,6 +23,7 @@ from twind.robot_client.daemon_robot_file import robot_file_of
 from twind.robot_client.goal_stream import GoalStream
 from twind.robot_client.leased_connection import LeasedConnection
 from twind.robot_client.motion_outcome import MotionOutcome
+from twind.robot_client.require_armed import require_armed
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_subscriber import StateSubscriber
 
@@ -358,14 +359,15 @@ class Robot:
 
         `command`: seconds since the start to a velocity, None to stop, instead of one velocity. For an armed
         robot of two six-joint legs on its own feet; needs the extra `walk`. Ctrl-C ends the goals: it
-        holds as it stands. Raises InvalidInput: too fast, or such a robot it is not; MotionFailed: it fell;
-        else as `move`.
+        holds as it stands. Raises InvalidInput: too fast, not armed, or such a robot it is not; MotionFailed:
+        it fell; else as `move`.
         """
         from twind.robot_client.walk_run import run_walk  # noqa: PLC0415 - mink is no other call's
         from twind.walk.walking_engine import WalkingEngine  # noqa: PLC0415
 
         if command is None and seconds is None:
             raise InvalidInput("walk: give `seconds` or `command`")
+        require_armed(self.status)
         engine = WalkingEngine(robot_file_of(self._connection.call("GetRobot")))
         return run_walk(self, engine, command or (lambda _: (forward, left, turn)), seconds)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from twind.command_line.text_table import align_columns
 from twind.robot.arrays import Bools, Floats
 from twind.robot_client.state_message import StateMessage
 
@@ -81,6 +82,27 @@ class RobotSnapshot:
         """Joint by name."""
         return {row["name"]: _joint(row) for row in self.message.rows}
 
+    def __str__(self) -> str:
+        """Return a table of the joints as text."""
+        ages = dict(zip(self.names, self.age.tolist(), strict=True))
+        rows = [
+            (
+                each.name,
+                _number(each.position),
+                _number(each.goal),
+                _number(each.velocity, 2),
+                _number(each.effort, 2),
+                f"{ages[each.name] * 1e3:.0f}",
+            )
+            for each in self.joints.values()
+        ]
+        return "\n".join(
+            align_columns([("joint", "rad", "goal", "rad/s", "N·m", "age ms"), *rows], left=(0,))
+        )
+
+    def __repr__(self) -> str:
+        return f"<RobotSnapshot of {len(self.names)} joints at {self.stamp:.3f} s>"
+
     def to_html(self) -> str:
         """Return a table for a notebook."""
         ages = dict(zip(self.names, self.age.tolist(), strict=True))
@@ -114,4 +136,4 @@ def _joint(row: Mapping[str, Any]) -> JointReading:
 
 
 def _number(value: float | None, digits: int = 3) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+    return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000

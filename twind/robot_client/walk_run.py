@@ -12,6 +12,8 @@ from twind.exceptions import InvalidInput
 from twind.protocol.messages import FindingMessage
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
+from twind.robot.modes import RobotState
+from twind.robot.recovery_steps import steps_text
 from twind.robot_client.goal_stream import GoalStream, StreamReport
 from twind.robot_client.snapshot import JointReading, RobotSnapshot
 from twind.robot_client.state_message import ImuReading
@@ -145,7 +147,9 @@ def _inertial(robot: WalkingRobot) -> ImuReading | None:
 
 
 def _fall(inertial: ImuReading, time: float, steps: int) -> FindingMessage:
-    message = f"fell after {steps} steps: tilt of the base (rad); it was stopped by an e-stop"
+    codes = (ReasonCode.ESTOP, ReasonCode.FALLING)
+    after = steps_text(RobotState.ESTOP, codes, torque_on=None, live=True)  # the e-stop has just begun
+    message = f"fell after {steps} steps: tilt of the base (rad); it was stopped by an e-stop; {after}"
     tilt = max(map(abs, tilt_of(inertial.quaternion)))
     return _finding(ReasonCode.UNSTABLE_POSE, time, message, tilt, FALLEN)
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from twind.robot.arrays import Bools
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.modes import RESET_STATES, Mode, Motion, RobotState
+from twind.robot.recovery_steps import codes_text, next_text, not_armed_text
 from twind.safety.gate_types import GateSnapshot, GateThresholds
 from twind.safety.headroom import headroom
 
@@ -23,7 +24,8 @@ def admit(
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
         if snapshot.state is not RobotState.ARMED:
-            reason = f"state is {snapshot.state}; arm first"
+            stopped = snapshot.state in RESET_STATES  # FAULT_LATCHED or ESTOP_LATCHED has the steps
+            reason = f"state is {snapshot.state}" if stopped else not_armed_text(snapshot.state)
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
         refusals += _freshness(snapshot, commanded, thresholds)
@@ -63,16 +65,23 @@ def _lease(snapshot: GateSnapshot) -> list[Finding]:
 def _latches(snapshot: GateSnapshot) -> list[Finding]:
     """Check FAULT_LATCHED and ESTOP_LATCHED.
 
-    The states themselves count as latches, whatever the list says.
+    The states themselves count as latches, whatever the list says. The messages have the steps to a reset.
     """
     stops = {ReasonCode.ESTOP, ReasonCode.ESTOP_LATCHED}
-    faults = [code for code in snapshot.latched if code not in stops]
+    faults = tuple(dict.fromkeys(code for code in snapshot.latched if code not in stops))
+    stopped = snapshot.state is RobotState.ESTOP or not stops.isdisjoint(snapshot.latched)
+    failed = bool(faults) or snapshot.state in (RobotState.FAULT, RobotState.INHIBITED)
+    if not (stopped or failed):
+        return []
+    codes = (*faults, ReasonCode.ESTOP) if stopped else faults
+    live = snapshot.mode is Mode.LIVE
+    steps = next_text(snapshot.state, codes, torque_on=snapshot.torque_on, live=live)
     findings = []
-    if snapshot.state is RobotState.ESTOP or stops & set(snapshot.latched):
-        findings.append(Finding(ReasonCode.ESTOP_LATCHED, message="e-stop is latched; reset it first"))
-    if faults or snapshot.state in (RobotState.FAULT, RobotState.INHIBITED):
-        named = ", ".join(dict.fromkeys(faults)) or f"state is {snapshot.state}"
-        findings.append(Finding(ReasonCode.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
+    if stopped:
+        findings.append(Finding(ReasonCode.ESTOP_LATCHED, message=f"an e-stop is latched; {steps}"))
+    if failed:
+        named = codes_text(faults) or f"state is {snapshot.state}"
+        findings.append(Finding(ReasonCode.FAULT_LATCHED, message=f"{named}; {steps}"))
     return findings
 
 

@@ -263,3 +263,40 @@ def test_the_setpoint_example_of_the_protocol_page_moves_the_simulation(
     status = json.loads(run("twindctl --json status --joints", folder, environment))
     (head,) = [joint for joint in status["joints"] if joint["name"] == "head_yaw"]
     assert abs(head["goal"] - 0.597) < 0.05  # 0.3 - 0.3 cos 3, where the motion decelerates
+
+
+@pytest.mark.parametrize("place", [0, 1, 2, 3, 5])
+def test_the_examples_of_the_python_page_run_in_the_simulation(
+    simulation: tuple[Path, dict[str, str]], place: int
+) -> None:
+    """All but that of two robots and that of the walk; in mode sim `arm` is left out, as the page says."""
+    example = fenced((ROOT / "docs" / "python.md").read_text(), "python")[place]
+    example = re.sub(r"^    robot\.arm\(\).*\n", "", example, flags=re.MULTILINE).replace("t > 10", "t > 1")
+    if not example.startswith(("from", "import")):  # it uses the robot of the example before it
+        example = f"from twind import Robot\n\nwith Robot() as robot:\n    {example}"
+    folder, environment = simulation
+    (folder / "page.py").write_text(example)
+    output = run(f"{shlex.quote(sys.executable)} page.py", folder, environment)
+    assert "Refused" not in output
+
+
+def test_the_order_program_of_the_virtual_page_pushes_a_virtual_robot(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "virtual.md").read_text()
+    (program,) = (each for each in fenced(page, "python") if "sys.argv" in each)
+    order = next(line for line in page.splitlines() if line.startswith("python order.py"))
+    (tmp_path / "order.py").write_text(program)
+    with (
+        subprocess.Popen(
+            [BIN / "twind-virtual", "--robot", "h24-standing", "--faults", str(tmp_path / "PATH")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as virtual,
+    ):
+        assert virtual.stdout is not None and virtual.stdin is not None
+        while virtual.stdout.readline() not in ("ready\n", ""):
+            pass
+        command = order.replace("python", shlex.quote(sys.executable), 1)
+        assert json.loads(run(command, tmp_path, {**os.environ})) == {"ok": True}
+        virtual.stdin.close()
+        assert virtual.wait(20.0) == 0

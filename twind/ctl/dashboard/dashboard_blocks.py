@@ -7,7 +7,7 @@ from math import acos, asin, atan2, degrees, hypot
 from twind.ctl.dashboard.dashboard_state import Answer, DashboardNotice, DashboardState
 from twind.ctl.dashboard.styled_lines import Line, Span, cut, fitting, length, line, wrapped
 from twind.ctl.reasons import remedy
-from twind.ctl.status_table import LOST, gap_text
+from twind.ctl.status_table import LOST, gap_text, state_text
 from twind.robot.fall_settings import FallState
 
 STALE = 100.0  # ms, of an IMU's reading
@@ -71,12 +71,13 @@ def header(view: DashboardState, width: int) -> Line:
     if status is None:
         return line((" twind ", "head"), " waiting for messages of the daemon")
     state = status["state"]
-    style = STATES.get(status["state"], "")
+    word = state_text(status["mode"], state).removeprefix("state ")
+    style = STATES.get(state, "")
     style = "" if status["mode"] == "sim" and style == "warn" else style
     said: list[Span] = [
         (f" {status['robot']} ", "head"),
         (f" {status['mode'].upper()} ", "title"),
-        (f" !! {state.upper()} !! " if style == "alarm" else f" {state} ", style),
+        (f" !! {state.upper()} !! " if style == "alarm" else f" {word} ", style),
         (f" {status['motion']}", ""),
     ]
     if status["inherited"]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 PLUGIN = "lerobot_robot_twind"
 group = "learn"
+unused_options = ("--socket",)  # it asks no daemon
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

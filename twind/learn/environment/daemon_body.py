@@ -5,7 +5,7 @@ import numpy as np
 from twind.client import Client, Refused
 from twind.exceptions import OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.daemon_robot import require_armed, require_mode
+from twind.learn.live.daemon_robot import require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.observation import BodyReading
@@ -13,6 +13,7 @@ from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 from twind.robot_client.control_timing import RateTimer, in_step
 from twind.robot_client.daemon_robot_file import require_same
+from twind.robot_client.require_armed import require_armed
 from twind.robot_client.state_message import STALE
 from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import MonotonicClock

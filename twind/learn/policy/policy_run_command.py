@@ -24,10 +24,11 @@ from twind.command_line.verb import (
     operator,
     show,
 )
+from twind.ctl.status_table import state_text
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.cards.driven_policy import AnyPolicy, actor_for, command_for, task_for
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.daemon_robot import ANEW, latched, plant_from_answer, require_armed, require_mode
+from twind.learn.live.daemon_robot import plant_from_answer, require_mode
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.policy.onnx_session import limit_memory
 from twind.learn.policy.policy_actor import PolicyActor
@@ -35,6 +36,7 @@ from twind.learn.policy.policy_card import PolicyRobot
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_run import RECENT, PolicyRun
 from twind.learn.task.reward import RewardFunction
+from twind.robot_client.require_armed import require_armed, stopped_text
 from twind.robot_client.state_subscriber import StateSubscriber
 from twind_drivers.clock import MonotonicClock
 
@@ -182,7 +184,8 @@ def _figures(figures: Mapping[str, Any]) -> list[str]:
         f"{figures['refused']} refused, {figures['holds']} holds{_held(figures)}, "
         f"tilt at most {figures['most_tilt_deg']:g}°, return {_number(figures['return_per_step'])} per step",
     ]
-    if figures["missed"] > MANY * (figures["steps"] + figures["missed"]) or figures["too_late"]:
+    missed = figures["missed"] > MANY * (figures["steps"] + figures["missed"])
+    if (missed and figures["steps"]) or figures["too_late"]:
         lines.append(BUSY)
     lines += [
         f"refused  {code}{f' {joint}' if joint else ''}: {count} times"
@@ -199,6 +202,7 @@ def _held(figures: Mapping[str, object]) -> str:
 def _after(status: Mapping[str, object]) -> str:
     if status["mode"] == "live" and status["armed"]:
         return "the robot holds with torque on, and no client drives it: `twindctl disarm` lowers it"
-    if status["mode"] == "live" and status["faults"]:
-        return f"no client drives it now: state {status['state']}{latched(status)}; {ANEW}"
-    return f"no client drives it now: mode {status['mode']}, state {status['state']}"
+    if status["mode"] == "live" and (stop := stopped_text(status)):
+        return f"no client drives it now: {stop}"
+    mode = str(status["mode"])
+    return f"no client drives it now: mode {mode}, {state_text(mode, str(status['state']))}"

@@ -38,7 +38,7 @@ class CameraScene:
         self._model = self._likeness.model
         self._data = mujoco.MjData(self._model)
         self._steps = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight)
-        self._picture = CameraRenderer(self._model, self._likeness.base)
+        self._picture = CameraRenderer(self._model, self._likeness.base, steady=True)
 
     def fits(self, sample: StreamSample) -> bool:
         """The sample is of these joints."""

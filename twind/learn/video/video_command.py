@@ -18,6 +18,7 @@ from twind.exceptions import InvalidInput, OperationFailed
 from twind.robot.arrays import Floats
 
 group = "record"
+unused_options = ("--socket",)  # it asks no daemon
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

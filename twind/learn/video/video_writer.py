@@ -33,7 +33,7 @@ class VideoWriter:
         self.frames = 0
         self._model = model
         with ExitStack() as undo:  # knows only what this call made
-            self._renderer = CameraRenderer(model, base)
+            self._renderer = CameraRenderer(model, base, steady=True)
             undo.callback(self._renderer.close)
             try:
                 self._file = path.open("xb")  # never over a link, or a file of others

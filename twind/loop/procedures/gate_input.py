@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from twind.loop.procedures.procedure_context import ProcedureContext
+from twind.loop.procedures.torque_readback import torque_reported
 from twind.loop.tick.loop_figures import LoopFigures
 from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.arrays import Bools
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.robot.modes import Mode
+from twind.robot.modes import RESET_STATES, Mode
 from twind.robot.trajectory import Reference
 from twind.safety import admission, gate
 from twind.safety.headroom import JointCondition
@@ -49,6 +50,8 @@ class GateInput:
         still = np.zeros(len(robot.joints))
         reference = context.executor.reference or Reference(target.position, still, still)
         slow = context.hardware.slow
+        condition = context.condition
+        stopped = bool(condition.latches) or condition.state in RESET_STATES
         return gate.GateSnapshot(
             now=now,
             mode=context.condition.mode,
@@ -58,6 +61,7 @@ class GateInput:
             lease_held=self._lease.held_by(client, now),
             mismatches=tuple(self._troubles()),
             calibrated=np.array(robot.joints.calibrated),
+            torque_on=torque_reported(context) if stopped else None,
             limp=context.torque.limp,
             age=now - target.time + target.age,
             latency=self._health.latency(now),

@@ -38,6 +38,13 @@ def torque_on(context: ProcedureContext) -> bool:
     return context.torque.armed or context.torque.energising or torque_inherited(context)
 
 
+def torque_reported(context: ProcedureContext) -> bool | None:
+    """Return what is said of torque: True: it is on; False: read back off everywhere; None: not known."""
+    if torque_on(context):
+        return True
+    return False if torque_off(context) else None
+
+
 def torque_possible(context: ProcedureContext) -> bool:
     """True if torque may be on: it is on, or a device on an open bus has not reported it yet."""
     hardware = context.hardware

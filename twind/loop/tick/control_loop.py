@@ -19,7 +19,7 @@ from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_runner import ProcedureRunner
 from twind.loop.procedures.robot_condition import RobotCondition
 from twind.loop.procedures.supply_control import SupplyControl
-from twind.loop.procedures.torque_readback import torque_off
+from twind.loop.procedures.torque_readback import torque_reported
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
 from twind.loop.tick.guard_input import facts
@@ -165,7 +165,7 @@ class Loop:
 
     def close(self) -> None:
         """Close the ports, and end the front."""
-        self.reports.event("info", EventCode.END, _torque_text(torque_off(self), self.condition.mode))
+        self.reports.event("info", EventCode.END, _torque_text(torque_reported(self), self.condition.mode))
         self.publisher.publish(self.clock.now())
         self.hardware.access(read=False, write=False)
         self.supply.close()
@@ -209,11 +209,11 @@ class Loop:
             self.reports.slow(alert)
 
 
-def _torque_text(off: bool | None, mode: Mode) -> str:
-    if off is None:
+def _torque_text(torque_on: bool | None, mode: Mode) -> str:
+    if torque_on is None:
         return (
             "mode sim drives no servos"
             if mode is Mode.SIM
             else "torque unknown: not every servo has reported"
         )
-    return "torque is off" if off else "torque is left on"
+    return "torque is left on" if torque_on else "torque is off"

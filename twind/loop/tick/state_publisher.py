@@ -13,7 +13,7 @@ from twind.loop.procedures.identification import IdentificationState
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.reload_coordinator import ReloadCoordinator
 from twind.loop.procedures.supply_control import SupplyControl
-from twind.loop.procedures.torque_readback import torque_inherited, torque_known
+from twind.loop.procedures.torque_readback import torque_inherited, torque_known, torque_reported
 from twind.loop.tick.loop_figures import LoopFigures, buckets
 from twind.loop.tick.loop_parts import LoopParts
 from twind.robot.external_torque import ExternalTorque
@@ -165,6 +165,7 @@ class StatePublisher:
             temperature=slow.temperature.tobytes(),
             voltage=slow.voltage.tobytes(),
             torque=torque_known(context).tobytes(),
+            torque_on=torque_reported(context),
             fault_bits=self._faults().tobytes(),
             supply_relay=self._supply.relay_text,
             stop_button=self._supply.button_text,
