@@ -77,6 +77,8 @@ mkdir -p "$control"
 for each in preinst postinst prerm postrm; do
     install -m 0755 "$here/debian/$each" "$control/$each"
 done
+sed -n '/^purge() {$/,/^}$/p' "$here/install.sh" >"$work/purge"
+sed -i -e "/^# @PURGE@$/{r $work/purge" -e 'd;}' "$control/postrm"
 (cd "$tree" && find etc -type f | LC_ALL=C sort | sed 's|^|/|') >"$control/conffiles"
 (cd "$tree" && find usr -type f | LC_ALL=C sort | xargs -d '\n' md5sum) >"$control/md5sums"
 sed -e "s/@VERSION@/$version/" -e "s/@ARCHITECTURE@/$architecture/" -e "s/@FIRST@/$first/" \

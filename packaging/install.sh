@@ -2,7 +2,7 @@
 # Puts twind on a machine and takes it off again: `make install`, `make uninstall` and the Debian package call this.
 #
 #   install.sh install      wheels, files, settings, environment, users; then what to do next
-#   install.sh uninstall    stops the services, removes all of it but settings and state (PURGE=1: those too)
+#   install.sh uninstall    stops the services, removes all of it but settings, state and user (PURGE=1: those too)
 #   and the steps of these, for the package: own DIR, wheels DIR, foreign DIR PYTHON, files, settings,
 #   environment DIR, register, stop, remove, next, version
 #
@@ -92,13 +92,14 @@ wheels() {
 # What pip calls $1 with the extras.
 extended() { say "$1${EXTRAS:+[$EXTRAS]}"; }
 
-# A folder that goes when we do, and in it a pip of `$python`.
+# A folder that goes when we do (or SCRATCH, for several steps), and in it a pip of `$python`.
 scratch() {
-    [ -z "${SCRATCH:-}" ] || return 0
-    SCRATCH=$(mktemp -d)
-    trap 'rm -rf "$SCRATCH"' EXIT
-    trap 'exit 130' INT TERM HUP
-    "$python" -m venv "$SCRATCH/pip"
+    if [ -z "${SCRATCH:-}" ]; then
+        SCRATCH=$(mktemp -d)
+        trap 'rm -rf "$SCRATCH"' EXIT
+        trap 'exit 130' INT TERM HUP
+    fi
+    [ -e "$SCRATCH/pip" ] || "$python" -m venv "$SCRATCH/pip"
 }
 
 pip() { "$SCRATCH/pip/bin/python" -m pip --disable-pip-version-check --quiet "$@"; }
@@ -293,6 +294,7 @@ stop() {
         systemctl stop --no-block "$@"
         systemctl stop "$@" 'twind-control*.socket' 'twind-observe*.socket'
         outlast
+        systemctl reset-failed 'twind*'  # a unit that failed would be listed for ever
     fi
     for each in "$DESTDIR"/etc/systemd/system/*.wants/twind*; do
         [ ! -L "$each" ] || case $(readlink "$each") in
@@ -346,9 +348,19 @@ remove() {
     fi
 }
 
+# Settings, state, user and groups too. deb.sh puts this function into the package's postrm.
 purge() {
     rm -rf "$DESTDIR/etc/twind" "$DESTDIR/var/lib/twind" "$DESTDIR/run/twind" "$DESTDIR/var/lib/twind-stream" \
         "$DESTDIR/var/lib/private/twind-stream"
+    [ -z "$DESTDIR" ] || return 0
+    # The user that sysusers.d made; an account of a person by that name stays.
+    if getent passwd twind | grep -q ':twind robot daemon:'; then
+        userdel twind || echo "user twind stays: the reason is above" >&2
+    fi
+    for group in twind twind-operator twind-observe; do
+        [ "$group" != twind ] || ! getent passwd twind >/dev/null || continue
+        ! getent group "$group" >/dev/null || groupdel "$group" || echo "group $group stays: the reason is above" >&2
+    done
 }
 
 # ------------------------------------------------------------------------------------------- the two ways
@@ -409,9 +421,9 @@ uninstall_all() {
     [ -n "$DESTDIR" ] || reload
     if [ "${PURGE:-}" = 1 ]; then
         purge
-        say "twind is removed, with /etc/twind and /var/lib/twind; user twind and its groups stay"
+        say "twind is removed, with /etc/twind, /var/lib/twind, user twind and its groups"
     else
-        say "twind is removed; /etc/twind, /var/lib/twind, user twind and its groups stay (PURGE=1 removes the folders)"
+        say "twind is removed; /etc/twind, /var/lib/twind, user twind and its groups stay (PURGE=1 removes them)"
     fi
 }
 

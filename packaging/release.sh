@@ -21,11 +21,14 @@ export SOURCE_DATE_EPOCH
 mkdir -p "$out"
 rm -f "$out"/*.whl "$out"/*.deb "$out"/*.cdx.json "$out"/SHA256SUMS
 
+SCRATCH=$(mktemp -d)  # one pip for all steps of install.sh
+export SCRATCH
+trap 'rm -rf "$SCRATCH"' EXIT
+trap 'exit 130' INT TERM HUP
 "$here/install.sh" own "$out"
 "$here/install.sh" own "$out" "$source/integrations/lerobot"
 # All packages and the bill of materials have the versions of the first package.
-versions=$(mktemp)
-trap 'rm -f "$versions"' EXIT
+versions=$SCRATCH/of-packages
 for each in ${ARCHITECTURES:-amd64 arm64}; do
     package=$(ARCHITECTURE=$each "$here/deb.sh" "$out")
     dpkg-deb --fsys-tarfile "$package" | tar --list |
