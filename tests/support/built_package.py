@@ -70,7 +70,7 @@ def package(below: Path) -> Path:
 
 
 def former(below: Path, commit: str, more: Sequence[str]) -> Path:
-    """The package of an earlier commit, of the wheels of this one and `more`. Skips where it cannot be built."""
+    """The package of an earlier commit, of today.s wheels and `more`. Skips where it cannot be built."""
     of = wheels(below)
     sources = below / "former"
     sources.mkdir()
