@@ -6,7 +6,7 @@
 #   twind_*.cdx.json                                what is in them, as CycloneDX
 #   SHA256SUMS
 #
-# PYTHONS        versions that the packages serve ("3.11 3.12 3.13")
+# PYTHONS        versions that the packages serve ("3.11 3.12 3.13 3.14")
 # ARCHITECTURES  of the packages ("amd64 arm64")
 # PYTHON, SOURCE_DATE_EPOCH  as in deb.sh. The same sources and wheels give the same files
 set -eu
@@ -15,7 +15,7 @@ umask 022
 here=$(cd "$(dirname "$0")" && pwd)
 source=$(dirname "$here")
 out=${1:?usage: release.sh FOLDER}
-export PYTHONS="${PYTHONS:-3.11 3.12 3.13}"
+export PYTHONS="${PYTHONS:-3.11 3.12 3.13 3.14}"
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git -C "$source" log -1 --format=%ct)}
 export SOURCE_DATE_EPOCH
 mkdir -p "$out"
