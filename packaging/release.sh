@@ -27,7 +27,8 @@ trap 'rm -rf "$SCRATCH"' EXIT
 trap 'exit 130' INT TERM HUP
 "$here/install.sh" own "$out"
 "$here/install.sh" own "$out" "$source/integrations/lerobot"
-# All packages and the bill of materials have the versions of the first package.
+# The first package has the versions that the tests run with; all packages and the bill of materials have its.
+export PIP_CONSTRAINT="$source/constraints.txt"
 versions=$SCRATCH/of-packages
 for each in ${ARCHITECTURES:-amd64 arm64}; do
     package=$(ARCHITECTURE=$each "$here/deb.sh" "$out")
