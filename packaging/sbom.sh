@@ -26,7 +26,7 @@ esac
 pip install "$tools"
 # Without pip, so that nothing is listed that twind does not bring.
 "$python" -m venv --without-pip "$work/twind"
-pip --python "$work/twind/bin/python" install --only-binary :all: "$folder"/twind_robot-*.whl
+pip --python "$work/twind/bin/python" install --only-binary :all: --constraint "$source/constraints.txt" "$folder"/twind_robot-*.whl
 
 if [ "$asked" = audit ]; then
     pip --python "$work/twind/bin/python" uninstall --yes twind-robot

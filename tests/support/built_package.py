@@ -83,7 +83,7 @@ def former(below: Path, commit: str, more: Sequence[str]) -> Path:
     folder = below / "former-wheels"
     shutil.copytree(of, folder, ignore=shutil.ignore_patterns("twind_robot-*"))
     subprocess.run([PACKAGING / "install.sh", "own", folder, sources], check=True)
-    fetch = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", folder, *more]
+    fetch = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), *more]
     if subprocess.run(fetch, check=False).returncode:
         pytest.skip(f"no wheels of {', '.join(more)}")
     return build(below / "former-package", folder, sources / "packaging")
