@@ -1,9 +1,9 @@
 """Check of what `make release` built: `check_release.py FOLDER [--python INTERPRETER] [--quick]`.
 
 The digests are those of the files. The bill of materials names exactly the wheels of each package, with the
-licences that they state. Wheels and packages are built again, with the same bytes (`--quick` leaves this out). In
-an empty environment of each interpreter the wheel is installed from the package's wheels alone, without an
-index; it starts, and leaves nothing when it is uninstalled.
+licences that they state. Wheels and packages are built again, with the same bytes (`--quick` leaves this
+out). In an empty environment of each interpreter the wheel is installed from the package's wheels alone,
+without an index; it starts, and leaves nothing when it is uninstalled.
 """
 
 import argparse
