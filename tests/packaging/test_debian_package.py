@@ -21,7 +21,7 @@ from twind.version import __version__
 ROOT = SYSTEMD.parent
 # Whose files a user or a package changes by being there at all.
 DATABASES = re.compile(
-    r"/(etc/(passwd|group|shadow|gshadow)-?|var/lib/dpkg/.*|var/cache/man(/.*)?|var/log/dpkg.log|etc/\.pwd\.lock)"
+    r"/(etc/(passwd|group|shadow|gshadow|subuid|subgid)-?|var/lib/dpkg/.*|var/cache/man(/.*)?|var/log/dpkg.log|etc/\.pwd\.lock)"
 )
 # The daemon as its unit starts it, without a service manager.
 AS_SERVICE = (

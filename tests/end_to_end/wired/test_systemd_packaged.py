@@ -18,7 +18,7 @@ STAMP = "/tmp/before"
 PEOPLE = ("/etc/passwd", "/etc/group", "/etc/shadow", "/etc/gshadow")
 # Data bases of users, packages and manuals, and of the service manager itself.
 KEPT = re.compile(
-    r"/(etc/((passwd|group|shadow|gshadow)-?|[.]pwd[.]lock)|var/(lib/(dpkg|systemd)|cache/man|log)/.*"
+    r"/(etc/((passwd|group|shadow|gshadow|subuid|subgid)-?|[.]pwd[.]lock)|var/(lib/(dpkg|systemd)|cache/man|log)/.*"
     r"|run/(systemd|log|udev)/.*|tmp/.*)"
 )
 
@@ -47,6 +47,13 @@ def installed(bare: Machine) -> Machine:
     """The same, once the package is installed."""
     bare.run("dpkg", "-i", PACKAGE, seconds=SECONDS)
     return bare
+
+
+def listed(machine: Machine, kind: str) -> str:
+    """Services and sockets of twind that systemd knows."""
+    return machine.run(
+        "systemctl", kind, "--all", "--type=service,socket", "--plain", "--no-legend", "twind*"
+    )
 
 
 def test_a_package_starts_nothing_and_the_next_one_keeps_what_runs(installed: Machine) -> None:
@@ -82,7 +89,7 @@ def test_a_package_that_goes_stops_what_runs_and_leaves_the_settings(installed: 
     installed.try_run("systemctl", "start", "twind-uplink.service")  # its extra is not here: it fails
     installed.run("systemctl", "enable", "twind.service", "twind-observe.socket", *others)
     installed.run("dpkg", "-r", "twind", seconds=SECONDS)
-    assert installed.run("systemctl", "list-units", "--all", "--plain", "--no-legend", "twind*") == ""
+    assert listed(installed, "list-units") == ""
     assert not list(installed.inside("/etc/systemd/system").glob("*.wants/twind*"))
     assert not installed.inside("/opt/twind").exists()
     assert Path(installed.inside("/etc/twind/twind.yaml")).exists()
@@ -102,7 +109,7 @@ def test_a_package_that_is_purged_leaves_nothing(installed: Machine) -> None:
         before = installed.inside(f"{STAMP}-{Path(each).name}").read_text()
         assert installed.inside(each).read_text() == before, each
     for kind in ("list-units", "list-unit-files", "list-sockets"):
-        assert installed.run("systemctl", kind, "--all", "--plain", "--no-legend", "twind*") == "", kind
+        assert listed(installed, kind) == "", kind
     assert "twind" not in installed.run("cat", "/proc/net/unix")
     running = [Path(f"/proc/{pid}/cmdline").read_bytes() for pid in installed.pids("/")]
     assert not [command for command in running if b"/opt/twind" in command]

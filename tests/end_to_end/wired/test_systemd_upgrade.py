@@ -69,7 +69,7 @@ def machine(packages: tuple[Path, Path]) -> Iterator[Machine]:
 @pytest.fixture(scope="module")
 def robot(machine: Machine) -> Iterator[Robot]:
     """Its servos, and their calibration where a robot of 0.1.0 has it."""
-    made = Robot(machine, "mine", "mine")
+    made = Robot(machine, "mine", "/etc/twind/robots/mine.yaml")
     place = machine.inside(CALIBRATION)
     place.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(made.calibration, place)
