@@ -121,7 +121,7 @@ def test_an_upgrade_leaves_the_daemon_and_its_armed_robot_alone_and_keeps_files(
     assert before[1] == {True}
     assert machine.inside(EXAMPLE).read_bytes() != example
     assert service.status()["version"] == "0.1.0"
-    assert machine.run("twindctl", "--version").split()[-1] == __version__
+    assert machine.run("twind", "--version").split()[-1] == __version__
 
 
 def test_programs_of_this_version_command_the_daemon_of_the_old_one(service: Service, robot: Robot) -> None:
@@ -141,8 +141,9 @@ def test_after_a_restart_this_version_drives_the_robot_with_the_files_of_the_old
     service.reach(version=__version__, mode="live", robot="mine", state="connected")
     _turn(service, 0.2)
     assert robot.torque() == {True}
+    programs = machine.run("readlink", "-f", "/opt/twind/bin").strip()
     flights = [each for each in _digests(machine) if each.endswith(".flight")]
-    read = machine.run("/opt/twind/bin/python", "-I", "-c", READ, *flights)
+    read = machine.run(f"{programs}/python", "-I", "-c", READ, *flights)
     name, readings, damage = read.split()
     assert (name, damage) == ("mine", "''") and int(readings) > 100
 
