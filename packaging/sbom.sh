@@ -34,6 +34,7 @@ if [ "$asked" = audit ]; then
     "$work/tools/bin/pip-audit" --strict --progress-spinner off --path "$work"/twind/lib/python3*/site-packages
 else
     version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' "$source/twind/version.py")
-    "$work/tools/bin/cyclonedx-py" environment --output-reproducible --short-PURLs --of JSON \
+    # With texts: a licence in words of its own ("Apache 2.0") would be left out without them.
+    "$work/tools/bin/cyclonedx-py" environment --gather-license-texts --output-reproducible --short-PURLs --of JSON \
         --output-file "$folder/twind_$version.cdx.json" "$work/twind"
 fi
