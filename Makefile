@@ -209,8 +209,8 @@ $(VENV)/.learn: $(VENV)/.ready constraints.txt
 
 # The real rclpy, in an environment of its own, for tests and for `twindctl ros` in the clone. Needs CPython 3.12. `empy` has no wheel.
 # Version managers keep Pythons in folders side by side.
-PYTHONS = $(shell $(PYTHON) -c 'import os, sys; print(os.path.dirname(sys.base_prefix))')
-PYTHON312 ?= $(firstword $(wildcard $(PYTHONS)/*3.12*/bin/python3.12) python3.12)
+BESIDE = $(shell $(PYTHON) -c 'import os, sys; print(os.path.dirname(sys.base_prefix))')
+PYTHON312 ?= $(firstword $(wildcard $(BESIDE)/*3.12*/bin/python3.12) python3.12)
 
 ros: $(VENV)/ros/.ready
 

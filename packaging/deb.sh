@@ -33,6 +33,8 @@ export MACHINE
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 tree=$work/tree
+sed -n '/^purge() {$/,/^}$/p' "$here/install.sh" >"$work/purge"
+[ -s "$work/purge" ] || { echo "twind: no purge() in $here/install.sh; the package's postrm calls it" >&2; exit 1; }
 
 # ---------------------------------------------------------------------------------- what the package holds
 
@@ -77,6 +79,7 @@ mkdir -p "$control"
 for each in preinst postinst prerm postrm; do
     install -m 0755 "$here/debian/$each" "$control/$each"
 done
+sed -i -e "/^# @PURGE@$/{r $work/purge" -e 'd;}' "$control/postrm"
 (cd "$tree" && find etc -type f | LC_ALL=C sort | sed 's|^|/|') >"$control/conffiles"
 (cd "$tree" && find usr -type f | LC_ALL=C sort | xargs -d '\n' md5sum) >"$control/md5sums"
 sed -e "s/@VERSION@/$version/" -e "s/@ARCHITECTURE@/$architecture/" -e "s/@FIRST@/$first/" \

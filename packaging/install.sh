@@ -2,7 +2,7 @@
 # Puts twind on a machine and takes it off again: `make install`, `make uninstall` and the Debian package call this.
 #
 #   install.sh install      wheels, files, settings, environment, users; then what to do next
-#   install.sh uninstall    stops the services, removes all of it but settings and state (PURGE=1: those too)
+#   install.sh uninstall    stops the services, removes all of it but settings, state and user (PURGE=1: all but the user)
 #   and the steps of these, for the package: own DIR, wheels DIR, foreign DIR PYTHON, files, settings,
 #   environment DIR, register, stop, remove, next, version
 #
@@ -92,13 +92,14 @@ wheels() {
 # What pip calls $1 with the extras.
 extended() { say "$1${EXTRAS:+[$EXTRAS]}"; }
 
-# A folder that goes when we do, and in it a pip of `$python`.
+# A folder that goes when we do (or SCRATCH, for several steps), and in it a pip of `$python`.
 scratch() {
-    [ -z "${SCRATCH:-}" ] || return 0
-    SCRATCH=$(mktemp -d)
-    trap 'rm -rf "$SCRATCH"' EXIT
-    trap 'exit 130' INT TERM HUP
-    "$python" -m venv "$SCRATCH/pip"
+    if [ -z "${SCRATCH:-}" ]; then
+        SCRATCH=$(mktemp -d)
+        trap 'rm -rf "$SCRATCH"' EXIT
+        trap 'exit 130' INT TERM HUP
+    fi
+    [ -e "$SCRATCH/pip" ] || "$python" -m venv "$SCRATCH/pip"
 }
 
 pip() { "$SCRATCH/pip/bin/python" -m pip --disable-pip-version-check --quiet "$@"; }
@@ -293,6 +294,7 @@ stop() {
         systemctl stop --no-block "$@"
         systemctl stop "$@" 'twind-control*.socket' 'twind-observe*.socket'
         outlast
+        systemctl reset-failed 'twind*'  # a unit that failed would be listed for ever
     fi
     for each in "$DESTDIR"/etc/systemd/system/*.wants/twind*; do
         [ ! -L "$each" ] || case $(readlink "$each") in
@@ -346,9 +348,17 @@ remove() {
     fi
 }
 
+# Settings and state too, each said. User and groups stay: files elsewhere may be theirs, and the next user that is made
+# would get their number. deb.sh puts this function into the package's postrm.
 purge() {
-    rm -rf "$DESTDIR/etc/twind" "$DESTDIR/var/lib/twind" "$DESTDIR/run/twind" "$DESTDIR/var/lib/twind-stream" \
-        "$DESTDIR/var/lib/private/twind-stream"
+    for each in /etc/twind /var/lib/twind /run/twind /var/lib/twind-stream /var/lib/private/twind-stream; do
+        if [ -e "$DESTDIR$each" ] || [ -L "$DESTDIR$each" ]; then
+            rm -rf "$DESTDIR$each"
+            echo "removed $each"
+        fi
+    done
+    [ -n "$DESTDIR" ] || ! getent passwd twind >/dev/null ||
+        echo "user twind and groups twind-operator and twind-observe stay: files elsewhere may be theirs"
 }
 
 # ------------------------------------------------------------------------------------------- the two ways
@@ -356,9 +366,15 @@ purge() {
 require() {
     [ -n "$DESTDIR" ] || [ "$(id -u)" = 0 ] || fail "this needs root: sudo make $1"
     case $DESTDIR in "" | /*) ;; *) fail "DESTDIR=$DESTDIR: give a path that begins with /" ;; esac
-    if [ -z "$DESTDIR" ] && dpkg-query -W -f '${db:Status-Status}' twind 2>/dev/null | grep -qx installed; then
-        fail "twind is here as a Debian package: sudo apt remove twind first, or install the newer package"
-    fi
+    [ -z "$DESTDIR" ] || return 0
+    case $1-$(dpkg-query -W -f '${db:Status-Status}' twind 2>/dev/null || :) in
+    *- | *-not-installed | uninstall-config-files) ;;
+    uninstall-*) fail "twind is here as a Debian package: sudo apt remove twind" ;;
+    *) # removed, but not purged: its purge would delete the settings of what we install
+        fail "twind is here as a Debian package, or its settings are: install the newer package, or copy what you need of" \
+            "/etc/twind, /var/lib/twind and /var/lib/twind-stream, sudo apt purge twind, then again"
+        ;;
+    esac
 }
 
 # Somebody else's commands are not ours to replace.
@@ -409,9 +425,10 @@ uninstall_all() {
     [ -n "$DESTDIR" ] || reload
     if [ "${PURGE:-}" = 1 ]; then
         purge
-        say "twind is removed, with /etc/twind and /var/lib/twind; user twind and its groups stay"
+        say "twind is removed, with its settings and state"
     else
-        say "twind is removed; /etc/twind, /var/lib/twind, user twind and its groups stay (PURGE=1 removes the folders)"
+        say "twind is removed; user twind and its groups stay, and /etc/twind, /var/lib/twind, /var/lib/twind-stream" \
+            "(PURGE=1 removes these folders)"
     fi
 }
 

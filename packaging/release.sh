@@ -6,7 +6,7 @@
 #   twind_*.cdx.json                                what is in them, as CycloneDX
 #   SHA256SUMS
 #
-# PYTHONS        versions that the packages serve ("3.11 3.12 3.13")
+# PYTHONS        versions that the packages serve ("3.11 3.12 3.13 3.14")
 # ARCHITECTURES  of the packages ("amd64 arm64")
 # PYTHON, SOURCE_DATE_EPOCH  as in deb.sh. The same sources and wheels give the same files
 set -eu
@@ -15,17 +15,21 @@ umask 022
 here=$(cd "$(dirname "$0")" && pwd)
 source=$(dirname "$here")
 out=${1:?usage: release.sh FOLDER}
-export PYTHONS="${PYTHONS:-3.11 3.12 3.13}"
+export PYTHONS="${PYTHONS:-3.11 3.12 3.13 3.14}"
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git -C "$source" log -1 --format=%ct)}
 export SOURCE_DATE_EPOCH
 mkdir -p "$out"
 rm -f "$out"/*.whl "$out"/*.deb "$out"/*.cdx.json "$out"/SHA256SUMS
 
+SCRATCH=$(mktemp -d)  # one pip for all steps of install.sh
+export SCRATCH
+trap 'rm -rf "$SCRATCH"' EXIT
+trap 'exit 130' INT TERM HUP
 "$here/install.sh" own "$out"
 "$here/install.sh" own "$out" "$source/integrations/lerobot"
-# All packages and the bill of materials have the versions of the first package.
-versions=$(mktemp)
-trap 'rm -f "$versions"' EXIT
+# The first package has the versions that the tests run with; all packages and the bill of materials have its.
+export PIP_CONSTRAINT="$source/constraints.txt"
+versions=$SCRATCH/of-packages
 for each in ${ARCHITECTURES:-amd64 arm64}; do
     package=$(ARCHITECTURE=$each "$here/deb.sh" "$out")
     dpkg-deb --fsys-tarfile "$package" | tar --list |

@@ -26,7 +26,7 @@ esac
 pip install "$tools"
 # Without pip, so that nothing is listed that twind does not bring.
 "$python" -m venv --without-pip "$work/twind"
-pip --python "$work/twind/bin/python" install --only-binary :all: "$folder"/twind_robot-*.whl
+pip --python "$work/twind/bin/python" install --only-binary :all: --constraint "$source/constraints.txt" "$folder"/twind_robot-*.whl
 
 if [ "$asked" = audit ]; then
     pip --python "$work/twind/bin/python" uninstall --yes twind-robot
@@ -34,6 +34,7 @@ if [ "$asked" = audit ]; then
     "$work/tools/bin/pip-audit" --strict --progress-spinner off --path "$work"/twind/lib/python3*/site-packages
 else
     version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' "$source/twind/version.py")
-    "$work/tools/bin/cyclonedx-py" environment --output-reproducible --short-PURLs --of JSON \
+    # With texts: a licence in words of its own ("Apache 2.0") would be left out without them.
+    "$work/tools/bin/cyclonedx-py" environment --gather-license-texts --output-reproducible --short-PURLs --of JSON \
         --output-file "$folder/twind_$version.cdx.json" "$work/twind"
 fi

@@ -1,11 +1,13 @@
 """Check of what `make release` built: `check_release.py FOLDER [--python INTERPRETER] [--quick]`.
 
-The digests are those of the files. The bill of materials names exactly the wheels of each package. Wheels and
-packages are built again, with the same bytes (`--quick` leaves this out). In an empty environment of each
-interpreter the wheel is installed from the package's wheels alone, without an index, and starts.
+The digests are those of the files. The bill of materials names exactly the wheels of each package, with the
+licences that they state. Wheels and packages are built again, with the same bytes (`--quick` leaves this
+out). In an empty environment of each interpreter the wheel is installed from the package's wheels alone,
+without an index; it starts, and leaves nothing when it is uninstalled.
 """
 
 import argparse
+import email
 import hashlib
 import json
 import os
@@ -16,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -106,6 +109,34 @@ def check_materials(folder: Path, of_packages: Sequence[Path]) -> int:
     return len(named)
 
 
+def stated_licence(wheel: Path) -> str | None:
+    """SPDX expression of a wheel, "" for a licence in other words, None where its metadata state none."""
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (each for each in archive.namelist() if re.fullmatch(r"[^/]+\.dist-info/METADATA", each))
+        read = email.message_from_bytes(archive.read(name))
+    words = [read["License"] or "", *(read.get_all("Classifier") or [])]
+    other = words[0] or any(word.startswith("License ::") for word in words[1:])
+    return str(read["License-Expression"]) if read["License-Expression"] else "" if other else None
+
+
+def check_licences(folder: Path, of_packages: Sequence[Path]) -> None:
+    """The bill of materials has the licence of each wheel, as its author states it."""
+    read = json.loads(one(folder, "*.cdx.json").read_text())
+    named: dict[str, set[str]] = {}
+    for component in read["components"]:
+        of = named.setdefault(normal(component["name"]), set())
+        for each in component.get("licenses", []):
+            licence = each.get("license", {})
+            of |= {each.get("expression", ""), licence.get("id", ""), licence.get("name", "")} - {""}
+    for wheel in (wheel for each in of_packages for wheel in each.glob("*.whl")):
+        name, stated = normal(wheel.name.split("-")[0]), stated_licence(wheel)
+        require(stated is not None, f"{wheel.name} states no licence")
+        require(bool(named[name]), f"bill of materials: no licence of {name}")
+        require(
+            not stated or stated in named[name], f"bill of materials: {name} is {named[name]}, not {stated}"
+        )
+
+
 def check_again(folder: Path, packages: dict[Path, Path], work: Path) -> None:
     """Wheels and packages built anew have the same bytes."""
     install = HOME / "packaging/install.sh"
@@ -153,6 +184,9 @@ def check_start(interpreter: str, wheel: Path, of: Path, work: Path) -> str:
         daemon.send_signal(signal.SIGTERM)
         code = daemon.wait(SECONDS)
     require(code == 0, f"{interpreter}: the daemon ended with {code}\n{(work / 'log').read_text()}")
+    run(*pip, "uninstall", "--yes", OWN)
+    left = [str(path) for path in (*environment.rglob("*twind*"), *sockets.rglob("*"))]
+    require(not left, f"{interpreter}: left behind: {left}")
     return version
 
 
@@ -162,6 +196,7 @@ def check(folder: Path, pythons: Sequence[str], again: bool, work: Path) -> None
     packages = {each: wheels(each, work / each.stem) for each in sorted(folder.glob("*.deb"))}
     require(bool(packages), f"{folder}: no package; `make release` builds it")
     print(f"{check_materials(folder, list(packages.values()))} distributions in {len(packages)} packages")
+    check_licences(folder, list(packages.values()))
     if again:
         check_again(folder, packages, work / "again")
         print("built again: the same bytes")

@@ -21,7 +21,7 @@ from twind.version import __version__
 ROOT = SYSTEMD.parent
 # Whose files a user or a package changes by being there at all.
 DATABASES = re.compile(
-    r"/(etc/(passwd|group|shadow|gshadow)-?|var/lib/dpkg/.*|var/cache/man(/.*)?|var/log/dpkg.log|etc/\.pwd\.lock)"
+    r"/(etc/(passwd|group|shadow|gshadow|subuid|subgid)-?|var/lib/dpkg/.*|var/cache/man(/.*)?|var/log/dpkg.log|etc/\.pwd\.lock)"
 )
 # The daemon as its unit starts it, without a service manager.
 AS_SERVICE = (
@@ -141,6 +141,7 @@ def test_the_package_installs_without_a_network_runs_and_goes_without_a_trace(
         echo "removed: $(tail -n 1 /etc/twind/twind.yaml) $(ls /var/lib/twind)"
         dpkg -P twind
         test ! -e /etc/twind && test ! -e /var/lib/twind
+        id -nG twind | sed 's/^/stays: /'
         """,
     )
     assert f"twind {__version__}\n" in ran.output
@@ -151,6 +152,9 @@ def test_the_package_installs_without_a_network_runs_and_goes_without_a_trace(
     assert "socket twind twind-observe 660 /run/twind/observe.sock" in ran.output
     assert "again: # mine" in ran.output
     assert "removed: # mine calibration" in ran.output
+    assert "removed /var/lib/twind\n" in ran.output
+    assert "user twind and groups twind-operator and twind-observe stay" in ran.output
+    assert "stays: twind" in ran.output  # files elsewhere may be the user's
     assert left(ran) == set()
 
 
@@ -178,6 +182,46 @@ def test_package_and_make_install_do_not_stand_in_each_others_way(tmp_path: Path
     assert "installed by `make install`" in ran.output
     assert "twind is here as a Debian package" in ran.output
     assert left(ran) == set()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("debian")
+def test_the_purge_of_a_removed_package_leaves_an_installation_made_since(tmp_path: Path) -> None:
+    """`make install` refuses between removal and purge; one that did not is kept by the purge."""
+    overlay.require()
+    package = built.build(tmp_path / "package", wheel(tmp_path / "wheels", __version__))
+    ran = overlay.run(
+        tmp_path,
+        f"""
+        dpkg -i {package}
+        dpkg -r twind
+        if make -s -C {ROOT} install; then exit 1; fi
+        test ! -e /opt/twind
+        mkdir -p /opt/twind /var/lib/twind/calibration
+        touch /opt/twind/files /var/lib/twind/calibration/h24.yaml /etc/twind/robots/mine.yaml
+        dpkg -P twind
+        id -nG twind
+        rm -r /opt/twind
+        """,
+        {"WHEELS": str(tmp_path / "wheels")},
+    )
+    assert "copy what you need of /etc/twind" in ran.output
+    assert "another installation is in /opt/twind" in ran.output
+    assert left(ran) == {"/var/lib/twind/calibration/h24.yaml", "/etc/twind/robots/mine.yaml"}
+
+
+def test_a_package_whose_purge_would_be_empty_is_not_built(tmp_path: Path) -> None:
+    """The package's script calls a function that is taken from the installer."""
+    packaging = tmp_path / "packaging"
+    packaging.mkdir()
+    (tmp_path / "twind").mkdir()
+    shutil.copy(ROOT / "twind/version.py", tmp_path / "twind")
+    shutil.copy(ROOT / "packaging/deb.sh", packaging)
+    installer = (ROOT / "packaging/install.sh").read_text()
+    (packaging / "install.sh").write_text(installer.replace("purge() {", "purge () {"))
+    done = subprocess.run([packaging / "deb.sh", tmp_path], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "no purge() in" in done.stderr
 
 
 @pytest.mark.slow

@@ -154,15 +154,19 @@ def test_a_file_of_an_older_version_is_removed(tree: Path) -> None:
 
 @pytest.mark.parametrize("purge", ["", "1"])
 def test_uninstall_keeps_settings_and_state_unless_purged(tree: Path, purge: str) -> None:
-    state = tree / "var/lib/twind/calibration/h24.yaml"
-    state.parent.mkdir(parents=True)
-    state.write_text("format: twind-calibration/1\n")
+    state = ("var/lib/twind/calibration/h24.yaml", "var/lib/private/twind-stream/1.spool")
+    for each in state:
+        (tree / each).parent.mkdir(parents=True)
+        (tree / each).write_text("not empty\n")
+    (tree / "var/lib/twind-stream").symlink_to("private/twind-stream")  # as DynamicUser= lays it
     other = tree / "usr/local/bin/other"
     other.write_text("")
-    install(tree, "uninstall", PURGE=purge)
+    said = install(tree, "uninstall", PURGE=purge).stdout
     left = {path for path, (_, held) in contents(tree).items() if held}
-    kept = {"etc/twind/twind.yaml", "etc/twind/robots/example.yaml", "etc/twind/robots/example.xml"}
-    assert left == (set() if purge else kept | {"var/lib/twind/calibration/h24.yaml"})
+    settings = {"etc/twind/twind.yaml", "etc/twind/robots/example.yaml", "etc/twind/robots/example.xml"}
+    assert left == (set() if purge else settings | set(state) | {"var/lib/twind-stream"})
+    folders = ["/etc/twind", "/var/lib/twind", "/var/lib/twind-stream", "/var/lib/private/twind-stream"]
+    assert re.findall("removed (/.*)", said) == (folders if purge else [])
     assert other.exists()
     assert not (tree / "opt/twind").exists()
     assert not (tree / "usr/local/share/doc/twind").exists()

@@ -4,7 +4,8 @@ import fcntl
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -46,10 +47,10 @@ def wheels(below: Path) -> Path:
     return folder
 
 
-def build(into: Path, of: Path) -> Path:
-    """The package of these wheels."""
+def build(into: Path, of: Path, packaging: Path = PACKAGING) -> Path:
+    """The package of these wheels, by these scripts."""
     environment = os.environ | {"WHEELS": str(of), "SOURCE_DATE_EPOCH": "1790000000"}
-    command = [PACKAGING / "deb.sh", into]
+    command = [packaging / "deb.sh", into]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return Path(done.stdout.strip())
 
@@ -71,6 +72,26 @@ def require_dpkg_deb() -> None:
     """Skip on a machine that cannot build packages."""
     if shutil.which("dpkg-deb") is None:
         pytest.skip("no dpkg-deb here")
+
+
+def former(below: Path, commit: str, more: Sequence[str]) -> Path:
+    """The package of an earlier commit, of today's wheels and `more`. Skips where it cannot be built."""
+    of = wheels(below)
+    sources = below / "former"
+    sources.mkdir()
+    taken = subprocess.run(
+        ["git", "-C", PACKAGING.parent, "archive", commit], capture_output=True, check=False
+    )
+    if taken.returncode:
+        pytest.skip(f"no history with {commit}: {taken.stderr.decode().strip()}")
+    subprocess.run(["tar", "x", "-C", sources], input=taken.stdout, check=True)
+    folder = below / "former-wheels"
+    shutil.copytree(of, folder, ignore=shutil.ignore_patterns("twind_robot-*"))
+    subprocess.run([PACKAGING / "install.sh", "own", folder, sources], check=True)
+    fetch = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), *more]
+    if subprocess.run(fetch, check=False).returncode:
+        pytest.skip(f"no wheels of {', '.join(more)}")
+    return build(below / "former-package", folder, sources / "packaging")
 
 
 def require_debian() -> None:

@@ -1,9 +1,10 @@
-"""The check of a release notices a wrong digest and a wrong bill of materials, by name."""
+"""The check of a release notices a wrong digest, bill of materials and licence, by name."""
 
 import json
 import os
 import shutil
 import subprocess
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,41 @@ def test_a_wheel_that_the_bill_of_materials_does_not_name_is_noticed(folder: Pat
     (folder.parent / "wheels" / name).write_text("")
     with pytest.raises(release.ReleaseFault, match=r"(numpy==2\.5\.0|more==1)"):
         release.check_materials(folder, [folder.parent / "wheels"])
+
+
+def licensed(folder: Path, stated: str, listed: object) -> None:
+    """A wheel whose metadata state that, in a folder of its own, and a bill of materials that lists this."""
+    (folder / "licensed").mkdir()
+    with zipfile.ZipFile(folder / "licensed/numpy-2.4.6-py3-none-any.whl", "w") as archive:
+        archive.writestr("numpy-2.4.6.dist-info/METADATA", f"Metadata-Version: 2.4\nName: numpy\n{stated}\n")
+    component = {"name": "numpy", "version": "2.4.6", "licenses": listed}
+    (folder / "dist/twind_1.cdx.json").write_text(json.dumps({"components": [component]}))
+    release.check_licences(folder / "dist", [folder / "licensed"])
+
+
+@pytest.mark.parametrize(
+    ("stated", "listed"),
+    [
+        ("License-Expression: MIT", [{"license": {"id": "MIT"}}]),
+        ("License-Expression: MIT AND 0BSD", [{"expression": "MIT AND 0BSD"}]),
+        ("Classifier: License :: OSI Approved :: BSD License", [{"license": {"name": "BSD"}}]),
+    ],
+)
+def test_a_licence_as_its_author_states_it_passes(folder: Path, stated: str, listed: object) -> None:
+    licensed(folder.parent, stated, listed)
+
+
+@pytest.mark.parametrize(
+    ("stated", "listed", "fault"),
+    [
+        ("License-Expression: MIT", [{"license": {"id": "BSD-3-Clause"}}], "not MIT"),
+        ("License: BSD", [], "no licence of numpy"),
+        ("Summary: arrays", [{"license": {"id": "MIT"}}], "states no licence"),
+    ],
+)
+def test_a_wrong_or_missing_licence_is_noticed(folder: Path, stated: str, listed: object, fault: str) -> None:
+    with pytest.raises(release.ReleaseFault, match=fault):
+        licensed(folder.parent, stated, listed)
 
 
 def test_what_fails_is_named_with_its_words() -> None:
