@@ -133,12 +133,25 @@ class Holders:
             self._before = self._found
             self._found = set()
             self._left = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+            both = {pid for pid in both if not _begins(pid, both)}
             if len(both) > 1:
                 return sorted(both)
         for pid in [self._left.pop() for _ in range(min(FEW, len(self._left)))]:
             if pid != os.getpid() and _holds(pid, path):
                 self._found.add(pid)
         return []
+
+
+def _begins(pid: int, others: set[int]) -> bool:
+    """Is it a child of one of these that runs no program of its own yet, between fork and exec?
+
+    On a busy machine that takes seconds, and the descriptors of its parent are closed by its end alone.
+    """
+    with suppress(OSError, ValueError):
+        parent = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+        lines = [Path(f"/proc/{each}/cmdline").read_bytes() for each in (pid, parent)]
+        return parent in others and lines[0] == lines[1]
+    return False
 
 
 def _holds(pid: int, path: str) -> bool:
