@@ -46,7 +46,8 @@ def test_only_who_trains_gets_torch_and_the_tests_get_exactly_one() -> None:
     assert [extra for extra, asked in extras.items() if "onnx" in names(asked)] == ["learn"]
     assert [extra for extra, asked in extras.items() if "onnxruntime" in names(asked)] == ["policy"]
     pins = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
-    assert {pin for pin in pins if not pin.startswith("shtab")} == {"torch==2.13.0", "onnxruntime==1.32.0"}
+    heavy = {pin for pin in pins if pin.startswith(("torch", "onnx", "stable"))}
+    assert heavy == {"torch==2.13.0", "onnxruntime==1.32.0"}
 
 
 def test_no_document_suggests_installing_twind_by_name_from_pypi() -> None:
