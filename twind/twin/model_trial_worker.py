@@ -21,8 +21,6 @@ def main() -> None:
         else:
             model = compile_text(request["mjcf"], request["folder"], files_left_out=request["files_left_out"])
         mujoco.MjData(model)
-    except InvalidInput as error:
-        answer = refusal(error)
     except ValueError as error:
         answer = refusal(InvalidInput(f"{error}; correct it"))
     sys.stdout.write(json.dumps(answer))
