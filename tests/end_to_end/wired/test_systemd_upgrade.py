@@ -17,7 +17,7 @@ from tests.support.systemd.machine import Machine, why_not
 from tests.support.systemd.service import Robot, Service, settings
 from twind.version import __version__
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign  # two packages are built and installed: some two minutes
 SECONDS = 240.0  # for one run of dpkg on a busy machine
 OLD = "2d1dfd9"  # 0.1.0, see CHANGELOG.md
 ONLY_OLD = ["structlog>=25.1"]  # needed by 0.1.0, and by this version no more
