@@ -304,7 +304,9 @@ def test_uninstalling_waits_for_the_fail_safe_of_a_daemon_that_does_not_answer(
     said = live.machine.run(*uninstall, seconds=60.0)
     deaf.unlink()
     live.machine.run("systemctl", "daemon-reload")
-    assert (live.show("ActiveState"), live.show("Result")) == ("failed", "timeout")
+    assert (
+        live.show("ActiveState") == "inactive"
+    )  # its failure, which alone starts the fail-safe, was reset at the end
     assert robot.torque() == {False}, "the files would have gone under the fail-safe"
     assert apart(away, robot.places()) > MOVED, "nothing was lowered"
     assert (safe.show("ActiveState"), safe.show("Result")) == ("inactive", "success")
