@@ -149,6 +149,23 @@ def test_without_any_one_accusation_a_wrong_packet_passes(place: Accusation) -> 
     assert any(rules_of(name, silent) != {rule} for name, (rule, _) in WRONG.items()), place.text
 
 
+@pytest.mark.parametrize(("pause", "off", "rules"), [(1, 0, ["W6"]), (12, 0, []), (12, 3, ["W3", "W6"])])
+def test_after_a_silence_an_e_stop_may_aim_a_servo_where_it_is_read_and_nowhere_else(
+    pause: int, off: int, rules: list[str]
+) -> None:
+    """Back from a goal that leads the shaft is no step for a servo that has counted as stopped since."""
+    port = armed(Port())
+    for step in range(10):
+        port.goals(HERE + 15 * step)
+    port.goals(HERE + 15 * 9)
+    for _ in range(pause):
+        port.read(HERE + 60, 1)
+    port.monitor.take_report("estop", port.now, level="settle")
+    state(port, "estop")
+    port.goals(HERE + 60 + off)
+    assert port.rules == rules
+
+
 def test_a_mirror_that_writes_breaks_a_rule() -> None:
     port = Port(writes=False)
     port.goals(HERE)

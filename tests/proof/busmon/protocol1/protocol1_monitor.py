@@ -23,6 +23,8 @@ from tests.proof.busmon.protocol1.protocol1_packets import (
 from tests.proof.busmon.serial_monitor import SerialMonitor
 from tests.proof.busmon.violation import SILENCE, Seen
 
+ALONE = 0.1  # s without a goal, from which on a servo without a watchdog counts as one that has tripped
+
 
 class Protocol1Monitor(SerialMonitor):
     """One bus."""
@@ -37,6 +39,7 @@ class Protocol1Monitor(SerialMonitor):
         self._heard = b""
         self._asked: list[tuple[int, int, int]] = []  # id, address, size: answers that are due, in order
         self._open = np.zeros(len(self.servos.ids), np.bool_)  # the lock: what is written is stored
+        self._aimed = np.full(len(self.servos.ids), -np.inf)  # s, when a goal went out last
 
     # --------------------------------------------------------------------------- what went by
 
@@ -197,7 +200,7 @@ class Protocol1Monitor(SerialMonitor):
         self.goal_packets += 1
         self.words.left(self._since)
         self.words.goal(now, servos.ids[next(iter(words))])
-        anew = [row for row in words if servos.anew[row]]
+        anew = [row for row in words if servos.anew[row] or self._since - self._aimed[row] > ALONE]
         for row, word in words.items():
             self._goal(row, word, now)
         rows = list(words)
@@ -205,6 +208,7 @@ class Protocol1Monitor(SerialMonitor):
         goals[rows] = list(words.values())
         servos.aim(now, goals)
         servos.aimed_anew(anew, self._since)
+        self._aimed[rows] = now
         servos.known[rows] = True
         servos.anew[rows] = servos.first[rows] = False
         self.stopping.goals(now)
