@@ -29,15 +29,13 @@ def main() -> int:
     parser.add_argument("--rate", type=float, help="Hz of the loop, where it is not the robot file's")
     parser.add_argument("--observe", type=Path, help="the daemon's observe.sock, for its states")
     parser.add_argument("--hearsay", type=float, default=0.5, help="s that those may come late")
-    parser.add_argument("--carried", type=float, default=0.0, help="s that the port may keep bytes (W9)")
     given = parser.parse_args()
     limits = limits_of(given.robot, given.calibration, given.bus, rate_hz=given.rate)
     with suppress(OSError):  # without the right to it an ordinary process judges as well, with more delay
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(45))
     gc.collect()
     gc.freeze()
-    how = {"observe": given.observe, "hearsay": given.hearsay, "carried": given.carried}
-    return Relay(given.servos, given.link, limits, **how).run()
+    return Relay(given.servos, given.link, limits, observe=given.observe, hearsay=given.hearsay).run()
 
 
 if __name__ == "__main__":

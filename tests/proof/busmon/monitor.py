@@ -149,9 +149,7 @@ class Monitor(SerialMonitor):
         ear = self.ear
         if not self._alone and self._since < now:
             return  # a late stamp: when the packets of one chunk left, nobody knows
-        if ear.done or ear.request is None:
-            return
-        if now - ear.asked < ear.request.expected * self._byte - self.carried:
+        if not ear.done and ear.request is not None and now - ear.asked < ear.request.expected * self._byte:
             waited = (now - ear.asked) * 1e3
             text = f"a packet {waited:.2f} ms after a {ear.request.name} whose answer takes longer"
             self._broken("W9", now, None, text)

@@ -17,7 +17,6 @@ from typing import Any
 from tests.proof.busmon.bus import AnyLimits, monitor_of, port_baud
 from tests.proof.busmon.observe import Observer
 from tests.proof.busmon.ports import CHUNK, DaemonEnd, Holders, ServoEnd, baud_of, set_baud, write_all
-from tests.proof.busmon.serial_monitor import SerialMonitor
 
 LOOK = 0.005  # s between two looks, traffic or not
 BLIND = 0.02  # s: a longer gap between two rounds was ours, not the daemon's
@@ -29,18 +28,9 @@ class Relay:
     """One bus between two ports."""
 
     def __init__(
-        self,
-        servos: Path,
-        link: Path,
-        limits: AnyLimits,
-        *,
-        observe: Path | None,
-        hearsay: float,
-        carried: float = 0.0,
+        self, servos: Path, link: Path, limits: AnyLimits, *, observe: Path | None, hearsay: float
     ) -> None:
         self.monitor = monitor_of(limits, hearsay=hearsay)
-        if isinstance(self.monitor, SerialMonitor):
-            self.monitor.carried = carried
         self._servos = ServoEnd(servos)
         self._daemon = DaemonEnd(link)
         self._observer = Observer(observe) if observe else None

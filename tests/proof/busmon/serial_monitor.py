@@ -22,7 +22,6 @@ class SerialMonitor:
     def __init__(self, limits: Limits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
         self.limits = limits
-        self.carried = 0.0  # s that a port may keep bytes before they are seen here
         self.servos = Turning(limits)
         self.violations: list[Violation] = []
         self.last: deque[Seen] = deque(maxlen=KEPT)

@@ -153,19 +153,6 @@ def test_a_sensor_is_read_and_never_written(tmp_path: Path) -> None:
     day.rig.close()
 
 
-def test_a_port_that_keeps_bytes_excuses_what_seems_too_early_and_no_other_does(tmp_path: Path) -> None:
-    for carried, rules in ((0.0, ["W9"]), (0.1, [])):
-        day = Day(tmp_path)
-        monitor = day.watched.monitors["main"]
-        monitor.carried = carried
-        question = packet.make(254, 0x82, bytes.fromhex("84 00 0a 00") + bytes(range(1, 25)))
-        now = day.rig.clock.now()
-        monitor.sent(question, now)
-        monitor.sent(question, now + 0.001)
-        assert [each.rule for each in monitor.violations] == rules
-        day.rig.close()
-
-
 def test_a_mirror_writes_nothing(tmp_path: Path) -> None:
     day = Day(tmp_path, mode=Mode.MIRROR)
     day.nod()

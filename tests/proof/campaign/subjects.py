@@ -97,7 +97,7 @@ SUBJECTS = {
             "h of virtual time",
             "tests.proof.soak.run --hours {count:g} --seed {next}",
             r"passed: ([\d.]+) h",
-            0.1,
+            0.5,  # memory is judged over a piece
             72,
             parts=r'"robot": "([\w-]+)",\s+"hours": ([\d.]+)',
             longest=3 * 3600.0,

@@ -26,9 +26,6 @@ from twind.client import CallError, Client, ClientError
 IDLE = {"free", "replug", "clear", "seed", "record"}
 ROBOT = "h24-standing"
 POLICY = ROOT / "tests" / "data" / "policies" / "squat" / "squat.onnx"  # for this robot
-# s: kernel workers of normal priority carry the bytes of a tty. On a busy machine requests of six ticks came
-# in one piece, so whether one came before the answer to another (W9) is judged in virtual time alone.
-CARRIED = "0.1"
 SLOW = 180.0  # s that a policy may take besides: this machine is busy, and its imports are many
 CODES = (0, 1, 3)  # as asked; refused, or ended otherwise; no daemon that answers
 SPAN = {"head_yaw": 0.6, "l_elbow": -0.8, "r_elbow": -0.8, "l_shoulder_roll": 0.8, "l_knee": 0.5}
@@ -50,7 +47,7 @@ class Storm:
     def live(self) -> dict[str, Any]:
         ground = self.ground
         ground.robot(name=ROBOT)
-        ground.relayed("--carried", CARRIED)
+        ground.relayed()
         ground.daemon()
         self.companions = Companions(ground.running.sockets, ground.folder)
         self.begun = time.monotonic()
@@ -83,7 +80,6 @@ class Storm:
             "done": self.count,
             "processes": figures,
             "bus": ground.relay.counts(),
-            "not_judged": ["W9"],  # see CARRIED
             "beside": self.companions.figures(),
         }
 

@@ -11,7 +11,7 @@ from tests.proof.statespace.world import CORE, STEPS, ModelWorld
 def main() -> int:
     """Search, and print what was visited, or a shortest history that breaks a claim."""
     parser = argparse.ArgumentParser(prog="statespace", description=__doc__)
-    parser.add_argument("depth", type=int, nargs="?", default=10)
+    parser.add_argument("depth", type=int, nargs="?", default=12)
     parser.add_argument("--support", default="gantry", choices=("fixed", "gantry", "free"))
     parser.add_argument("--core", action="store_true", help="arm, stops, reset, lost bus, deaths, lease only")
     options = parser.parse_args()
