@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.described_joint import JOINT
@@ -25,9 +26,11 @@ class CodedRefusalRobot:
         self.joints = {"elbow": SimpleNamespace(goal=0.0, temperature=30.0)}
         self.refusals = list(refusals)
         self.reaches: list[float] = []  # rad, largest goal of each motion
+        self.durations: list[float] = []  # s, of each path
 
     def follow(self, joints: Any, points: Any, times: Any, *, retime: bool) -> None:
         self.reaches.append(float(abs(points).max()))
+        self.durations.append(float(times[-1]))
         self._answer()
 
     def submit(self, trajectory: dict[str, Any]) -> None:
@@ -71,7 +74,9 @@ def test_each_motion_is_reported_before_it_begins() -> None:
     excite_robot(robot, SilentClient(), described, ["elbow", "wrist"], 0.4, report)  # type: ignore[arg-type]
     texts = ["moves elbow (1 of 3)", "moves wrist (2 of 3)", "moves all joints together (3 of 3)"]
     assert [(text, made) for text, _, made in steps] == list(zip(texts, range(3), strict=True))
-    assert [share for _, share, _ in steps] == pytest.approx([0.0, 1 / 3, 2 / 3], abs=0.02)
+    ends = np.cumsum(robot.durations)
+    assert [share for _, share, _ in steps] == pytest.approx([0.0, ends[0] / ends[2], ends[1] / ends[2]])
+    assert robot.durations[2] < robot.durations[0]  # all joints together move less far
 
 
 @pytest.mark.parametrize("code", sorted(PATH_LIMITS))

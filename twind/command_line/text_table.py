@@ -1,4 +1,4 @@
-"""Tables as plain text. Standard library only."""
+"""Tables as plain text, and numbers in them. Standard library only."""
 
 from collections.abc import Collection, Sequence
 
@@ -13,3 +13,8 @@ def align_columns(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[
         ).rstrip()
         for row in rows
     ]
+
+
+def fixed_number(value: float | None, digits: int, missing: str) -> str:
+    """A number with so many digits after the point, never -0.000; `missing` for None."""
+    return missing if value is None else f"{round(value, digits) + 0.0:.{digits}f}"

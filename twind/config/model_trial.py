@@ -25,18 +25,8 @@ _PLAIN = frozenset(
         *("mujoco", "include", "compiler", "option", "flag", "default", "visual", "global", "headlight"),
         *("rgba", "quality", "map", "scale", "statistic", "worldbody", "body", "inertial", "joint"),
         *("freejoint", "geom", "site", "light", "contact", "pair", "exclude", "equality", "connect", "weld"),
-        *(
-            "actuator",
-            "general",
-            "position",
-            "velocity",
-            "motor",
-            "sensor",
-            "accelerometer",
-            "gyro",
-            "framequat",
-        ),
-        *("framepos", "force", "torque", "jointpos", "jointvel", "touch"),
+        *("actuator", "general", "position", "velocity", "motor", "sensor", "accelerometer", "gyro"),
+        *("framequat", "framepos", "force", "torque", "jointpos", "jointvel", "touch"),
     )
 )
 # Attributes of plain elements that reserve memory by a number, or for all elements of a kind.

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 
 from twind.client.errors import finding_lines
-from twind.command_line.text_table import align_columns
+from twind.command_line.text_table import align_columns, fixed_number
 from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.protocol.messages import (
     BusMessage,
@@ -193,7 +193,7 @@ def _row(joint: JointMessage, *, simulated: bool) -> tuple[str, ...]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
+    return fixed_number(value, digits, "-")
 
 
 def _ms(value: float | None) -> str:

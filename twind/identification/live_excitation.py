@@ -84,20 +84,20 @@ def excite_robot(
     operator took; ClientError.
     """
     bounds = {each["name"]: _bounds(each) for each in described["joints"] if each["name"] in joints}
-    parts = [{name: bounds[name]} for name in joints] + [bounds] * (len(joints) > 1)
-    planned = [_duration(robot, part, amplitude) for part in parts]
+    parts = [(name, {name: bounds[name]}, amplitude) for name in joints]
+    if len(joints) > 1:
+        parts.append(("all joints together", bounds, TOGETHER * amplitude))
+    planned = [_duration(robot, part, reach) for _, part, reach in parts]
     whole = min(sum(planned), LONGEST)
     moved = False
     with MessageRecorder(client) as recorder:
-        for place, part in enumerate(parts):
+        for place, (what, part, reach) in enumerate(parts):
             if recorder.seconds >= LONGEST:
                 break
-            together = len(part) > 1
-            what = "all joints together" if together else next(iter(part))
             share = min(sum(planned[:place]) / whole, 1.0)
             report(f"moves {what} ({place + 1} of {len(parts)})", share, whole)
-            done = _try(robot, part, TOGETHER * amplitude if together else amplitude)
-            moved |= done and not together
+            done = _try(robot, part, reach)
+            moved |= done and len(part) == 1
     return recorder.messages if moved else []
 
 

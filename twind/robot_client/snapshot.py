@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.command_line.text_table import align_columns
+from twind.command_line.text_table import align_columns, fixed_number
 from twind.robot.arrays import Bools, Floats
 from twind.robot_client.state_message import StateMessage
 
@@ -136,4 +136,4 @@ def _joint(row: Mapping[str, Any]) -> JointReading:
 
 
 def _number(value: float | None, digits: int = 3) -> str:
-    return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
+    return fixed_number(value, digits, "–")

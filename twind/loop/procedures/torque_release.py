@@ -16,16 +16,8 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
-from twind.loop.procedures.torque_readback import (
-    torque_off,
-    torque_on,
-    torque_possible,
-)
-from twind.loop.procedures.torque_switching import (
-    error_text,
-    say_unconfirmed,
-    switch_torque_off,
-)
+from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
+from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
 from twind.robot.fall_settings import FallReaction
