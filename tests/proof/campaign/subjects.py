@@ -107,7 +107,7 @@ SUBJECTS = {
             "min of real processes",
             "tests.proof.soak.run --real --minutes {count:g} --seed {next}",
             r"passed: ([\d.]+) min",
-            15,
+            30,  # in one piece
             30,
         ),
     )
