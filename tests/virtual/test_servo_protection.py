@@ -189,6 +189,13 @@ def test_a_supply_outside_the_limits_is_an_error_that_only_the_x330_shuts_down_f
         assert status(host) == (ALERT, VOLTAGE, torque)
 
 
+def test_a_servo_for_less_than_its_bus_is_fed_through_a_converter_that_steps_down_alone() -> None:
+    host = Host([1, 2], model=["XL430-W250", "XL330-M288"])
+    for supply, stepped_down in ((12.0, 5.0), (14.0, 5.0), (4.0, 4.0), (0.0, 0.0), (12.0, 5.0)):
+        host.servos.supply(supply)
+        assert host.servos.protection.connector_volts.tolist() == [supply, stepped_down]
+
+
 def test_a_brown_out_reboots_a_servo_and_without_supply_it_stays_off() -> None:
     """As a reboot: silence, RAM defaults, torque off, turns lost."""
     host = Host([1, 2], settings={"operating_mode": 4})

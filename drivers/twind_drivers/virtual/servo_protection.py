@@ -61,7 +61,7 @@ class ServoProtection:
         self.nominal = np.array([nominal(each) for each in tables])
         self.motors = Motors([motor_figures(each) for each in tables], self.nominal)
         self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
-        self.own = self.nominal < self.source  # fed through a converter of their own
+        self.own = self.nominal < self.source  # fed through a step-down converter of their own
         self.surroundings = np.full(len(tables), AMBIENT)
         self._warm = np.zeros((2, len(tables)))  # °C above the surroundings: winding, case
         self._drawn = 0.0  # A, all of them, from the supply
@@ -73,9 +73,7 @@ class ServoProtection:
         self._hottest = np.full(len(tables), np.inf)
         self._highest = np.full(len(tables), np.inf)
         self._lowest = self._least = BROWN_OUT * self.nominal
-        self.connector_volts = np.where(
-            self.own, self.nominal, self.source
-        )  # V at the connectors, but for the sag
+        self.connector_volts = self._fed()
         self._lost = np.zeros(len(tables))  # V, in each one's own cable
         self._sense()
 
@@ -86,13 +84,16 @@ class ServoProtection:
         self._highest = highest
 
     def supply(self, volts: float) -> None:
-        """Set the supply of the bus, V. Raises ValueError outside 0..60 V."""
+        """Set the supply of the bus, V: of a converter what it steps down. Raises ValueError outside 0..60 V."""
         if not 0.0 <= volts <= 60.0:
             raise ValueError(f"supply: {volts} V is outside 0..60 V")
         self.source = float(volts)
-        self.own[:] = False
-        self.connector_volts = np.full(len(self.own), self.source)
+        self.connector_volts = self._fed()
         self._sense()
+
+    def _fed(self) -> Floats:
+        """V at the connectors, but for the sag. A step-down converter passes on a supply below its output."""
+        return np.where(self.own, np.minimum(self.nominal, self.source), self.source)
 
     def drop(self, row: int, volts: float) -> None:
         """Set the voltage lost in the cable to one servo, V. Raises ValueError outside 0..60 V."""

@@ -281,11 +281,14 @@ class Life:
             reply = self.call(link.Arm)
             said = str(reply)[:300] if reply is not None else ""
             if reply is not None:
-                self._by_hand(reply)
+                self._remedy(reply)
 
-    def _by_hand(self, refused: link.Reply) -> None:
-        """Turn a joint back by hand that a hand turned out of its travel, as the refusal asks."""
+    def _remedy(self, refused: link.Reply) -> None:
+        """Do what a refusal to arm asks: restart servos, turn a joint back that a hand turned too far."""
         for finding in refused.parameters.get("findings") or ():
+            if finding["code"] == "SERVO_ALERT":
+                self._reboot()
+                return
             if finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
                 joint = self.rig.robot.joints[finding["joint"]]
                 hand: Order = {"fault": "hand", "bus": joint.bus, "id": joint.id}
