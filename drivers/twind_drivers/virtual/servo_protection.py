@@ -84,7 +84,7 @@ class ServoProtection:
         self._highest = highest
 
     def supply(self, volts: float) -> None:
-        """Set the supply of the bus, V: of a converter what it steps down. Raises ValueError outside 0..60 V."""
+        """Set the supply of the bus, V, also of the converters. Raises ValueError outside 0..60 V."""
         if not 0.0 <= volts <= 60.0:
             raise ValueError(f"supply: {volts} V is outside 0..60 V")
         self.source = float(volts)
