@@ -29,6 +29,7 @@ class Stop:
     due: float
     speed: np.ndarray  # counts a packet when it was asked for, >= 0
     lasts: np.ndarray  # packets that braking is watched
+    rest: np.ndarray  # packet after which a joint was at rest; inf: not yet
     packets: int = 0
     last: float = -np.inf  # s, of the last packet that counted
 
@@ -81,7 +82,7 @@ class Stopping:
         due = at + (CUT if level == "cut" else SETTLE + ROUNDS + (FREE if self._free else 0.0))
         if self._stop is not None:
             due = min(due, self._stop.due)
-        self._stop = Stop(level, at, due, speed, lasts)
+        self._stop = Stop(level, at, due, speed, lasts, np.full(len(speed), np.inf))
         for time, _, moves in [each for each in servos.goals if each[0] >= at]:
             self._brakes(time, moves)
 
@@ -113,7 +114,12 @@ class Stopping:
         if time - stop.last > 0.5 * self._period:
             stop.packets = stop.packets + 1
             stop.last = time
-        fastest = np.maximum(stop.speed - SHARE * servos.brake * max(0, stop.packets - LEAD), 0.0) + ROUNDING
+        braking = np.maximum(stop.speed - SHARE * servos.brake * max(0, stop.packets - LEAD), 0.0)
+        # Who brakes harder than it must is lowered earlier, and begins from rest.
+        lowered = servos.brake * np.maximum(stop.packets - stop.rest, 0.0)
+        fastest = np.maximum(braking, lowered) + ROUNDING
+        rests = (np.abs(moves) <= ROUNDING) & (stop.packets >= LEAD)
+        stop.rest[rests] = np.minimum(stop.rest[rests], stop.packets)
         wrong = (stop.packets <= stop.lasts) & ~(np.abs(moves) <= fastest + 1e-6)
         if wrong.any():
             row = int(np.argmax(wrong))

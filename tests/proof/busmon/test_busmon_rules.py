@@ -269,6 +269,27 @@ def test_a_robot_that_is_damped_has_five_more_seconds_to_let_go(lasts: float, wr
     assert daemon.rules == (["W6"] if wrong else [])
 
 
+@pytest.mark.parametrize(("hardness", "wrong"), [(0.9, False), (2.0, True)])
+def test_a_joint_that_braked_early_is_lowered_from_rest_within_its_acceleration(
+    hardness: float, wrong: bool
+) -> None:
+    """On its way again while a slower stop would still brake."""
+    daemon = Armed()
+    speed = int(LIMITS.servos[1].speed * LIMITS.period)
+    for _ in range(12):
+        daemon.cycle(daemon.goals | {1: daemon.goals[1] - speed})
+    daemon.port.say("estop", level="settle")
+    daemon.port.say("state", state="estop")
+    daemon.hold(3)  # packets, of 42 in which braking is watched
+    place = float(daemon.goals[1])
+    step = hardness * LIMITS.servos[1].brake * LIMITS.period**2
+    for number in range(1, 11):
+        place += number * step
+        daemon.cycle(daemon.goals | {1: round(place)})
+    assert set(daemon.rules) <= {"W6"}
+    assert bool(daemon.rules) is wrong
+
+
 def aim_anew(daemon: Armed, goals: dict[int, int], *, cleared: bool) -> None:
     """Goals in one call with watchdogs that are cleared and set, as after a trip; or without."""
     before, after = (daemon.all(98, b"\0"), daemon.all(98, b"\5")) if cleared else (b"", b"")

@@ -23,7 +23,7 @@ class Accelerates(Good):
 
     def brake(self) -> None:
         for more in (3, 6):
-            self.cycle({id: goal + round(self.speed[id]) - more for id, goal in self.goals.items()})
+            self.cycle({id: goal + round(self.speed[id]) + more for id, goal in self.goals.items()})
         super().brake()
 
 
