@@ -252,7 +252,8 @@ class JointVerificationState:
         slow = self._context.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
         for port, bus in self._context.hardware.pairs:
-            if port.link is PortState.CONNECTED and some(healed[bus.joints]):
+            # a restart on request restores the settings first, and is answered
+            if port.link is PortState.CONNECTED and some(healed[bus.joints]) and not port.tasks:
                 port.identify()
 
     def _recheck_turns(self, turns: MeasuredTravel, now: float) -> None:
