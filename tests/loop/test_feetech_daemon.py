@@ -209,3 +209,24 @@ def test_arming_warns_of_each_joint_without_a_watchdog(make_rig: MakeRig) -> Non
     warned = reply.parameters["warnings"]
     assert [each["joint"] for each in warned] == list(range(6))
     assert "if the daemon dies, it drives on to its last goal" in warned[0]["message"]
+
+
+def test_a_joint_that_gets_no_goals_since_its_torque_once_read_off_is_latched(make_rig: MakeRig) -> None:
+    """It would stand still while the robot counts as armed, and be released where it stands."""
+    rig: Rig = make_rig(ARM)
+    rig.arm()
+    roll = rig.names.index("wrist_roll")
+    servos = rig.virtual["main"].servos
+    servos.put(roll, "torque_enable", 0)
+    for _ in range(20):
+        rig.ticks(1)
+        if rig.loop.hardware.slow.torque[roll] == 0:
+            break
+    servos.put(roll, "torque_enable", 1)
+    rig.seconds(0.3)
+    assert rig.loop.hardware.slow.torque[roll] == 1
+    assert "WATCHDOG_TRIPPED" in rig.loop.condition.latches
+    assert rig.call(link.Disarm, ticks=1500).error is None
+    assert rig.call(link.Reset).error is None
+    rig.arm()
+    assert not rig.loop.condition.latches

@@ -24,6 +24,7 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress
+from twind_drivers.flags import some
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
@@ -111,6 +112,7 @@ class RegisterWriter:
         self._soft: list[int] = []  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
+        self._dropped: Bools = np.zeros(len(self._ids), np.bool_)  # its torque read off since
         reader.watchdog.watched = self._on
         self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self.set_goal_limits(lower, upper)
@@ -134,13 +136,17 @@ class RegisterWriter:
         """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
 
         A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
-        which could switch torque on. One that was silent for 0.1 s gets none until it is prepared.
+        which could switch torque on. One whose torque then reads on again counts as tripped.
+        One that was silent for 0.1 s gets none until it is prepared.
         """
         self._line.goals = b""
         registers = self._bus.registers
         if registers.version != self._version:
             self._version = registers.version
-            self._on &= registers.torque != 0
+            self._dropped |= self._on & (registers.torque == 0)
+            self._on &= ~self._dropped
+            if some(self._dropped):
+                registers.watchdog[self._dropped & (registers.torque == 1)] = TRIPPED
             well = (registers.torque == 1) & (registers.watchdog != TRIPPED) & ~self._bus.watchdog.overdue
             chosen = self._led & self._on & well
             if np.flatnonzero(chosen).tolist() != self._goals.places:
@@ -314,7 +320,8 @@ class RegisterWriter:
 
     def _mark_energised(self, ids: Collection[int], on: bool) -> None:
         """Note whether this writer has switched torque of `ids` on: goals leave for no others."""
-        self._on[[self._index[id] for id in ids]] = on
+        self._on[places := [self._index[id] for id in ids]] = on
+        self._dropped[places] = False
         self._version = -1
 
     def _take_over(self, holding: Collection[int]) -> Script[None]:
@@ -346,9 +353,9 @@ class RegisterWriter:
 
     def _verify(self, rows: Sequence[Row]) -> Script[None]:
         """Read each row back, registers of one area of a device together."""
-        wanted: dict[int, dict[str, int]] = {}
+        wanted: dict[int, dict[str, int]] = {id: {} for id, _, _ in rows}
         for id, name, value in rows:
-            wanted.setdefault(id, {})[name] = value
+            wanted[id][name] = value
         spans: dict[tuple[int, int], list[int]] = {}
         for id, own in wanted.items():
             for span in spans_of([self._bus.tables[id][name] for name in own]):
