@@ -133,10 +133,11 @@ class IdentificationState:
         idle = context.procedures.rank is None and context.condition.mode is Mode.LIVE
         if context.condition.stop_wanted:
             return  # the end of the daemon switches it off, and must not be put off
-        if context.torque.stop_level is not None and idle and torque_inherited(context):
-            self._release.stop(context.torque.stop_level)  # it came back with torque on under a latched stop
-        elif context.torque.stop_level == "cut" and idle and torque_unreported(context):
-            self._release.stop("cut")
+        level = context.torque.stop_level
+        if level is not None and idle and torque_inherited(context):
+            self._release.stop(level)  # it came back with torque on under a latched stop
+        elif level == "cut" and idle and torque_unreported(context):
+            self._release.stop(level)
         elif (
             context.torque.unconfirmed and idle and (torque_inherited(context) or torque_unreported(context))
         ):
