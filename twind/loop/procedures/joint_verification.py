@@ -228,8 +228,8 @@ class JointVerificationState:
         context = self._context
         if context.torque.inhibited:  # the daemon itself is silent
             return
-        heard_at = np.maximum(context.hardware.readings.heard_at, self._since)
-        silent = now - heard_at > max(SILENT, READINGS * context.robot.period)
+        silence = np.minimum(context.robot.measured.age, now - self._since)
+        silent = silence > max(SILENT, READINGS * context.robot.period)
         self._away |= silent
         if some(self._away) and not (context.torque.armed or context.torque.energising):
             back = self._away & ~silent
