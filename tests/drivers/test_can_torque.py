@@ -130,7 +130,7 @@ def test_an_actuator_without_a_reply_during_preparation_follows_no_goal(
 
 
 def test_a_cubemars_gets_no_command_once_its_writer_is_gone() -> None:
-    """Mode mirror only reads: another program may hold the actuator, and a soft command would drop its load."""
+    """Mode mirror only reads: another program may hold the actuator, whose load a soft command would drop."""
     rig = CanRig(("AK70-10",) * 2)
     rig.ticks(5, rig.arm())
     rig.beside(rig.writer.torque(False))

@@ -1,4 +1,4 @@
-"""Gains that the robot file leaves to the servo: kept over damping, and never taken from an earlier arming."""
+"""Gains that the robot file leaves to the servo: kept over damping, never taken from an earlier arming."""
 
 from collections.abc import Callable
 from typing import Any

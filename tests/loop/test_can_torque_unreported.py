@@ -1,4 +1,4 @@
-"""CAN actuators that report their torque only after an order, in a whole daemon: no torque off is left out."""
+"""CAN actuators that report their torque only after an order, in a whole daemon: all torque off is sent."""
 
 from pathlib import Path
 

@@ -75,9 +75,9 @@ def _is_due(context: ProcedureContext) -> bool:
 
 
 def _release_returned(context: ProcedureContext, until: float) -> Steps:
-    """Switch torque that is due off wherever it reads on or is not reported, at least once; wait until `until` (s) for the rest.
+    """Switch torque that is due off wherever it reads on or is not reported, at least once.
 
-    Report what may be on then.
+    Wait until `until` (s) for the rest, then report what may be on.
     """
     over = sent = False
     while _is_due(context) and not over:

@@ -101,7 +101,7 @@ def switch_torque_off(context: ProcedureContext) -> Steps:
 
 
 def retry_torque_off(context: ProcedureContext) -> Procedure:
-    """Switch torque off once more after a device that did not confirm it replies, and its torque may be on."""
+    """Switch torque off once more after a device that did not confirm it replies and may have torque."""
     context.reports.event(
         "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and may be on: off once more"
     )
