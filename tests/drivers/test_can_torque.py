@@ -127,3 +127,15 @@ def test_an_actuator_without_a_reply_during_preparation_follows_no_goal(
     rig.beside(rig.writer.torque(True))
     rig.ticks(30, here + 100)
     assert abs(rig.places() - here - 100).max() < 80
+
+
+def test_a_cubemars_gets_no_command_once_its_writer_is_gone() -> None:
+    """Mode mirror only reads: another program may hold the actuator, whose load a soft command would drop."""
+    rig = CanRig(("AK70-10",) * 2)
+    rig.ticks(5, rig.arm())
+    rig.beside(rig.writer.torque(False))
+    rig.ticks(5)
+    del rig.writer
+    rig.channel.trains.clear()
+    rig.ticks(150)
+    assert not sum(map(len, rig.channel.trains))

@@ -82,7 +82,15 @@ def lose(rig: ProcedureRig) -> None:
     """Lose every bus of a robot that was held."""
     rig.torque.lose_bus(np.ones(3, np.bool_))
     rig.hardware.connected = False
+    rig.hardware.away = np.ones(3, np.bool_)
     rig.hardware.slow.torque[:] = -1
+
+
+def replug(rig: ProcedureRig) -> None:
+    """Let every bus return, with torque on."""
+    rig.hardware.connected = True
+    rig.hardware.away = np.zeros(3, np.bool_)
+    rig.found()
 
 
 @pytest.mark.parametrize("back", [0.5, None])
@@ -93,8 +101,7 @@ def test_a_lost_bus_is_waited_for_as_long_as_it_may_come_back(back: float | None
 
     def plug() -> None:
         if back is not None and rig.clock.now() >= begun + back:
-            rig.hardware.connected = True
-            rig.found()
+            replug(rig)
 
     rig.watched = plug
     took = shut(rig)
@@ -111,6 +118,18 @@ def test_the_waits_of_an_ending_daemon_end_with_their_last_tick() -> None:
     rig = ProcedureRig(period=1.0 / 128.0)
     lose(rig)
     assert shut(rig) == 1.5
+
+
+@pytest.mark.parametrize("identified", [True, False])
+def test_torque_that_a_returned_bus_does_not_report_is_switched_off(identified: bool) -> None:
+    """A CubeMars reports it only after an order, as does a Damiao that has lost its master."""
+    rig = ProcedureRig()
+    lose(rig)
+    rig.hardware.connected = identified
+    rig.hardware.away = np.zeros(3, np.bool_)
+    obeys(rig)
+    shut(rig)
+    assert rig.requests() == OFF
 
 
 def test_without_a_lost_bus_nothing_is_waited_for() -> None:
@@ -173,8 +192,7 @@ def test_a_stop_that_a_lost_bus_missed_lowers_the_robot_when_it_returns() -> Non
 
     def plug() -> None:
         if not rig.hardware.connected and rig.clock.now() >= begun + 0.5:
-            rig.hardware.connected = True
-            rig.found()
+            replug(rig)
             obeys(rig)
 
     rig.watched = plug

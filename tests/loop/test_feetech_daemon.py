@@ -75,6 +75,38 @@ def test_a_biped_of_14_servos_is_armed_moved_and_armed_again_after_a_replug(make
     rig.arm()
 
 
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [({"homing_offset": 400}, "CALIB_MISMATCH"), ({"model_number": 2825}, "DEVICE_MISMATCH")],
+)
+def test_another_servo_in_the_place_of_one_is_not_armed_as_that(
+    make_rig: MakeRig, changed: dict[str, int], code: str
+) -> None:
+    """No servo of this family reports a restart: one that was silent is identified anew."""
+    rig: Rig = make_rig(ARM)
+    rig.connect()
+    bus = rig.virtual["main"]
+    bus.faults.silence(3)
+    rig.seconds(1.0)
+    for name, value in changed.items():
+        bus.servos.put(2, name, value)
+    bus.faults.silence(3, False)
+    rig.seconds(3.0)
+    rig.lease()
+    assert rig.call(link.Arm).error == "Refused"
+    assert rig.events(code)
+    assert not any(each["torque"] for each in bus.truth(rig.clock.now()))
+
+
+def test_a_servo_that_lost_a_reply_or_two_is_not_identified_anew(make_rig: MakeRig) -> None:
+    rig: Rig = make_rig(ARM)
+    rig.connect()
+    rig.virtual["main"].faults.corrupt(2, 3)
+    rig.seconds(1.0)
+    assert rig.loop.condition.state == "connected"
+    assert len(rig.events("connected")) == 1
+
+
 # ------------------------------------------------------------------------------------- no watchdog
 
 
@@ -177,3 +209,24 @@ def test_arming_warns_of_each_joint_without_a_watchdog(make_rig: MakeRig) -> Non
     warned = reply.parameters["warnings"]
     assert [each["joint"] for each in warned] == list(range(6))
     assert "if the daemon dies, it drives on to its last goal" in warned[0]["message"]
+
+
+def test_a_joint_that_gets_no_goals_since_its_torque_once_read_off_is_latched(make_rig: MakeRig) -> None:
+    """It would stand still while the robot counts as armed, and be released where it stands."""
+    rig: Rig = make_rig(ARM)
+    rig.arm()
+    roll = rig.names.index("wrist_roll")
+    servos = rig.virtual["main"].servos
+    servos.put(roll, "torque_enable", 0)
+    for _ in range(20):
+        rig.ticks(1)
+        if rig.loop.hardware.slow.torque[roll] == 0:
+            break
+    servos.put(roll, "torque_enable", 1)
+    rig.seconds(0.3)
+    assert rig.loop.hardware.slow.torque[roll] == 1
+    assert "WATCHDOG_TRIPPED" in rig.loop.condition.latches
+    assert rig.call(link.Disarm, ticks=1500).error is None
+    assert rig.call(link.Reset).error is None
+    rig.arm()
+    assert not rig.loop.condition.latches

@@ -234,3 +234,16 @@ def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_
     rig.ticks(30)
     assert (rig.loop.executor.motion is Motion.ACTIVE) == (mode is Mode.LIVE)
     assert len([event for event in rig.events("INTERNAL") if "simulation" in event.message]) == 1
+
+
+def test_a_path_of_the_former_holder_does_not_go_on_beside_the_first_one_of_the_next(armed: Rig) -> None:
+    """End of the lease, the next lease and its first motion, all in one tick."""
+    armed.submit(armed.path("l_elbow", [-0.9], [4.0]), more=True)
+    armed.ticks(50)
+    armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
+    armed.send(link.AcquireLease, client=CLIENT + 1)
+    armed.submit(armed.path("head_yaw", [0.2], [2.0]), client=CLIENT + 1)
+    armed.ticks(40)
+    velocity = armed.loop.executor.reference.velocity
+    assert velocity[armed.names.index("head_yaw")] > 0.0
+    assert velocity[armed.names.index("l_elbow")] == 0.0

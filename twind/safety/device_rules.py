@@ -15,8 +15,8 @@ BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
 TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
 BARRED = (
-    "takes no goals until it is armed anew: its watchdog tripped, or it has none and was silent for 0.1 s; "
-    "disarm, reset, arm"
+    "takes no goals until it is armed anew: its watchdog tripped, or it has none and was silent for 0.1 s "
+    "or lost torque; disarm, reset, arm"
 )
 TORQUE_OFF = "torque reads back off (0) or unknown (-1) while armed"
 TORQUE_ON = "torque reads back on (1) or unknown (-1) in a limp joint: does another program write there?"

@@ -10,6 +10,9 @@ possible: an actuator whose every answer suddenly is late by the same whole numb
 then as old as that, and nothing in the frames shows it.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from twind_drivers.bus import Bools, BusSample, Floats, Ints
@@ -25,6 +28,14 @@ SURE = 3  # requests in a row with exactly their replies that clear a suspect; f
 ALERT = np.uint8(0x80)  # of a sample's error byte: the actuator has a fault
 # s of silence before an actuator that replies only to commands gets a soft one: its watchdog has run out then
 KNOCK = 1.0
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True)
+class SoftPoll:
+    """Commands without stiffness to the actuators `rows` (m,), which reply to nothing else."""
+
+    frames: Frames
+    rows: Bools
 
 
 class CanCyclicRead:
@@ -44,8 +55,9 @@ class CanCyclicRead:
         self.energised, self.watched, self.barred, self.limp = (np.zeros(m, np.bool_) for _ in range(4))
         self._mute: Bools = fleet.replies & (fleet.answers == 0)
         self.place: Floats = np.full(m, np.nan)  # (m,) rad, last reported positions
-        # Sent to actuators that reply only to commands, while none commands them; made by the writer.
-        self.knock: tuple[Frames, Bools] = (NOTHING, np.zeros(m, np.bool_))
+        # Sent to actuators that reply only to commands, while none commands them. Its writer owns it: without
+        # one (mode mirror) nothing may leave that an actuator obeys.
+        self.knock: Callable[[], SoftPoll | None] = lambda: None
         self.proven: Bools = np.ones(m, np.bool_)  # (m,) replies of these are believed
         self._clean = np.full(m, SURE, np.int64)  # (m,) requests in a row with exactly their replies
         self._received_at = np.full(m, -np.inf)
@@ -75,10 +87,13 @@ class CanCyclicRead:
         request = (
             self._request_all if silent.all() else CanTransaction(*self.fleet.make_position_request(silent))
         )
-        frames, rows = self.knock
-        knocked = rows & silent & ~self.energised
-        if not knocked.any() or not now - self._first >= KNOCK:
+        knock = self.knock()
+        if knock is None or not now - self._first >= KNOCK:
             return request
+        knocked = knock.rows & silent & ~self.energised
+        if not knocked.any():
+            return request
+        frames = knock.frames
         own = frames if knocked.all() else frames[knocked[self.fleet.commanded_rows(frames)]]
         return CanTransaction(
             joined([request.frames, own]), request.expect + np.where(self.fleet.replies, knocked, 0)

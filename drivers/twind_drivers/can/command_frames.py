@@ -5,12 +5,14 @@ ordered, therefore lasts until strength is restored.
 """
 
 from collections.abc import Mapping
+from weakref import ref
 
 import numpy as np
 
 from twind_drivers.bus import Bools, Floats, Ints, WireRangeError, WriteRequest
 from twind_drivers.can.actuator_family import ValuelessCommand
 from twind_drivers.can.actuator_group import joined
+from twind_drivers.can.can_cyclic_read import SoftPoll
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.can_transaction import PendingCanGoals
 from twind_drivers.can.can_units import COUNT, counts
@@ -102,7 +104,8 @@ class CanCommandEncoder:
             values[3] = self.damping
             frames = self.fleet.command(values, rows)
             self.check.judge(frames)
-            self.cyclic.knock = (frames, rows)
+            self._poll = SoftPoll(frames, rows)
+            self.cyclic.knock = ref(self._poll)
 
     # --------------------------------------------------------------------------- every tick
 

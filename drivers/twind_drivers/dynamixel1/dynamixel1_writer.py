@@ -56,7 +56,6 @@ class Dynamixel1Writer(RegisterWriter):
         self._wanted = dict(zip(reader.ids, gains, strict=False))
         self._wanted_limits = dict(zip(reader.ids, torque_limits, strict=False))
         self._reader = reader
-        self._gains: dict[int, dict[str, int]] = {}  # by id, of each prepared servo
         super().__init__(reader, lower=lower, upper=upper)
 
     def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
@@ -68,9 +67,7 @@ class Dynamixel1Writer(RegisterWriter):
             limit = found["max_torque"]
             self._full[id] = min(limit, self._wanted_limits.get(id, limit))
             names = [name for name in PID + SLOPES if name in self._bus.tables[id]]
-            kept = self._gains.setdefault(id, {name: found[name] for name in names})
-            kept.update(self._wanted.get(id, {}))
-            rows += [(id, name, value) for name, value in kept.items()]
+            rows += self._gain_rows(id, {name: found[name] for name in names}, self._wanted.get(id, {}))
             if id not in holding:
                 rows.append((id, "torque_limit", max(1, int(self._full[id] * SHARE))))
             rows.append((id, "moving_speed", 0))  # no limit: the executor shapes the motion

@@ -126,7 +126,6 @@ class UnwatchedWriter(RegisterWriter):
         self.LIMIT = reader.layout.limit
         self._wanted = dict(zip(reader.ids, gains, strict=False))
         self._share = dict(zip(reader.ids, torque_limits, strict=False))
-        self._gains: dict[int, dict[str, int]] = {}  # by id, of each prepared servo
         super().__init__(reader, lower=lower, upper=upper)
 
     def _make_goals(self, least: Ints, most: Ints) -> ChosenGoals:
@@ -147,9 +146,8 @@ class UnwatchedWriter(RegisterWriter):
         for id in ids:
             found = state[id]
             self._full[id] = max(1, found[self._layout.most] * self._share.get(id, FULL) // FULL)
-            kept = self._gains.setdefault(id, {name: found[name] for name in self._layout.gains})
-            kept.update(self._wanted.get(id, {}))
-            rows += [(id, name, value) for name, value in kept.items()]
+            own = {name: found[name] for name in self._layout.gains}
+            rows += self._gain_rows(id, own, self._wanted.get(id, {}))
             if id not in holding:
                 rows.append((id, self.LIMIT, max(1, int(self._full[id] * SHARE))))
             rows += [(id, name, 0) for name in self._layout.profile]  # no limit: the executor shapes

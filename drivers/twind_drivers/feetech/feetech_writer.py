@@ -70,7 +70,6 @@ class FeetechWriter(RegisterWriter):
         self._reader = reader
         self._wanted_gains = dict(zip(reader.ids, gains or (), strict=False))
         self._wanted_limits = dict(zip(reader.ids, torque_limits or (), strict=False))
-        self._gains: dict[int, tuple[int, ...]] = {}  # by id, of each prepared servo: P, D, I
         super().__init__(reader, lower=lower, upper=upper)
 
     def _make_check(self, bounds: Mapping[int, tuple[int, int]]) -> RegisterWriteCheck:
@@ -93,9 +92,8 @@ class FeetechWriter(RegisterWriter):
             wish = self._wanted_limits.get(id)
             self._full[id] = min(found["max_torque"], 1000 if wish is None else wish)
             p, i, d = self._wanted_gains.get(id, (None, None, None))
-            kept = self._gains.setdefault(id, tuple(found[name] for name in GAINS))
-            self._gains[id] = tuple(a if b is None else b for a, b in zip(kept, (p, d, i), strict=True))
-            rows += [(id, name, value) for name, value in zip(GAINS, self._gains[id], strict=True)]
+            wanted = {a: b for a, b in zip(GAINS, (p, d, i), strict=True) if b is not None}
+            rows += self._gain_rows(id, {name: found[name] for name in GAINS}, wanted)
             if "acceleration" in own:
                 rows.append((id, "acceleration", 0))  # no limit: the executor shapes the motion
             if "torque_limit" in own and id not in holding:
@@ -125,8 +123,9 @@ class FeetechWriter(RegisterWriter):
         return state
 
     def _soft_gains(self, id: int) -> list[Row]:
-        p, d, _ = self._gains[id]
-        return [(id, name, value) for name, value in zip(GAINS, (soft_gain(p), d, 0), strict=True)]
+        p, d, i = GAINS
+        gains = self._gains[id]
+        return [(id, p, soft_gain(gains[p])), (id, d, gains[d]), (id, i, 0)]
 
     def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         lock = self._reader.maps[id]["lock"]

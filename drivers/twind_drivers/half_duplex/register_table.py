@@ -1,6 +1,6 @@
 """Register table of a serial servo. Pure."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal
@@ -85,6 +85,11 @@ class RegisterTable:
             raise unknown_register(self.title, name, near)
         return found
 
+    @property
+    def is_big_endian(self) -> bool:
+        """True where a goal has its high byte first."""
+        return "goal_position" in self and self["goal_position"].order == "big"
+
     def values(self, first: int, data: bytes) -> dict[str, int]:
         """Decode all registers that lie in `data`, read from address `first`."""
         return {
@@ -107,3 +112,14 @@ def parse_registers(text: str, kept_end: int) -> dict[str, MappedRegister]:
         kept = int(address) < kept_end
         found[name] = MappedRegister(name, int(address), int(size), bit, int(least), int(most), kept)
     return found
+
+
+def spans_of(fields: Sequence[MappedRegister]) -> list[tuple[int, int]]:
+    """Return one block (address, size) for the EEPROM area and one for RAM, of those that `fields` lie in."""
+    spans = []
+    for kept in (True, False):
+        own = [each for each in fields if each.kept is kept]
+        if own:
+            first = min(each.address for each in own)
+            spans.append((first, max(each.address + each.size for each in own) - first))
+    return spans

@@ -5,6 +5,7 @@ a servo is prepared, how registers that survive power-off are written, and how i
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -23,12 +24,13 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress
+from twind_drivers.flags import some
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.half_duplex.host_watchdog import HostWatchdog
 from twind_drivers.half_duplex.line_codec import LineCodec
-from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable
+from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable, spans_of
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.slow_register_slices import SlowRegisterSlices
 from twind_drivers.single_device import SingleDeviceControl
@@ -105,9 +107,12 @@ class RegisterWriter:
         self._name = reader.name
         self._ids = reader.ids
         self._index = {id: place for place, id in enumerate(self._ids)}
-        self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit
+        self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
+        self._gains: dict[int, dict[str, int]] = {}  # ... and gains
+        self._soft: list[int] = []  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
+        self._dropped: Bools = np.zeros(len(self._ids), np.bool_)  # its torque read off since
         reader.watchdog.watched = self._on
         self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self.set_goal_limits(lower, upper)
@@ -131,13 +136,17 @@ class RegisterWriter:
         """Goals (m,) of the next `request`, to servos with torque. Raises WireRangeError, ValueError.
 
         A servo whose torque reads off has lost its supply, and one that was parked may have: it gets no goal,
-        which could switch torque on. One that was silent for 0.1 s gets none until it is prepared.
+        which could switch torque on. One whose torque then reads on again counts as tripped.
+        One that was silent for 0.1 s gets none until it is prepared.
         """
         self._line.goals = b""
         registers = self._bus.registers
         if registers.version != self._version:
             self._version = registers.version
-            self._on &= registers.torque != 0
+            self._dropped |= self._on & (registers.torque == 0)
+            self._on &= ~self._dropped
+            if some(self._dropped):
+                registers.watchdog[self._dropped & (registers.torque == 1)] = TRIPPED
             well = (registers.torque == 1) & (registers.watchdog != TRIPPED) & ~self._bus.watchdog.overdue
             chosen = self._led & self._on & well
             if np.flatnonzero(chosen).tolist() != self._goals.places:
@@ -196,6 +205,7 @@ class RegisterWriter:
             try:
                 yield from self._prepare(there, ticks)
                 self._bus.watchdog.clear(np.isin(self._ids, there))
+                self._soft = [id for id in self._soft if id not in there]
                 break
             except NoReply as error:
                 silent = silent or error
@@ -240,6 +250,8 @@ class RegisterWriter:
                 where = f"torque enable ({self.TORQUE})"
                 raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
         self._mark_energised(ids, on)
+        if self._soft and not on:
+            yield from self._restore_gains()
         for share in RAMP if on else ():
             yield from self._set(self._limits(ids, share), verify=share == RAMP[-1])
 
@@ -252,6 +264,7 @@ class RegisterWriter:
         ids = [id for id in self._ids if id in self._full and id not in limp]
         rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
         bad = set(self._ids).difference(ids, limp)
+        self._soft = ids
         while True:
             try:
                 yield from self._set([row for row in rows if row[0] not in bad])
@@ -290,13 +303,25 @@ class RegisterWriter:
 
     # --------------------------------------------------------------------------- parts
 
+    def _gain_rows(self, id: int, found: Mapping[str, int], wanted: Mapping[str, int]) -> list[Row]:
+        """Choose the gains of a servo: `wanted`, the others as `found`, or as they were before damping."""
+        self._gains[id] = {**found, **(self._gains[id] if id in self._soft else {}), **wanted}
+        return [(id, name, value) for name, value in self._gains[id].items()]
+
+    def _restore_gains(self) -> Script[None]:
+        """Undo damping where torque is off: the next writer would take soft gains for the servo's own."""
+        with suppress(NoReply, DeviceRefused):  # torque off does not depend on it
+            yield from self._set([(id, *gain) for id in self._soft for gain in self._gains[id].items()])
+            self._soft = []
+
     def _led_ids(self) -> list[int]:
         """Return the ids of the devices that `prepare` chose."""
         return [id for id, led in zip(self._ids, self._led.tolist(), strict=True) if led]
 
     def _mark_energised(self, ids: Collection[int], on: bool) -> None:
         """Note whether this writer has switched torque of `ids` on: goals leave for no others."""
-        self._on[[self._index[id] for id in ids]] = on
+        self._on[places := [self._index[id] for id in ids]] = on
+        self._dropped[places] = False
         self._version = -1
 
     def _take_over(self, holding: Collection[int]) -> Script[None]:
@@ -328,12 +353,12 @@ class RegisterWriter:
 
     def _verify(self, rows: Sequence[Row]) -> Script[None]:
         """Read each row back, registers of one area of a device together."""
-        wanted: dict[int, dict[str, int]] = {}
+        wanted: dict[int, dict[str, int]] = {id: {} for id, _, _ in rows}
         for id, name, value in rows:
-            wanted.setdefault(id, {})[name] = value
+            wanted[id][name] = value
         spans: dict[tuple[int, int], list[int]] = {}
         for id, own in wanted.items():
-            for span in _spans([self._bus.tables[id][name] for name in own]):
+            for span in spans_of([self._bus.tables[id][name] for name in own]):
                 spans.setdefault(span, []).append(id)
         for (address, size), ids in spans.items():
             found: Mapping[int, Mapping[str, int]] = yield from self._bus.values(ids, address, size)
@@ -351,7 +376,7 @@ class RegisterWriter:
 
     def _make_goals(self, least: Ints, most: Ints) -> GoalEncoder:
         """Return the encoder of the goals within `least`..`most` (m,)."""
-        big = [_is_big_endian(self._bus.tables[id]) for id in self._ids]
+        big = [self._bus.tables[id].is_big_endian for id in self._ids]
         return GoalWords(self._name, self.GOAL[0], self._ids, big, least, most)
 
     def _make_check(self, bounds: Mapping[int, tuple[int, int]]) -> RegisterWriteCheck:
@@ -373,18 +398,3 @@ class RegisterWriter:
     def _restart(self, order: RebootRequest) -> SerialTransaction:
         """Return the transaction of a restart; by default there is none."""
         raise TypeError(f"{self._name}: these servos have no restart: {order}")
-
-
-def _is_big_endian(own: RegisterTable) -> bool:
-    return "goal_position" in own and own["goal_position"].order == "big"
-
-
-def _spans(fields: Sequence[MappedRegister]) -> list[tuple[int, int]]:
-    """Return one block (address, size) for the EEPROM area and one for RAM, of those that `fields` lie in."""
-    spans = []
-    for kept in (True, False):
-        own = [each for each in fields if each.kept is kept]
-        if own:
-            first = min(each.address for each in own)
-            spans.append((first, max(each.address + each.size for each in own) - first))
-    return spans

@@ -234,7 +234,9 @@ class CommandHandlers:
             context.reports.error(command, "LeaseHeld", lease=self._lease(now))
             return
         moving = context.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
-        if held_by_other and moving and context.procedures.rank is None:  # never the motion to the rest pose
+        # also one whose lease ended in this tick: it would go on beside the first motion of the new holder
+        theirs = moving and self.submissions.epoch != self._parts.lease.epoch
+        if theirs and context.procedures.rank is None:  # never the motion to the rest pose
             reason = Finding(ReasonCode.LEASE_LOST, message=f"the lease was taken by {command.holder}")
             context.executor.stop("aborted", (reason,))  # taken from another: motion holds first
         if held_by_other:

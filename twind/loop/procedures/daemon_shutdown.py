@@ -8,7 +8,13 @@ from __future__ import annotations
 from twind.loop.procedures.homing_procedure import HomingProcedure
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Procedure, Steps
-from twind.loop.procedures.torque_readback import torque_inherited, torque_off, torque_on
+from twind.loop.procedures.torque_readback import (
+    torque_inherited,
+    torque_off,
+    torque_on,
+    torque_possible,
+    torque_unreported,
+)
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_state import TorqueState
 from twind.loop.procedures.torque_switching import joint_names, retry_torque_off
@@ -69,14 +75,17 @@ def _is_due(context: ProcedureContext) -> bool:
 
 
 def _release_returned(context: ProcedureContext, until: float) -> Steps:
-    """Switch torque that is due off wherever it reads on, at least once; wait until `until` (s) for the rest.
+    """Switch torque that is due off wherever it reads on or is not reported, at least once.
 
-    Report what may be on then.
+    Wait until `until` (s) for the rest, then report what may be on.
     """
-    over = False
+    over = sent = False
     while _is_due(context) and not over:
-        if torque_inherited(context):
+        # in the end also where a bus is open and its devices are not identified yet
+        last = context.clock.now() >= until and not sent and torque_possible(context)
+        if torque_inherited(context) or torque_unreported(context) or last:
             yield from retry_torque_off(context)
+            sent = True
         over = context.clock.now() >= until
         if not over:
             yield

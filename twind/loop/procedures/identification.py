@@ -18,7 +18,7 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.mode_entry import ModeEntry
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority
-from twind.loop.procedures.torque_readback import torque_inherited, torque_off
+from twind.loop.procedures.torque_readback import torque_inherited, torque_off, torque_unreported
 from twind.loop.procedures.torque_release import TorqueRelease
 from twind.loop.procedures.torque_switching import retry_torque_off
 from twind.robot.arrays import Bools, every, same, some
@@ -133,9 +133,14 @@ class IdentificationState:
         idle = context.procedures.rank is None and context.condition.mode is Mode.LIVE
         if context.condition.stop_wanted:
             return  # the end of the daemon switches it off, and must not be put off
-        if context.torque.stop_level is not None and idle and torque_inherited(context):
-            self._release.stop(context.torque.stop_level)  # it came back with torque on under a latched stop
-        elif context.torque.unconfirmed and idle and torque_inherited(context):
+        level = context.torque.stop_level
+        if level is not None and idle and torque_inherited(context):
+            self._release.stop(level)  # it came back with torque on under a latched stop
+        elif level == "cut" and idle and torque_unreported(context):
+            self._release.stop(level)
+        elif (
+            context.torque.unconfirmed and idle and (torque_inherited(context) or torque_unreported(context))
+        ):
             context.procedures.own(Priority.DISARM, lambda: retry_torque_off(context))
 
     def restarted(self, findings: Sequence[Finding]) -> None:

@@ -27,6 +27,7 @@ from twind.safety.multiturn import StatedPlace, chosen, fits_twice, inside, outs
 
 AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
 SILENT = 0.1  # s without readings in which a limp device may have restarted: a boot takes longer
+READINGS = 3.5  # likewise, in periods: at a low rate one lost reply is no silence
 ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
 
 
@@ -43,6 +44,10 @@ class JointVerificationState:
         self._turn_known: Bools = np.zeros(count, np.bool_)  # turn known since the identification
         # restarted or with a hardware error since the identification
         self._marred: Bools = np.zeros(count, np.bool_)
+        # silent since the identification for so long that it may have restarted, or be another device
+        self._away: Bools = np.zeros(count, np.bool_)
+        self._absent = False  # a device is
+        self._since: Floats = np.full(count, inf)  # s, since when its bus is identified
         self._turn: Ints = np.zeros(count, np.int64)  # ticks, the turn of the last reading ...
         # ... and the number of readings in a row that agree with it
         self._agreeing: Ints = np.zeros(count, np.int64)
@@ -86,7 +91,7 @@ class JointVerificationState:
         waits = self.unjudged
         for joint in np.flatnonzero(self._marred | waits).tolist():
             if joint not in listed:
-                message = "restarted, or had a hardware error: wait until it has been identified anew"
+                message = "was silent, restarted or had an error: wait until it has been identified anew"
                 message = message if self._marred[joint] else "its turn is not known yet: wait"
                 found.append(Finding(ReasonCode.CALIB_MISMATCH, joint, message=message))
         return found
@@ -177,7 +182,9 @@ class JointVerificationState:
         """Choose the turns of identified devices that are not known yet; called once per tick."""
         context = self._context
         turns = self._context.robot.joints.turns
-        self._process_link_changes()
+        self._process_link_changes(now)
+        if self._absent or not every(context.robot.measured.heard):
+            self._suspect_returned(now)
         # no identification while the robot is lowered
         if some(self._marred) and context.procedures.rank is None:
             self._identify_healed()
@@ -194,7 +201,7 @@ class JointVerificationState:
                     self._choose(number, port, bus.joints, turns)
         self._place()
 
-    def _process_link_changes(self) -> None:
+    def _process_link_changes(self, now: float) -> None:
         """Forget the turns of the joints on a bus that was lost, or is identified anew.
 
         They may be on another turn. Joints that this daemon holds with torque keep their turn when identified
@@ -209,6 +216,26 @@ class JointVerificationState:
                 self._doubt(bus.joints)
                 self._unfit.pop(port.name, None)
             self._links[number] = port.link
+            if port.link is not PortState.CONNECTED:
+                self._since[bus.joints] = now
+                self._away[bus.joints] = False
+
+    def _suspect_returned(self, now: float) -> None:
+        """Mark devices that answer again after a silence as marred, once torque is off.
+
+        Most families do not report a restart. Their settings may be gone, or another device may have the id.
+        """
+        context = self._context
+        if context.torque.inhibited:  # the daemon itself is silent
+            return
+        silence = np.minimum(context.robot.measured.age, now - self._since)
+        silent = silence > max(SILENT, READINGS * context.robot.period)
+        self._away |= silent
+        if some(self._away) and not (context.torque.armed or context.torque.energising):
+            back = self._away & ~silent
+            self._marred |= back
+            self._away &= ~back
+        self._absent = some(self._away)
 
     def _doubt(self, joints: Ints) -> None:
         self._turn_known[joints] = False
@@ -225,7 +252,8 @@ class JointVerificationState:
         slow = self._context.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
         for port, bus in self._context.hardware.pairs:
-            if port.link is PortState.CONNECTED and some(healed[bus.joints]):
+            # a restart on request restores the settings first, and is answered
+            if port.link is PortState.CONNECTED and some(healed[bus.joints]) and not port.tasks:
                 port.identify()
 
     def _recheck_turns(self, turns: MeasuredTravel, now: float) -> None:

@@ -9,6 +9,7 @@ from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.robot.arrays import Bools
 from twind.robot.modes import Mode
 
+REPLIED = 0.1  # s since the last reading of a servo that replies
 GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
 
 
@@ -31,6 +32,17 @@ def torque_inherited(context: ProcedureContext) -> bool:
     if context.torque.armed or context.torque.energising:
         return False
     return bool((torque_known(context) == 1).any())
+
+
+def torque_unreported(context: ProcedureContext) -> bool:
+    """True where a device replies and its torque is not known, without torque of this daemon.
+
+    A CAN actuator may report it only after an order: a CubeMars, or a Damiao that has lost its master.
+    """
+    if context.torque.armed or context.torque.energising:
+        return False
+    hardware = context.hardware
+    return bool(((context.robot.measured.age <= REPLIED) & hardware.open & (hardware.slow.torque < 0)).any())
 
 
 def torque_on(context: ProcedureContext) -> bool:

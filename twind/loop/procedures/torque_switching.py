@@ -101,9 +101,9 @@ def switch_torque_off(context: ProcedureContext) -> Steps:
 
 
 def retry_torque_off(context: ProcedureContext) -> Procedure:
-    """Switch torque off once more after a device that did not confirm it replies with torque on."""
+    """Switch torque off once more after a device that did not confirm it replies and may have torque."""
     context.reports.event(
-        "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
+        "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and may be on: off once more"
     )
     try:
         yield from switch_torque_off(context)

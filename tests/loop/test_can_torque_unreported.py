@@ -1,0 +1,70 @@
+"""CAN actuators that report their torque only after an order, in a whole daemon: all torque off is sent."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.can_arm import can_arm
+from tests.support.daemon_rig import Rig
+from twind import link
+
+DEVICES = pytest.mark.parametrize("device", ["AK70-10", "DM4310"])
+
+
+def armed_arm(folder: Path, device: str) -> Rig:
+    rig = can_arm(folder, device)
+    rig.arm()
+    rig.lease()
+    return rig
+
+
+def reported(rig: Rig) -> list[int]:
+    return [int(each) for each in rig.loop.hardware.slow.torque]
+
+
+def energised(rig: Rig) -> bool:
+    return any(node.shaft.on for node in rig.virtual["main"].nodes.each)
+
+
+@DEVICES
+def test_a_cut_of_a_bus_that_is_away_is_done_when_it_returns(tmp_path: Path, device: str) -> None:
+    rig = armed_arm(tmp_path, device)
+    rig.virtual["main"].faults.unplug()
+    rig.seconds(0.3)
+    rig.send(link.EStop, level="cut")
+    rig.seconds(0.3)
+    rig.virtual["main"].faults.replug()
+    rig.seconds(3.0)
+    assert not energised(rig)
+    assert reported(rig) == [0, 0, 0]
+    rig.close()
+
+
+@DEVICES
+def test_an_actuator_that_missed_its_torque_off_gets_it_when_it_answers(tmp_path: Path, device: str) -> None:
+    rig = armed_arm(tmp_path, device)
+    rig.virtual["main"].faults.silence(2)
+    assert rig.call(link.Disarm, ticks=2000).error == "BusFailed"
+    rig.virtual["main"].faults.silence(2, False)
+    rig.seconds(3.0)
+    assert not energised(rig)
+    assert reported(rig) == [0, 0, 0]
+    rig.close()
+
+
+@DEVICES
+def test_a_daemon_that_ends_switches_off_a_bus_that_is_back_but_not_identified(
+    tmp_path: Path, device: str
+) -> None:
+    rig = armed_arm(tmp_path, device)
+    rig.virtual["main"].faults.unplug()
+    rig.seconds(0.3)
+    rig.loop.condition.stop_wanted = True
+    rig.seconds(0.3)
+    rig.virtual["main"].faults.replug()
+    for _ in range(400):
+        if not rig.loop.condition.finished:
+            rig.ticks(1)
+    assert rig.loop.condition.finished
+    assert not energised(rig)
+    rig.close()
