@@ -61,6 +61,7 @@ class CanCyclicRead:
         self.proven: Bools = np.ones(m, np.bool_)  # (m,) replies of these are believed
         self._clean = np.full(m, SURE, np.int64)  # (m,) requests in a row with exactly their replies
         self._received_at = np.full(m, -np.inf)
+        self.silent: Bools | None = None  # (m,) silent for 0.1 s before the last reading; None: nobody
         self._first = np.inf  # s, of the first request
         self.cycle = 0  # number of requests
         self._sure = False  # no actuator is suspect or parked
@@ -148,6 +149,7 @@ class CanCyclicRead:
         there = (answered | spoke) & ~np.isnan(feedback.position) & ~np.isnan(feedback.velocity)
         self._prove(feedback, expect, there)
         believed: Bools = there & self.proven
+        self.silent = None
         self._bar(now)
         self.place = np.where(believed, feedback.position, self.place)
         self._received_at[self._line.spoke | believed] = now
@@ -172,7 +174,8 @@ class CanCyclicRead:
         A late answer is no reading, but its sender does not count as silent.
         """
         if now - self._received_at.min() >= DEAD:
-            away = self.energised & (now - self._received_at >= DEAD)
+            self.silent = now - self._received_at >= DEAD
+            away = self.energised & self.silent
             self.barred |= away & self.watched
             self.limp |= away & self._mute
         if self._line.dead(now):

@@ -145,6 +145,8 @@ class CanReader:
             raise RuntimeError(f"{self.name}: finish without request")
         sample = self.cyclic.sample(now)
         self._keep(sample.heard)
+        if self.cyclic.silent is not None:
+            self.slow.expire_faults(self.cyclic.silent & ~sample.heard)
         if self.cyclic.limp.any():
             self.slow.doubt(self.cyclic.limp & self.cyclic.energised)
         return sample

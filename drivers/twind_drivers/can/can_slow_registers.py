@@ -152,6 +152,15 @@ class CanSlowRegisters:
         """Set the torque of `rows` (m,) to unknown: an earlier reading must not pass for the new state."""
         self._state.expire_torque(rows)
 
+    def expire_faults(self, rows: Bools) -> None:
+        """Set the faults of `rows` (m,), which are silent, to unknown.
+
+        A power cycle ends them, and answers to reads of a position (RobStride) do not show that they are gone.
+        """
+        if (self._state.fault[rows] >= 0).any():
+            self._state.fault[rows] = -1
+            self._state.version += 1
+
     def assume(self, rows: Bools, on: bool) -> None:
         """Set the torque of `rows` (m,), which acknowledged an order and never report it (CubeMars)."""
         self._mute |= rows

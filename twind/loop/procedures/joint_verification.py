@@ -244,13 +244,15 @@ class JointVerificationState:
             self._places.pop(joint, None)
 
     def _identify_healed(self) -> None:
-        """Identify anew the buses of devices whose hardware error is gone.
+        """Identify anew the buses of devices that answer, and whose hardware error is gone.
 
-        Such a device may have restarted, or be another one.
+        Such a device may have restarted, or be another one. An unknown error (-1) may be gone: what is left
+        of it is read with the alert, or by the order to switch torque on (RobStride).
         """
         readings = self._context.hardware.readings
         slow = self._context.hardware.slow
-        healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
+        heard = self._context.robot.measured.heard
+        healed = self._marred & heard & (readings.alerts & ALERT == 0) & (slow.fault <= 0)
         for port, bus in self._context.hardware.pairs:
             # a restart on request restores the settings first, and is answered
             if port.link is PortState.CONNECTED and some(healed[bus.joints]) and not port.tasks:
