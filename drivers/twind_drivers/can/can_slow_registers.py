@@ -155,7 +155,7 @@ class CanSlowRegisters:
     def expire_faults(self, rows: Bools) -> None:
         """Set the faults of `rows` (m,), which are silent, to unknown.
 
-        A power cycle ends them, and answers to reads of a position (RobStride) do not show that they are gone.
+        A power cycle ends them; answers to reads of a position (RobStride) do not show that.
         """
         if (self._state.fault[rows] >= 0).any():
             self._state.fault[rows] = -1
