@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from twind.exceptions import OperationFailed
+from twind.observe.viewing.page_backlog import shorten_backlog
 from twind.observe.viewing.page_channel import PATH, PageChannel
 
 HOST = "127.0.0.1"
@@ -154,6 +155,7 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
             raise OperationFailed(f"--port {port} is taken: leave --port out, and a free one is found")
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # one message would publish it on the internet
+        shorten_backlog(server._websock_server._broadcast_buffer)
         yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/", channel)
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
