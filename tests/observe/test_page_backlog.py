@@ -85,7 +85,7 @@ def test_a_page_looks_up_no_more_numbers_than_there_are_messages() -> None:
 
 def test_a_buffer_of_another_viser_is_left_as_it_is() -> None:
     class Other:
-        """Of a viser that sends otherwise."""
+        """A buffer without these methods."""
 
     other = Other()
     shorten_backlog(other)

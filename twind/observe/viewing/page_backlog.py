@@ -33,8 +33,8 @@ class RenumberedBuffer:
     def __init__(self, buffer: Any) -> None:
         self._buffer = buffer
         with buffer.buffer_lock:
-            self._left = list(buffer.message_from_id)  # real numbers, ascending
-            self._shift = buffer.message_counter - len(self._left)
+            self._left: list[int] = list(buffer.message_from_id)  # the buffer's numbers, ascending
+            self._shift: int = buffer.message_counter - len(self._left)
         self.message_from_id = self.generator_cursors = self
 
     def __getattr__(self, name: str) -> Any:
