@@ -1,7 +1,9 @@
 """Client of the control socket: answers, errors, streams, bounded waits."""
 
 import contextlib
+import errno
 import json
+import os
 import socket
 import threading
 import time
@@ -299,3 +301,14 @@ def test_a_shorter_patience_ends_with_its_context() -> None:
         assert client.timeout == 2.0
         raise ClientError("whatever happens in it")
     assert client.timeout == 9.0
+
+
+def test_a_program_without_descriptors_gets_the_error_of_a_connection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_given: object) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    with pytest.raises(NoDaemon, match="Too many open files: this program has no descriptor left"):
+        Client("nowhere").connect()

@@ -147,6 +147,21 @@ def test_slow_registers_are_published_in_joint_order(live: Rig) -> None:
     assert np.frombuffer(overview.torque, np.int8).tolist() == [0] * N
 
 
+def test_in_sim_nothing_is_published_of_the_robot_that_was_read_before(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.damage(5, 0b100)
+    live.seconds(1.0)
+    assert live.call(link.SetMode, mode="sim").error is None
+    live.seconds(0.2)
+    overview = of(live, link.Overview)[-1]
+    assert np.isnan(floats(overview.temperature)).all()
+    assert np.isnan(floats(overview.voltage)).all()
+    assert (np.frombuffer(overview.fault_bits, np.int16) == -1).all()
+    assert live.call(link.SetMode, mode="mirror").error is None
+    live.seconds(1.0)
+    assert (floats(of(live, link.Overview)[-1].temperature) > 0).all()
+
+
 def test_ticks_that_a_slow_front_missed_are_counted_in_the_next(live: Rig) -> None:
     live.connect()
     live.loop.run(until=live.clock.now() + 5.0)  # the front's end is not read meanwhile

@@ -469,3 +469,12 @@ def test_a_socket_that_is_not_ours_to_touch_is_named_with_the_reason(
         dead.bind(str(tmp_path / "dead.sock"))
     with pytest.raises(Rejected, match=r"dead\.sock: Permission denied; name another"):
         metrics.unix(str(tmp_path / "dead.sock"))
+
+
+@pytest.mark.parametrize("option", ["--unix", "--listen"])
+def test_an_empty_place_is_refused_and_not_the_usual_one(option: str) -> None:
+    """A variable of a script that is not set must not open a port that all users may read."""
+    parser = argparse.ArgumentParser()
+    metrics.add_arguments(parser)
+    with pytest.raises(UsageError, match="empty; name a path"):
+        metrics.run(parser.parse_args([option, ""]))

@@ -177,6 +177,14 @@ def test_panels_of_which_nothing_is_known_are_left_out() -> None:
     assert labels(figure(bare, None, ALL)) == ["commanded ···"]
 
 
+def test_a_line_that_changes_from_the_robot_to_its_simulation_is_called_both() -> None:
+    whole = recording()
+    modes = tuple(RecordedMessage(time, {"mode": mode}) for time, mode in ((0.0, "live"), (1.0, "sim")))
+    page = figure(replace(whole, simulated=whole.measured, statuses=modes), None, ALL)
+    for panel in page.axes[:2]:
+        assert "measured (live), simulated" in panel.get_ylabel()
+
+
 def test_a_simulated_robot_is_called_one() -> None:
     whole = recording()
     page = figure(

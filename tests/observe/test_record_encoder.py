@@ -54,6 +54,12 @@ def test_in_sim_there_is_no_robot_that_was_measured() -> None:
     assert [line.time_ns for line in switched if line.topic == live] == [CLOCKS.wall(1.3)]
 
 
+def test_a_reading_is_of_the_mode_that_it_names_before_any_status_reports_it() -> None:
+    live = "/hw/joint_states"
+    assert live not in [line.topic for line in encoded_lines(state(1.0) | {"mode": "sim"}, mode="live")]
+    assert live in [line.topic for line in encoded_lines(state(1.0) | {"mode": "live"}, mode="sim")]
+
+
 def test_slow_joint_values_are_recorded_twice_a_second() -> None:
     lines = encoded_lines(*(state(100.0 + place / 100.0) for place in range(300)))
     assert len([line for line in lines if line.topic == "/twind/joints"]) == 6

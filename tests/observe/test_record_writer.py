@@ -363,3 +363,25 @@ def test_a_message_after_the_end_starts_no_file(rig: SteppedWriter) -> None:
     rig.run(0.3)
     rig.writer.close()
     assert len(rig.writer.tally.files) == 1
+
+
+@pytest.mark.parametrize("place", ["", "run.mcap"])
+def test_a_name_that_another_recorder_takes_in_the_same_moment_ends_no_recording(
+    tmp_path: Path, place: str
+) -> None:
+    taken: list[Path] = []
+
+    def open_after_another(path: Path, *given: Any) -> RecordFile:
+        if not taken:
+            taken.append(path)
+            path.touch()
+        return RecordFile(path, *given)
+
+    writer = RecordWriter(tmp_path / place, WIDE, lambda: 100.0, open_file=open_after_another)
+    writer.begin(SESSION)
+    for line in RecordEncoder(JOINTS, CLOCKS).take(state(100.0)):
+        writer.put(line)
+    writer.close()
+    assert writer.stopped == "" and writer.tally.messages > 0
+    (written,) = writer.tally.files
+    assert written not in taken and open_recording(written).joints == JOINTS

@@ -1,6 +1,7 @@
 """Transports of a client's messages: the daemon's socket, or another connection. Standard library only."""
 
 import contextlib
+import errno
 import select
 import socket
 import struct
@@ -63,8 +64,9 @@ class SocketLine:
         """Connect. Raises NoDaemon."""
         if self._socket is not None:
             return
-        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        sock = None
         try:
+            sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             # A blocking connect with SO_SNDTIMEO: Python's own time-out makes the socket non-blocking, and
             # connect then fails at once (EAGAIN) while other clients fill the listen queue.
             bound = struct.pack("ll", int(patience), int(patience % 1.0 * 1e6))
@@ -72,7 +74,8 @@ class SocketLine:
             sock.connect(self.where)
             sock.setblocking(False)  # a time-out of the socket would be shared by all threads
         except OSError as error:
-            sock.close()
+            if sock is not None:  # else no descriptor is left
+                sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
             full = isinstance(error, BlockingIOError)
             text = f"{self.where}: {_explain_error(error)}"
@@ -170,4 +173,6 @@ def _explain_error(error: OSError) -> str:
         return "permission denied: operators are in the group twind-operator, observers in twind-observe"
     if isinstance(error, BlockingIOError):
         return "the daemon takes no connection: too many wait, or it hangs"
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"{error.strerror}: this program has no descriptor left for a connection"
     return f"{error.strerror or error}; {HOW_TO_START}"

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -180,18 +181,45 @@ def harmless_lines(text: str) -> str:
 def show(options: argparse.Namespace, data: Any, text: str, file: TextIO | None = None) -> None:
     """Print the result: `data` as one line of JSON, or `text` without its control characters.
 
-    `file`: None, standard output.
+    `file`: None, standard output. A reader that is gone changes neither what the verb does nor its exit code.
     """
     output = json.dumps(data, ensure_ascii=False) if options.json else harmless_lines(text)
-    print(output, flush=True, file=file)
+    try:
+        print(output, flush=True, file=file)
+    except BrokenPipeError:
+        if file is not None:
+            raise
+        discard_output()
 
 
 def complain(options: argparse.Namespace, error: Exception) -> None:
-    """Print an error: as JSON on standard output, or as text on standard error."""
-    if not options.json:
-        for line in str(error).splitlines():
-            print(f"twindctl: {harmless(line)}", file=sys.stderr)
-    elif isinstance(error, CallError):
-        print(json.dumps({"error": error.error, "parameters": error.parameters}, ensure_ascii=False))
-    else:
-        print(json.dumps({"error": type(error).__name__, "parameters": {"message": str(error)}}))
+    """Print an error: as JSON on standard output, or as text on standard error.
+
+    As text too where standard output takes nothing: its disk is full, or its reader gone.
+    """
+    if options.json and _is_printed(error):
+        return
+    for line in str(error).splitlines():
+        print(f"twindctl: {harmless(line)}", file=sys.stderr)
+
+
+def _is_printed(error: Exception) -> bool:
+    """Print an error as JSON; False: standard output does not take it."""
+    name: str = type(error).__name__
+    parameters: Mapping[str, Any] = {"message": str(error)}
+    if isinstance(error, CallError):
+        name = error.error
+        parameters = error.parameters
+    try:
+        print(json.dumps({"error": name, "parameters": parameters}, ensure_ascii=False), flush=True)
+    except OSError:
+        discard_output()
+        return False
+    return True
+
+
+def discard_output() -> None:
+    """Let standard output go nowhere: what waits to be written would fail again when the process ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

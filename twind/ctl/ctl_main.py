@@ -21,9 +21,12 @@ from twind.command_line.verb import (
     UsageError,
     Verb,
     complain,
+    discard_output,
     help_text,
 )
 from twind.ctl.verb_catalog import find_verb, grouped_verbs, summary, verb_names
+
+ONLY_SHOWN = frozenset({"see", "record", "connect"})  # groups of verbs whose work is their output
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,9 +82,12 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
     except (ClientError, Rejected) as error:
         complain(options, error)
         return REFUSED
-    except BrokenPipeError:  # `twindctl watch | head`: what was asked for was given
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+    except BrokenPipeError:
+        discard_output()
+        if verb.group in ONLY_SHOWN:  # `twindctl watch | head`: what was asked for was given
+            return DONE
+        complain(options, Rejected("not completed: its output is no longer read"))
+        return REFUSED
     except OSError as error:
         from twind.new_file import UNWRITABLE, unwritten  # only a failed write pays for it
 

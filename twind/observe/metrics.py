@@ -39,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 0; with --once 3, after `twind_up 0`, if there is no daemon or it sends too little."""
     if options.text and not options.once:
         raise UsageError("--text needs --once: a scraper asks for the format that it wants")
+    if "" in (options.unix, options.listen):  # perhaps an unset variable: no socket that all users may read
+        raise UsageError("--unix and --listen: empty; name a path, or an address and port")
     from twind.observe.measuring import metrics_server  # 0.1 s of imports that `twindctl --help` need not pay
 
     if options.once:

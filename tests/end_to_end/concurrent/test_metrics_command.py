@@ -268,3 +268,9 @@ def test_the_format_is_the_one_that_is_asked_for() -> None:
         assert {family.name for family in older_text(body.decode())} >= {"twind_up", "twind_state"}
         packed = get(port, **{"Accept-Encoding": "gzip"})[2]
         assert len(packed) < len(body) / 3 and b"twind_up 1.0" in gzip.decompress(packed)
+
+
+def test_a_socket_whose_name_is_no_text_is_served_too(tmp_path: Path) -> None:
+    place = tmp_path / os.fsdecode(b"\xff.sock")
+    with exporter(tmp_path, "--unix", str(place)) as (_, address):
+        assert address.startswith("metrics") and place.is_socket()

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from socket import SHUT_WR, create_connection
+from socket import SHUT_RDWR, SHUT_WR, create_connection
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,8 +19,9 @@ from viser import _messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from tests.support.processes import until
 from twind.exceptions import OperationFailed
-from twind.observe.viewing.viewer_access import ViewerAccess, ViewerSite, opened
+from twind.observe.viewing.viewer_access import STRANGERS, ViewerAccess, ViewerSite, opened
 
 
 @pytest.fixture(scope="module")
@@ -217,3 +218,39 @@ def test_a_request_that_is_no_get_of_the_page_is_refused_without_a_traceback(
     assert answer.startswith(b"HTTP/1.1 403") or request_bytes in (b"", b"GET / HTTP/1.0\r\n\r\n")
     assert asked(site)[0] == 200
     assert "".join(capfd.readouterr()) == ""
+
+
+def test_connections_without_the_secret_take_no_more_than_their_share_of_descriptors(
+    site: ViewerSite,
+) -> None:
+    """Each open descriptor of another user would be one less for the e-stop's connection."""
+    parts = urlsplit(site.url)
+    address = (parts.hostname, parts.port)
+    before = len(os.listdir("/proc/self/fd"))
+    idle = [create_connection(address, timeout=5.0) for _ in range(3 * STRANGERS)]
+    try:
+        idle[-1].sendall(b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert idle[-1].recv(100).startswith(b"HTTP/1.1 403")
+        served = len(os.listdir("/proc/self/fd")) - before - len(idle)
+        assert served <= STRANGERS
+        socket(site)
+        assert asked(site)[0] == 200
+    finally:
+        for each in idle:
+            each.close()
+
+
+def test_a_browser_that_is_gone_without_a_word_is_no_error(
+    site: ViewerSite, capfd: pytest.CaptureFixture[str]
+) -> None:
+    parts = urlsplit(site.url)
+    before = len(os.listdir("/proc/self/fd"))
+    with connect(
+        f"ws://{parts.netloc}{parts.path}twind",
+        origin=f"http://{parts.netloc}",  # type: ignore[arg-type]
+    ) as line:
+        line.recv(timeout=5.0)
+        line.socket.shutdown(SHUT_RDWR)
+    until(lambda: len(os.listdir("/proc/self/fd")) <= before, 10.0, "the viewer has closed its end")
+    assert asked(site)[0] == 200
+    assert capfd.readouterr().err == ""

@@ -3,7 +3,7 @@
 import argparse
 import threading
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 from twind.client import Client, ClientError
 from twind.client.monitor_stream import RepeatedFaultFilter
@@ -35,7 +35,6 @@ class ReadingSubscriber:
         self._tell = tell
         self._once = RepeatedFaultFilter()
         self._stop = threading.Event()
-        self._robot: StreamedRobot | None = None
         self.error = ""  # why there is no daemon
         self._thread = threading.Thread(target=self._run, name="listening", daemon=True)
 
@@ -47,12 +46,6 @@ class ReadingSubscriber:
         """Take no more. Returns when that is so, or after a second."""
         self._stop.set()
         self._thread.join(1.0)
-
-    def on_status(self, status: dict[str, Any]) -> None:
-        """Take a `Status` of the daemon: samples from now on have its mode."""
-        robot = self._robot
-        if robot is not None and robot.mode != status["mode"]:
-            self._robot = StreamedRobot(robot.name, robot.individual, robot.version, status["mode"])
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -72,11 +65,14 @@ class ReadingSubscriber:
         """One daemon, to its end. Raises ClientError."""
         with observer(self._options) as client:
             client.timeout = SILENCE
-            self._robot = _fetch_robot(client)
+            robot = _fetch_robot(client)
             rate = self._options.rate
             for burst in client.bursts("Monitor", topics=["state"], rate=rate):
                 for data in burst:
-                    self._basket.put(sample(data), self._robot)
+                    read = sample(data)
+                    if read.mode is not None and read.mode != robot.mode:
+                        robot = replace(robot, mode=read.mode)
+                    self._basket.put(read, robot)
                 if self.error:
                     self.error = ""
                     self._report_error("")

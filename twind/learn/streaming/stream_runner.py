@@ -126,13 +126,12 @@ class StreamRunner:
         }
 
     def _report(self) -> None:
-        """Send the figures to the daemon, for its clients, and take its mode; do nothing without a daemon."""
+        """Send the figures to the daemon, for its clients; do nothing without a daemon."""
         try:
             if self._reporter is None:
                 self._reporter = observer(self._options)
                 self._reporter.timeout = PATIENCE
             self._reporter.call("ReportStream", stream=self.streaming())
-            self._listening.on_status(self._reporter.call("GetStatus")["status"])
         except ClientError:
             if self._reporter is not None:
                 self._reporter.close()

@@ -40,6 +40,7 @@ class _StreamedState(msgspec.Struct):
     joints: list[_StreamedJoint]
     dropped: int = 0
     imu: dict[str, object] | None = None
+    mode: str | None = None
 
 
 class _StreamedMessage(msgspec.Struct):
@@ -58,6 +59,7 @@ class StreamSample(NamedTuple):
     rows: list[list[float | None]]  # by ROWS: rad, rad/s, N·m, rad, ms
     imu: dict[str, object] | None  # `Imu` of the interface
     dropped: int = 0
+    mode: str | None = None  # of this reading; None: an older daemon does not say
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,13 @@ def sample(data: bytes) -> StreamSample:
         [joint.age_ms for joint in joints],
     ]
     return StreamSample(
-        state.time, state.sequence, [joint.name for joint in joints], rows, state.imu, state.dropped
+        state.time,
+        state.sequence,
+        [joint.name for joint in joints],
+        rows,
+        state.imu,
+        state.dropped,
+        state.mode,
     )
 
 

@@ -50,6 +50,7 @@ class StatePublisher:
         self._next = self._whole = 0.0  # s, when it is time for an overview, and for one with histograms
         self._status_at = 0.0  # s, when the line for the service manager is made again
         self._unknown = np.full(len(context.robot.joints), np.nan).tobytes()
+        self._no_faults = np.full(len(context.robot.joints), -1, np.int16).tobytes()
 
     def publish(self, now: float) -> None:
         """Send the state first, then the replies that refer to it."""
@@ -140,20 +141,19 @@ class StatePublisher:
         """Build the slowly changing part of the state, such as latencies, buses, lease and faults."""
         context = self._context
         slow = context.hardware.slow
+        sim = context.condition.mode is Mode.SIM  # no value of a robot that was read before
         latency = self._parts.health.total
         whole = now >= self._whole
         self._whole = now + WHOLE if whole else self._whole
         return link.Overview(
             time=now,
-            latency_ms=_ms(latency.now) if context.condition.mode is not Mode.SIM else None,
+            latency_ms=None if sim else _ms(latency.now),
             latency_avg_ms=_ms(latency.mean),
             latency_max_ms=_ms(latency.max),
             violations=latency.violations,
-            skew_ms=_ms(context.hardware.last_exchange.skew)
-            if context.condition.mode is not Mode.SIM
-            else None,
+            skew_ms=None if sim else _ms(context.hardware.last_exchange.skew),
             skew_max_ms=_ms(context.hardware.last_exchange.worst_skew),
-            hw_connected=context.condition.mode is not Mode.SIM and context.hardware.connected,
+            hw_connected=not sim and context.hardware.connected,
             sim_connected=True,
             lease=self.lease(now),
             lease_client=self._parts.lease.holder_client(now),
@@ -162,15 +162,15 @@ class StatePublisher:
             buses=[self._bus(place) for place in range(len(context.hardware.ports))],
             loop=self._figures.info(whole=whole),
             latencies=[_latency(hop, window, now, whole) for hop, window in self._windows()],
-            temperature=slow.temperature.tobytes(),
-            voltage=slow.voltage.tobytes(),
+            temperature=self._unknown if sim else slow.temperature.tobytes(),
+            voltage=self._unknown if sim else slow.voltage.tobytes(),
             torque=torque_known(context).tobytes(),
             torque_on=torque_reported(context),
-            fault_bits=self._faults().tobytes(),
+            fault_bits=self._no_faults if sim else self._faults().tobytes(),
             supply_relay=self._supply.relay_text,
             stop_button=self._supply.button_text,
             fall=None if self._parts.guard.falls is None else self._parts.guard.falls.state.value,
-            verified=b"" if context.condition.mode is Mode.SIM else self._identity.verified.joints.tobytes(),
+            verified=b"" if sim else self._identity.verified.joints.tobytes(),
         )
 
     def _faulty(self) -> list[Finding]:

@@ -16,7 +16,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics.exposition import generate_latest as openmetrics
 
 from twind.client import Client, ClientError
-from twind.command_line.verb import DONE, NO_DAEMON, complain, observer
+from twind.command_line.verb import DONE, NO_DAEMON, complain, harmless, observer
 from twind.observe.measuring.metric_families import families
 from twind.observe.measuring.metrics_http import LONGEST, MOST, MetricsHttpHandler
 from twind.observe.measuring.metrics_ledger import STALE, TOPICS, Fields, MetricsLedger
@@ -41,7 +41,7 @@ async def _serve(options: argparse.Namespace, listener: socket.socket) -> None:
     door = MetricsHttpHandler(make_wsgi_app(registry(ledger)))
     start: Any = asyncio.start_unix_server if listener.family == socket.AF_UNIX else asyncio.start_server
     server = await start(door, sock=listener, limit=LONGEST, backlog=MOST)
-    print(f"metrics   {_address(listener)}", flush=True)
+    print(f"metrics   {harmless(_address(listener))}", flush=True)
     threading.Thread(target=follow, args=(options.socket, _teller(loop, ledger)), daemon=True).start()
     async with server:
         await stop.wait()

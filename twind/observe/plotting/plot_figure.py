@@ -143,8 +143,11 @@ def _tracking(panel: Axes, sheet: PlotContext) -> None:
 
 
 def _followed(recording: RobotRecording) -> str:
-    """The target of commands, in one word."""
-    return "measured" if recording.live.any() else "simulated"
+    """The target of commands: the robot, its simulation, or each for a part of the time."""
+    live = recording.live
+    if live.any() and not live.all():
+        return "measured (live), simulated"
+    return "measured" if live.any() else "simulated"
 
 
 def _error(panel: Axes, sheet: PlotContext) -> None:

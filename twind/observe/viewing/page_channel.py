@@ -44,12 +44,16 @@ class PageChannel:
 
     async def serve(self, connection: Any) -> None:
         """One connection, until it ends: a tab with a number of its own."""
+        from websockets.exceptions import ConnectionClosedError
+
         tab = PageTab(self, connection, next(self._numbers))
         sending = asyncio.create_task(tab.send())
         try:
             async for message in connection:
                 tab.take(message)
         except (ValueError, TypeError, KeyError, OverflowError, RecursionError):  # not of our script: closed
+            pass
+        except ConnectionClosedError:  # the browser was killed, or its machine sleeps
             pass
         finally:
             self.hold.forget(tab.number)

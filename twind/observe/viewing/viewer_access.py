@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from twind.exceptions import OperationFailed
+from twind.observe.viewing.page_backlog import shorten_backlog
 from twind.observe.viewing.page_channel import PATH, PageChannel
 
 HOST = "127.0.0.1"
@@ -29,6 +30,7 @@ NAMES = frozenset({"127.0.0.1", "localhost"})  # of this machine; the port may b
 HEAD_END = b"</head>"
 PING = 2.0
 GONE = 5.0
+STRANGERS = 32  # connections that have not shown the secret, such as of another user: no more descriptors
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; worker-src blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src 'self' data: blob: "
@@ -75,6 +77,7 @@ class ViewerAccess:
             why = self.refusal(request.path, request.headers)
             if why is not None:
                 return _closed(connection.respond(403, f"{why}\n"), "none")
+            connection.count_no_more()
             headers = request.headers.copy()
             headers.pop("Accept-Encoding", None)  # the page is changed below
             answer = inner(connection, replace(request, path=self.inside(request.path), headers=headers))
@@ -152,6 +155,7 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
             raise OperationFailed(f"--port {port} is taken: leave --port out, and a free one is found")
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # one message would publish it on the internet
+        shorten_backlog(server._websock_server._broadcast_buffer)
         yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/", channel)
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -159,12 +163,34 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
 
 
 def _answering(connection: Any) -> Any:
-    """Return a class of connections that answers 403 to what is no GET; websockets closes it unanswered."""
+    """Return a class of connections that answers 403 to what is no GET; websockets closes it unanswered.
+
+    Of `STRANGERS` and one more, the oldest is broken: the stop buttons need descriptors.
+    """
+    strangers: dict[Any, None] = {}  # the oldest first
 
     class ViewerConnection(connection):  # type: ignore[misc]  # a class of an optional package
         """Connection of one browser."""
 
         begun = False
+
+        def connection_made(self, transport: Any) -> None:
+            """Begin with a new peer."""
+            super().connection_made(transport)
+            strangers[self] = None
+            if len(strangers) > STRANGERS:
+                oldest = next(iter(strangers))
+                oldest.count_no_more()
+                oldest.transport.abort()
+
+        def connection_lost(self, error: Exception | None) -> None:
+            """End with the peer."""
+            self.count_no_more()
+            super().connection_lost(error)
+
+        def count_no_more(self) -> None:
+            """Count it no more: it has shown the secret, or is over."""
+            strangers.pop(self, None)
 
         def data_received(self, data: bytes) -> None:
             """Take bytes of the peer."""

@@ -104,7 +104,8 @@ class RecordEncoder:
         """
         joints = answer["joints"]
         position = [joint["position"] for joint in joints]
-        if self.mode != "sim" and _has_values(position):
+        mode = answer.get("mode") or self.mode  # a status comes up to half a second after the change
+        if mode != "sim" and _has_values(position):
             velocity = _numbers([joint["velocity"] for joint in joints])
             effort = _numbers([joint["effort"] for joint in joints])
             yield RecordLine(MEASURED, time, self._measured.fill(time, _numbers(position), velocity, effort))

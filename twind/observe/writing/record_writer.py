@@ -33,6 +33,7 @@ ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, INERTIAL, JOINTS, LATENCY, STATUS})
 FLUSH = 0.5  # s between two ends of a chunk: with what waits less than a second is not on the disk yet
 NAP = 0.1  # s in which lines gather
+TRIES = 20  # names for a file, where other recorders begin theirs in the same moment
 
 Attachments: TypeAlias = Mapping[str, tuple[str, bytes]]
 OpenFile: TypeAlias = Callable[[Path, Mapping[str, str], Attachments, int], RecordFile]
@@ -244,12 +245,19 @@ class RecordWriter:
         name = session.robot
         if self._per_episode:
             name = f"{name}-{self._task(line) or 'episode'}"
-        path = fresh(self.folder, began, name) if self._single is None else _next(self._single)
         self._make_room()
         if self.stopped:
             return
         about = {**session.about, **clock_words(self.clocks)}
-        self._file = self._open_file(path, about, session.attachments, began)
+        for left in reversed(range(TRIES)):
+            path = fresh(self.folder, began, name) if self._single is None else _next(self._single)
+            try:
+                self._file = self._open_file(path, about, session.attachments, began)
+                break
+            except FileExistsError:  # another recorder has taken this name meanwhile
+                if not left:
+                    raise
+        assert self._file is not None
         self._file_began = self._flushed = self._now()
         self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
 
