@@ -134,10 +134,14 @@ class StateLatch:
 
 
 def mode_change(before: Mode, after: Mode, state: RobotState, motion: Motion) -> Finding | None:
-    """Return why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
+    """Return why the mode may not change now; None: it may. A simulated motion is cancelled by the change.
+
+    From mirror to live also under a latch: torque that was found on can be switched off in live alone.
+    """
     if before is after:
         return None
-    if state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):
+    latched = state in LATCHED and before is Mode.MIRROR and after is Mode.LIVE
+    if not latched and state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):
         message = (
             f"the mode changes only while disconnected or connected, not {state.value}: {_remedy(state)}"
         )
