@@ -3,6 +3,7 @@
 from tests.support.daemon_rig import MakeRig
 from twind import link
 from twind.robot.modes import Mode
+from twind.robot.recovery_steps import next_text
 
 
 def test_a_cut_after_a_settling_stop_is_not_answered_before_torque_is_read_back(make_rig: MakeRig) -> None:
@@ -102,6 +103,8 @@ def test_an_e_stop_in_mirror_with_torque_that_was_found_on_runs_once_the_mode_is
     reply = rig.call(link.EStop)
     assert (reply.parameters["torque_off"], reply.parameters["done"]) == (False, True)
     assert rig.register("torque_enable").all()
+    steps = next_text("estop", ["ESTOP"], torque_on=True, live=False)
+    assert steps.startswith("next: `twindctl mode live`, then wait until torque is off")
     assert rig.call(link.SetMode, mode="live").error is None
     rig.seconds(8.0)
     assert not rig.register("torque_enable").any()
