@@ -127,3 +127,15 @@ def test_a_robot_unplugged_under_torque_and_brought_back_in_mirror_is_disarmed_i
     assert rig.register("torque_enable").all()
     assert rig.call(link.Disarm, ticks=1500).error is None
     assert rig.call(link.Reset).error is None
+
+
+def test_torque_that_was_found_on_beside_a_missing_servo_is_switched_off_in_live(make_rig: MakeRig) -> None:
+    rig = make_rig("koch")
+    rig.arm()
+    rig.virtual["main"].faults.silence(2)
+    rig.loop = rig.born(Mode.MIRROR)
+    rig.seconds(3.0)
+    assert rig.loop.condition.state == "identifying"
+    assert rig.call(link.SetMode, mode="live").error is None
+    rig.call(link.Disarm, ticks=1500)
+    assert rig.register("torque_enable").tolist() == [0, 1, 0, 0, 0, 0]
