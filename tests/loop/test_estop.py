@@ -2,6 +2,8 @@
 
 from tests.support.daemon_rig import MakeRig
 from twind import link
+from twind.robot.modes import Mode
+from twind.robot.recovery_steps import next_text
 
 
 def test_a_cut_after_a_settling_stop_is_not_answered_before_torque_is_read_back(make_rig: MakeRig) -> None:
@@ -88,3 +90,52 @@ def test_reset_and_disarm_during_the_lowering_of_an_estop_are_refused_with_the_r
     assert "wait until torque is off" in disarm.parameters["what"]
     rig.seconds(6.0)
     assert rig.call(link.Reset).error is None
+
+
+def test_an_e_stop_in_mirror_with_torque_that_was_found_on_runs_once_the_mode_is_live(
+    make_rig: MakeRig,
+) -> None:
+    """Mirror writes nothing; disarm and reset need live, which must not need them."""
+    rig = make_rig("koch")
+    rig.arm()
+    rig.loop = rig.born(Mode.MIRROR)
+    rig.connect()
+    reply = rig.call(link.EStop)
+    assert (reply.parameters["torque_off"], reply.parameters["done"]) == (False, True)
+    assert rig.register("torque_enable").all()
+    steps = next_text("estop", ["ESTOP"], torque_on=True, live=False)
+    assert steps.startswith("next: `twindctl mode live`, then wait until torque is off")
+    assert rig.call(link.SetMode, mode="live").error is None
+    rig.seconds(8.0)
+    assert not rig.register("torque_enable").any()
+    assert rig.call(link.Reset).error is None
+    assert rig.loop.condition.state == "connected"
+
+
+def test_a_robot_unplugged_under_torque_and_brought_back_in_mirror_is_disarmed_in_live(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig("koch")
+    rig.arm()
+    rig.virtual["main"].faults.unplug()
+    rig.seconds(1.0)
+    assert rig.call(link.SetMode, mode="mirror").error is None
+    rig.virtual["main"].faults.replug()
+    rig.seconds(2.0)
+    assert rig.register("torque_enable").all()
+    assert rig.call(link.SetMode, mode="live").error is None
+    assert rig.register("torque_enable").all()
+    assert rig.call(link.Disarm, ticks=1500).error is None
+    assert rig.call(link.Reset).error is None
+
+
+def test_torque_that_was_found_on_beside_a_missing_servo_is_switched_off_in_live(make_rig: MakeRig) -> None:
+    rig = make_rig("koch")
+    rig.arm()
+    rig.virtual["main"].faults.silence(2)
+    rig.loop = rig.born(Mode.MIRROR)
+    rig.seconds(3.0)
+    assert rig.loop.condition.state == "identifying"
+    assert rig.call(link.SetMode, mode="live").error is None
+    rig.call(link.Disarm, ticks=1500)
+    assert rig.register("torque_enable").tolist() == [0, 1, 0, 0, 0, 0]

@@ -10,6 +10,7 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 
 SUPPORT = "support the robot"  # an inhibited one loses its torque where it stands
+LIVE = "`twindctl mode live`"
 WAIT = "wait until torque is off"
 DISARM = "`twindctl disarm`"
 CAUSE = "find and mend the cause"
@@ -44,12 +45,13 @@ def reset_steps(
 ) -> tuple[str, ...]:
     """Return the steps up to the reset, which needs torque off. An e-stop switches it off by itself.
 
-    Outside `live` only torque that is on keeps from a reset.
+    Outside `live` only torque that is on keeps from a reset, and only `live` switches it off.
     """
     release: tuple[str, ...] = ()
     if torque_on or (torque_on is None and live):
         support = (SUPPORT,) if state == RobotState.INHIBITED else ()
-        release = (*support, WAIT if ReasonCode.ESTOP in codes else DISARM)
+        writes = () if live else (LIVE,)
+        release = (*support, *writes, WAIT if ReasonCode.ESTOP in codes else DISARM)
     return (*release, CAUSE, RESET)
 
 

@@ -134,10 +134,15 @@ class StateLatch:
 
 
 def mode_change(before: Mode, after: Mode, state: RobotState, motion: Motion) -> Finding | None:
-    """Return why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
+    """Return why the mode may not change now; None: it may. A simulated motion is cancelled by the change.
+
+    From mirror to live also under a latch and while a device is missing: torque that was found on can be
+    switched off in live alone.
+    """
     if before is after:
         return None
-    if state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):
+    released = state in (*LATCHED, RobotState.IDENTIFYING) and (before, after) == (Mode.MIRROR, Mode.LIVE)
+    if not released and state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):
         message = (
             f"the mode changes only while disconnected or connected, not {state.value}: {_remedy(state)}"
         )
