@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.proof.faults.tap import Tap
+from tests.proof.soak.living import robot_file
 from tests.support.can_arm import can_arm
 from tests.support.daemon_rig import Rig
 from twind import link
@@ -53,3 +55,19 @@ def test_a_fault_that_outlasts_a_silence_ends_the_next_arming(rig: Rig) -> None:
     assert refused.error is not None
     rig.seconds(0.5)
     assert not any(node.shaft.on for node in rig.virtual["main"].nodes.each)
+
+
+def test_a_disarm_after_one_was_silent_sets_nothing_in_those_that_hold(tmp_path: Path) -> None:
+    rig = Rig(robot_file("arm-robstride", tmp_path))
+    tap = Tap(rig)
+    rig.arm()
+    rig.lease()
+    rig.virtual["main"].faults.silence(3)
+    rig.seconds(0.5)
+    rig.virtual["main"].faults.silence(3, False)
+    rig.seconds(0.5)
+    assert rig.call(link.Disarm, ticks=500).error is None
+    rig.seconds(2.0)
+    tap.look()
+    assert tap.wrong == []
+    rig.close()

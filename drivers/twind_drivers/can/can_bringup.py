@@ -184,6 +184,7 @@ def _warn(own: CanCommandEncoder, text: str) -> None:
 
 
 def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
+    """Write the torque limits that read otherwise: an actuator that holds is not set under torque for nothing."""
     for family, rows in own.fleet.families:
         parameter = family.parameters.get(LIMIT)
         if parameter is None or not parameter.writable:
@@ -193,6 +194,8 @@ def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
             for row in rows.tolist()
             if np.isfinite(limits[row])
         }
+        found = yield from collect(own, list(data), parameter)
+        data = {id: each for id, each in data.items() if found[id] != each}
         if data:
             yield from write_and_read_back(own, data, parameter)
 
