@@ -184,7 +184,7 @@ def _warn(own: CanCommandEncoder, text: str) -> None:
 
 
 def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
-    """Write the torque limits that read otherwise: an actuator that holds is not set under torque for nothing."""
+    """Write the torque limits that read otherwise: one that holds is not set under torque for nothing."""
     for family, rows in own.fleet.families:
         parameter = family.parameters.get(LIMIT)
         if parameter is None or not parameter.writable:
