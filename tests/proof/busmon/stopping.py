@@ -49,6 +49,7 @@ class Stopping:
     def clear(self) -> None:
         """Nothing is owed: another process, or no port."""
         self._stop: Stop | None = None
+        self._sinks = False  # it is damped, or its way down was cut short
         self._hold_due = np.inf
         self._silence = 0.0
         self._still = 0
@@ -61,11 +62,19 @@ class Stopping:
         """Take a report of the daemon; see `Words.take_report`."""
         if what == "hold" or (what == "state" and facts["state"] != "armed"):
             self._hold_due = np.inf
-        if what in ("damp", "aborted") and self._stop is not None:
-            self._stop.due = max(self._stop.due, now + FREE + ROUNDS)
-            self._stop.lasts[:] = 0.0  # it sinks: its goals follow it, within W3
+        if what == "state" and facts["state"] == "armed":
+            self._sinks = False
+        if what in ("damp", "aborted"):
+            self._sinks = True
+            self._sink(now)
         if what == "killed":
             self.clear()
+
+    def _sink(self, now: float) -> None:
+        """Watch no braking of a robot that sinks: its goals follow it, within W3."""
+        if self._stop is not None:
+            self._stop.due = max(self._stop.due, now + FREE + ROUNDS)
+            self._stop.lasts[:] = 0.0
 
     # --------------------------------------------------------------------------- W6
 
@@ -83,6 +92,8 @@ class Stopping:
         if self._stop is not None:
             due = min(due, self._stop.due)
         self._stop = Stop(level, at, due, speed, lasts, np.full(len(speed), np.inf))
+        if self._sinks and level != "cut":
+            self._sink(now)
         for time, _, moves in [each for each in servos.goals if each[0] >= at]:
             self._brakes(time, moves)
 

@@ -269,6 +269,19 @@ def test_a_robot_that_is_damped_has_five_more_seconds_to_let_go(lasts: float, wr
     assert daemon.rules == (["W6"] if wrong else [])
 
 
+@pytest.mark.parametrize("damped", [True, False])
+def test_the_goals_of_a_robot_that_sinks_already_follow_it_through_an_e_stop(damped: bool) -> None:
+    daemon = Armed()
+    daemon.port.say("state", state="fault")
+    if damped:
+        daemon.port.say("damp")
+    daemon.port.say("estop", level="settle")
+    daemon.port.say("state", state="estop")
+    for _ in range(5):
+        daemon.cycle(daemon.goals | {1: daemon.goals[1] - 5})
+    assert set(daemon.rules) == (set() if damped else {"W6"})
+
+
 @pytest.mark.parametrize(("hardness", "wrong"), [(0.9, False), (2.0, True)])
 def test_a_joint_that_braked_early_is_lowered_from_rest_within_its_acceleration(
     hardness: float, wrong: bool
