@@ -29,13 +29,15 @@ def main() -> int:
     parser.add_argument("--rate", type=float, help="Hz of the loop, where it is not the robot file's")
     parser.add_argument("--observe", type=Path, help="the daemon's observe.sock, for its states")
     parser.add_argument("--hearsay", type=float, default=0.5, help="s that those may come late")
+    parser.add_argument("--early", type=float, default=0.0, help="share of packets that may seem early (W9)")
     given = parser.parse_args()
     limits = limits_of(given.robot, given.calibration, given.bus, rate_hz=given.rate)
     with suppress(OSError):  # without the right to it an ordinary process judges as well, with more delay
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(45))
     gc.collect()
     gc.freeze()
-    return Relay(given.servos, given.link, limits, observe=given.observe, hearsay=given.hearsay).run()
+    how = {"observe": given.observe, "hearsay": given.hearsay, "early": given.early}
+    return Relay(given.servos, given.link, limits, **how).run()
 
 
 if __name__ == "__main__":

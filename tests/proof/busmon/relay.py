@@ -15,6 +15,7 @@ from time import monotonic
 from typing import Any
 
 from tests.proof.busmon.bus import AnyLimits, monitor_of, port_baud
+from tests.proof.busmon.monitor import Monitor
 from tests.proof.busmon.observe import Observer
 from tests.proof.busmon.ports import CHUNK, DaemonEnd, Holders, ServoEnd, baud_of, set_baud, write_all
 
@@ -28,9 +29,19 @@ class Relay:
     """One bus between two ports."""
 
     def __init__(
-        self, servos: Path, link: Path, limits: AnyLimits, *, observe: Path | None, hearsay: float
+        self,
+        servos: Path,
+        link: Path,
+        limits: AnyLimits,
+        *,
+        observe: Path | None,
+        hearsay: float,
+        early: float = 0.0,
     ) -> None:
+        """`early`: see `Monitor.early_share`."""
         self.monitor = monitor_of(limits, hearsay=hearsay)
+        if isinstance(self.monitor, Monitor):
+            self.monitor.early_share = early
         self._servos = ServoEnd(servos)
         self._daemon = DaemonEnd(link)
         self._observer = Observer(observe) if observe else None
@@ -221,6 +232,7 @@ class Relay:
             "goals": monitor.goal_packets,
             "answers": monitor.answers,
             "violations": len(monitor.violations),
+            "early": monitor.early if isinstance(monitor, Monitor) else 0,
             "blind": self.blind,
             "passed_p50_us": round(passed[len(passed) // 2] * 1e6, 1),
             "passed_p99_us": round(passed[len(passed) * 99 // 100] * 1e6, 1),

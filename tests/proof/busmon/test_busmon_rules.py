@@ -269,6 +269,21 @@ def test_a_robot_that_is_damped_has_five_more_seconds_to_let_go(lasts: float, wr
     assert daemon.rules == (["W6"] if wrong else [])
 
 
+@pytest.mark.parametrize(("share", "early", "wrong"), [(0.0, 1, True), (1e-4, 3, False), (1e-4, 4, True)])
+def test_a_share_of_packets_may_seem_early_where_a_port_may_keep_bytes(
+    share: float, early: int, wrong: bool
+) -> None:
+    daemon = Armed()
+    monitor = daemon.world.monitor
+    monitor.early_share = share
+    question = packet.make(254, 0x82, bytes.fromhex("84 00 04 00") + bytes(daemon.ids))
+    for _ in range(early):
+        monitor.sent(question, daemon.port.now)
+        monitor.sent(question, daemon.port.now + 1e-5)
+        daemon.wait()
+    assert (daemon.rules == ["W9"]) is wrong
+
+
 @pytest.mark.parametrize("damped", [True, False])
 def test_the_goals_of_a_robot_that_sinks_already_follow_it_through_an_e_stop(damped: bool) -> None:
     daemon = Armed()

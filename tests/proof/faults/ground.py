@@ -69,7 +69,7 @@ class Ground:
         self.machine.watch("virtual", self.virtual.process.pid, first=True)
         return self.virtual
 
-    def relayed(self) -> Relayed:
+    def relayed(self, *options: str) -> Relayed:
         """The monitor between daemon and servos from now on."""
         file = load_robot(self.virtual.robot).path
         servos = self.folder / "ports" / self.relay_bus
@@ -80,6 +80,7 @@ class Ground:
             self.virtual.calibration,
             bus=self.relay_bus,
             observe=self.folder / "run" / "observe.sock",
+            options=options,
         )
         self.relay = self.stack.enter_context(made)
         self.machine.watch("relay", self.relay.process.pid, first=True)
