@@ -27,7 +27,7 @@ IDLE = {"free", "replug", "clear", "seed", "record"}
 ROBOT = "h24-standing"
 POLICY = ROOT / "tests" / "data" / "policies" / "squat" / "squat.onnx"  # for this robot
 # Share of packets: kernel workers of normal priority carry the bytes of a tty, and on a busy machine requests
-# of some ticks come in one piece (1 in 199,246 packets at a load of 6). In virtual time none may be early (W9).
+# of some ticks come in one piece (1 of 199,246 packets at a load of 6). In virtual time none may be so (W9).
 EARLY = "1e-4"
 SLOW = 180.0  # s that a policy may take besides: this machine is busy, and its imports are many
 CODES = (0, 1, 3)  # as asked; refused, or ended otherwise; no daemon that answers
