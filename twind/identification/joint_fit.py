@@ -68,7 +68,7 @@ def fit_joint(
         noise = _noise(errors(priors.decode(best[None]))[0])
         # Another start may be the better one for this measure of errors.
         others = _best_of(errors, priors, starts)
-        best = _polish(errors, priors, np.concatenate([best[None], others]), noise, free)
+        best = _polish(errors, priors, np.unique(np.stack([best, *others]), axis=0), noise, free)
         starts = best[None]
     error, jacobian = _linearized(errors, priors, best)
     # With what is held, the data may determine what they leave open without.
