@@ -68,10 +68,9 @@ def fit_joint(
         noise = _noise(errors(priors.decode(best[None]))[0])
         # Another start may be the better one for this measure of errors.
         others = _best_of(errors, priors, starts)
-        best = _polish(errors, priors, np.concatenate([best[None], others]), noise, free)
+        best = _polish(errors, priors, np.unique(np.stack([best, *others]), axis=0), noise, free)
         starts = best[None]
-    jacobian = _jacobian(errors, priors, best)
-    error = errors(priors.decode(best[None]))[0]
+    error, jacobian = _linearized(errors, priors, best)
     # With what is held, the data may determine what they leave open without.
     known = np.sqrt(np.diag(_covariance(jacobian * free[:, None, None], error, noise)))
     determined = ((known < DETERMINED) | (np.abs(best) > MOVED)) & free
@@ -104,12 +103,16 @@ def _best_of(errors: ErrorFunction, priors: ServoPriors, drawn: Floats) -> Float
 def _polish(errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools) -> Floats:
     """Return the best minimum (p,) that is reached from `starts` (k, p); only those `free` (p,) change."""
     moving = free.astype(np.float64)
+    latest: dict[bytes, Floats] = {}  # slopes at the latest numbers: nearly always they are needed next
 
     def residuals(numbers: Floats) -> Floats:
-        return np.append(_finite(errors(priors.decode(numbers[None]))[0]) / noise, numbers)
+        error, table = _linearized(errors, priors, numbers)
+        latest.clear()
+        latest[numbers.tobytes()] = table
+        return np.append(_finite(error) / noise, numbers)
 
     def slopes(numbers: Floats) -> Floats:
-        table = _jacobian(errors, priors, numbers) * moving[:, None, None]
+        table = latest.pop(numbers.tobytes()) * moving[:, None, None]
         return np.concatenate([_rows(table) / noise, np.eye(len(numbers))])
 
     found = [
@@ -128,14 +131,17 @@ def _polish(errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: F
     return np.asarray(min(found, key=lambda each: float(each.cost)).x)
 
 
-def _jacobian(errors: ErrorFunction, priors: ServoPriors, numbers: Floats) -> Floats:
-    """Return the slopes (p, samples, windows) of the errors by the numbers of the fit."""
+def _linearized(errors: ErrorFunction, priors: ServoPriors, numbers: Floats) -> tuple[Floats, Floats]:
+    """Return the errors (samples, windows), and their slopes (p, samples, windows) by the numbers of the fit.
+
+    One call for both: a simulation of many candidates takes little longer than that of one.
+    """
     count = len(numbers)
     steps = DIFFERENCE * np.concatenate([np.eye(count), -np.eye(count)])
     around = np.maximum(numbers + steps, priors.lowest)
-    table = errors(priors.decode(around))
+    table = errors(priors.decode(np.concatenate([around, numbers[None]])))
     width = np.diag(around[:count] - around[count:])
-    return (table[:count] - table[count:]) / width[:, None, None]
+    return table[-1], (table[:count] - table[count:-1]) / width[:, None, None]
 
 
 def _memory(error: Floats, count: int) -> Floats:

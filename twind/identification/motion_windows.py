@@ -30,6 +30,12 @@ class JointWindows:
     measured: Floats  # (s, w) rad
     held_out: Bools  # (w,)
 
+    def chosen(self, which: Bools) -> "JointWindows":
+        """Return only those windows for which `which` (w,) is true."""
+        tables: dict[str, Any] = {name: getattr(self.windows, name)[..., which] for name in _TABLES}
+        measured = self.measured[:, which]
+        return JointWindows(replace(self.windows, **tables), self.rows, measured, self.held_out[which])
+
 
 def windows_of(
     time: Floats, goal: Floats, shown: Floats, loads: JointLoads, joint: int, passive: float

@@ -107,13 +107,14 @@ def model_priors(binding: Binding, place: int, weights: LinkWeights | None = Non
 
 
 def _identify(windows: JointWindows, priors: ServoPriors, earlier: IdentifiedJoint | None) -> IdentifiedServo:
-    def errors(values: Floats) -> Floats:
-        return _errors(windows, priors, values)[:, :, ~windows.held_out]
+    fitted = windows.chosen(~windows.held_out)
+    pulled = with_cable(windows, SPRING * priors.stall_nm).chosen(~windows.held_out)
 
-    pulled = with_cable(windows, SPRING * priors.stall_nm)
+    def errors(values: Floats) -> Floats:
+        return _errors(fitted, priors, values)
 
     def disturbed(values: Floats) -> Floats:
-        return _errors(pulled, priors, values)[:, :, ~windows.held_out]
+        return _errors(pulled, priors, values)
 
     if earlier is None:
         fit = fit_joint(errors, priors, disturbed=disturbed)
