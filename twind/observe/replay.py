@@ -80,13 +80,15 @@ def run(options: argparse.Namespace) -> int:
     if options.view:
         return _view(options)
     path = Path(options.file)
-    flight = _load(path)
+    flight = load_flight(path)
     robot = None if options.robot is None else Path(options.robot)
     return _report(options, flight, _play(path, flight, robot, options.last, realtime=options.realtime))
 
 
-def _load(path: Path) -> "LoadedFlight":
+def load_flight(path: Path) -> "LoadedFlight":
+    """Return the flight file. Raises UsageError (a recording), Rejected (no such file, not readable)."""
     from twind.flight import load
+    from twind.observe.recording.unopened_file import unopened
 
     if path.suffix == ".mcap":
         raise UsageError(
@@ -95,7 +97,7 @@ def _load(path: Path) -> "LoadedFlight":
     try:
         return load(path)
     except OSError as error:
-        raise Rejected(f"{path}: {error.strerror}; `twindctl dump` prints where its file is") from None
+        raise unopened(path, error) from None
     except InvalidInput as error:
         raise Rejected(str(error)) from None
 
