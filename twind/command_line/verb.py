@@ -24,7 +24,7 @@ EXIT_CODES = {
     REFUSED: "refused or failed",
     USAGE: "wrong usage",
     NO_DAEMON: "no daemon",
-    INTERRUPTED: "interrupted by Ctrl-C",
+    INTERRUPTED: "interrupted by Ctrl-C; 0 where that is the usual end, as of record and view",
 }
 
 
@@ -186,10 +186,15 @@ def show(options: argparse.Namespace, data: Any, text: str, file: TextIO | None 
     print(output, flush=True, file=file)
 
 
-def complain(options: argparse.Namespace, error: Exception) -> None:
-    """Print an error: as JSON on standard output, or as text on standard error."""
+def complain(
+    options: argparse.Namespace, error: Exception, complete: Callable[[str], str] = lambda text: text
+) -> None:
+    """Print an error: as JSON on standard output, or as text on standard error.
+
+    `complete`: adds the options of this call to the commands in the text.
+    """
     if not options.json:
-        for line in str(error).splitlines():
+        for line in complete(str(error)).splitlines():
             print(f"twindctl: {harmless(line)}", file=sys.stderr)
     elif isinstance(error, CallError):
         print(json.dumps({"error": error.error, "parameters": error.parameters}, ensure_ascii=False))
