@@ -120,6 +120,16 @@ def test_a_motion_that_a_fall_ended_shows_the_next_commands(
     assert last.startswith(f"{stopped}`twindctl disarm`")
 
 
+def test_a_position_that_rounds_to_zero_has_no_sign(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = StandIn("aborted")
+    rows = [{"name": "pan", "position": -1e-5, "goal": None}]
+    monkeypatch.setattr(daemon, "call", lambda method, **_: {"joints": rows} if "Get" in method else {})
+    assert _play(monkeypatch, daemon) == 1
+    assert "now at pan 0.000 rad" in capsys.readouterr().out
+
+
 def test_after_a_cut_the_next_commands_are_those_of_a_robot_without_torque(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

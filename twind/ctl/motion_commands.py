@@ -17,6 +17,7 @@ from twind.client import Client, ClientError, Disconnected
 from twind.client.errors import finding_lines
 from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.progress import ProgressLine
+from twind.command_line.text_table import fixed_number
 from twind.command_line.trajectory_files import load_motion, read_trajectory
 from twind.command_line.verb import (
     DONE,
@@ -162,7 +163,7 @@ def _place_text(client: Client, joints: Sequence[str]) -> str:
     with contextlib.suppress(ClientError):
         answer = _status_after_stop(client)
     at = {row["name"]: row["position"] for row in answer.get("joints") or ()}
-    known = [f"{name} {at[name]:.3f}" for name in joints if at.get(name) is not None]
+    known = [f"{name} {fixed_number(at[name], 3, '')}" for name in joints if at.get(name) is not None]
     rest = ", ..." if len(known) > SHOWN else ""
     place = f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
     stop = stopped_text(answer["status"]) if answer.get("status") else ""

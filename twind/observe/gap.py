@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     show(
         options,
         {"source": source, "joints": [asdict(each) for each in gaps], "total": _totals(gaps)},
-        "\n".join(_lines(gaps)),
+        "\n".join(table_lines(gaps)),
     )
     return DONE
 
@@ -79,9 +79,12 @@ def _of_file(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
 
 def _live(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
     from twind.observe.measuring.measured_motion import received_motion, require_sent_goals
+    from twind.robot_client.require_armed import stopped_text
 
     with observer(options) as client:
         known = client.call("GetRobot")
+        if stopped := stopped_text(client.call("GetStatus")["status"]):
+            raise Rejected(f"{stopped}; without a motion there is no gap")
         require_sent_goals(known["robot"])
         messages: list[Any] = []
         for message in client.stream("Monitor", topics=["state"], rate=FASTEST):
@@ -142,7 +145,8 @@ def _totals(gaps: "list[JointGap]") -> dict[str, Any]:
     return {quantity: None if each is None else asdict(each) for quantity, each in found.items()}
 
 
-def _lines(gaps: "list[JointGap]") -> list[str]:
+def table_lines(gaps: "list[JointGap]") -> list[str]:
+    """Return a row for each joint and what the total means; only the latter where no joint moved."""
     from twind.gap.gap_figures import total_gap
 
     head = [text for unit, _ in UNITS.values() for text in (unit, "spread", "unexpl.")]
@@ -152,6 +156,8 @@ def _lines(gaps: "list[JointGap]") -> list[str]:
         note = "" if gap.position else "no usable samples" if not gap.samples else "moved too little"
         rows.append((gap.joint, f"{gap.moved:.3f} rad", f"{gap.delay * 1e3:.0f} ms", *cells, note))
     total = total_gap(gaps)
+    if not any(gap.position for gap in gaps):
+        return [_meaning(total)]
     cells = [cell for quantity in UNITS for cell in _cells(total_gap(gaps, quantity), quantity)]
     rows.append(("total", "", "", *cells, ""))
     return [*align_columns(rows, (0, len(rows[0]) - 1)), _meaning(total)]

@@ -211,7 +211,11 @@ def _report(options: argparse.Namespace, flight: "LoadedFlight", played: ReplayR
         "doubts": doubts,
         "differences": found,
     }
-    lines = (*_head(options.file, flight, played), *_verdict(played, found, doubts, open_))
+    lines = (
+        *_head(options.file, flight, played),
+        *_verdict(played, found, doubts, open_),
+        *_details(played, differ=bool(found)),
+    )
     show(options, told, "\n".join(map(harmless, lines)))
     return REFUSED if found or doubts else DONE
 
@@ -232,15 +236,12 @@ def _head(file: str, flight: "LoadedFlight", played: ReplayResult) -> Iterator[s
     seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
     yield f"played {seconds:.1f} s; {played.verbatim:.0%} of the questions had their recorded answers"
-    yield from (f"not asked again: {what}" for what in score.left_out)
-    yield from _outcome("recorded", score.recorded)
 
 
 def _verdict(
     played: ReplayResult, found: Sequence[str], doubts: Sequence[str], open_: Sequence[str]
 ) -> Iterator[str]:
     if found:
-        yield from _outcome("replayed", played.outcome)
         yield "different:"
         yield from (f"  {each}" for each in found)
     elif doubts:
@@ -256,6 +257,13 @@ def _verdict(
         else "every tick"
     )
     yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
+
+
+def _details(played: ReplayResult, *, differ: bool) -> Iterator[str]:
+    yield from (f"not asked again: {what}" for what in played.asked.left_out)
+    yield from _outcome("recorded", played.asked.recorded)
+    if differ:
+        yield from _outcome("replayed", played.outcome)
 
 
 def _outcome(what: str, outcome: "RunOutcome") -> Iterator[str]:
