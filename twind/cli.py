@@ -216,7 +216,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    loop.reports.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
+    loop.reports.event("info", EventCode.START, f"twind {__version__} --failsafe, {start_text(loop)}")
     failsafe.begin()
     try:
         run_loop(loop)
@@ -325,7 +325,7 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     hang_ups.enable_delivery(reread=loop.commands.reloads.want, end=end)
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     sockets = ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
-    loop.reports.event("info", EventCode.START, f"twind {__version__}, {_what(loop)}; {sockets}")
+    loop.reports.event("info", EventCode.START, f"twind {__version__}, {start_text(loop)}; {sockets}")
     for what, got in loop.parts.realtime.items():
         if not got.granted:
             loop.reports.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
@@ -340,9 +340,14 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
         loop.close()
 
 
-def _what(loop: Loop) -> str:
-    where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
-    return f"mode {loop.condition.mode.value}, {1 / loop.parts.period:g} Hz, {where}"
+def start_text(loop: Loop) -> str:
+    """Return mode, rate and ports for the event START."""
+    mode = loop.condition.mode
+    none = "no port" + ("" if mode is Mode.SIM else ": start it with --port {}=PORT, or with --virtual")
+    where = ", ".join(
+        f"{port.name} on {port.where or none.format(port.name)}" for port in loop.hardware.ports
+    )
+    return f"mode {mode.value}, {1 / loop.parts.period:g} Hz, {where}"
 
 
 def wrong_groups(groups: Mapping[str, str]) -> list[str]:

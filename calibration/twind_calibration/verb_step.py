@@ -40,6 +40,11 @@ def add_steps(
     every: dict[str, VerbStep | Verb] = {**steps, **others}
     for name, step in every.items():
         text = texts[name]
-        under = subparsers.add_parser(name, help=text.partition("\n")[0], description=text)
+        under = subparsers.add_parser(
+            name,
+            help=text.partition("\n")[0],
+            description=text,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         add_common_options(under, argparse.SUPPRESS)  # also after the step
         step.add_arguments(under)

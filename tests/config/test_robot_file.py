@@ -147,6 +147,16 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
             "device: XM430-W351",
             ":9:16: types.xm.device: no Dynamixel model 'XM430-W351'; near: ",
         ),
+        (  # of another bus: before the keys that its family does not have
+            "device: XM430-W350",
+            "device: STS3215",
+            ":9:16: types.xm.device: STS3215 is for buses of kind feetech; the buses here are of kind",
+        ),
+        (
+            "device: XM430-W350",
+            "device: XM999",
+            ":9:16: types.xm.device: XM999 is no known model; nearest of kind dynamixel2: XM430-W",
+        ),
         (
             "{shutdown: 52}",
             "{shutdwn: 52}",

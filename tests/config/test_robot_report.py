@@ -138,3 +138,8 @@ def test_a_register_content_that_no_servo_can_hold_is_an_error() -> None:
     odd = replace(ROBOT.joints[0], registers={"homing_offset": 2_000_000, "temperature_limit": 80})
     [error] = check_robot(replace(ROBOT, joints=(odd, *ROBOT.joints[1:]))).errors
     assert error.startswith("joints.head_yaw: registers.homing_offset: 2000000 is outside -1044479..1044479")
+
+
+def test_one_bus_is_counted_as_one() -> None:
+    head = check_robot(load_robot("pan-tilt")).lines[0]
+    assert head.startswith("pan-tilt: 2 joints, 1 bus, support ")

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from twind.ctl import lost_socket_daemon
+from twind.command_line.verb import Rejected
+from twind.ctl import lost_socket_daemon, teach_command
 from twind.ctl.ctl_main import main
 from twind.ctl.lost_socket_daemon import LostSocketDaemon
 
@@ -40,3 +41,19 @@ def test_an_absent_leader_is_not_taken_for_a_daemon_whose_sockets_are_gone(
     assert "estop" not in error
     assert main(["--socket", str(tmp_path), "status"]) == 3
     assert "its sockets are gone" in capsys.readouterr().err
+
+
+def test_the_start_command_names_the_instance(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["-i", "nobody", "status"]) == 3
+    assert "start it with `systemctl start twind@nobody`" in capsys.readouterr().err
+
+
+def test_commands_in_an_error_reach_the_daemon_of_this_call(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: object) -> int:
+        raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
+
+    monkeypatch.setattr(teach_command, "run", refuse)
+    assert main(["--socket", "/x", "teach", "swing"]) == 1
+    assert capsys.readouterr().err.endswith("`twindctl --socket /x mode mirror`\n")

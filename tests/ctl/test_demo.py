@@ -1,5 +1,6 @@
 """`twindctl demo` arms its own virtual robot, whatever the first readings after a start are like."""
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -57,3 +58,9 @@ def test_the_motions_shown_are_those_of_the_robot() -> None:
 def test_a_robot_without_motions_is_refused_with_their_folder(tmp_path: Path) -> None:
     with pytest.raises(Rejected, match=f"{tmp_path} holds no trajectory file"):
         demo.load_motions({"motions": str(tmp_path)})
+
+
+def test_an_unknown_robot_is_refused_before_anything_is_started(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(Rejected, match="no robot of that name"):
+        demo.run(argparse.Namespace(seconds=1.0, walk=False, robot="nosuch"))
+    assert capsys.readouterr().out == ""

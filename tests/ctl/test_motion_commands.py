@@ -1,11 +1,13 @@
-"""`play` and `move` say by how much and why a motion took longer than its path."""
+"""`play` and `move`: delays with their reason, and what they say of a motion that ended early."""
 
 import argparse
+import signal
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from twind.client import Disconnected
 from twind.ctl import motion_commands
 from twind.ctl.motion_commands import PLAY, longer_text
 
@@ -116,3 +118,62 @@ def test_a_motion_that_a_fall_ended_shows_the_next_commands(
     last = capsys.readouterr().out.splitlines()[-1]
     stopped = "the robot is stopped by FALLING (the robot fell); torque is on; next: "
     assert last.startswith(f"{stopped}`twindctl disarm`")
+
+
+def test_a_position_that_rounds_to_zero_has_no_sign(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = StandIn("aborted")
+    rows = [{"name": "pan", "position": -1e-5, "goal": None}]
+    monkeypatch.setattr(daemon, "call", lambda method, **_: {"joints": rows} if "Get" in method else {})
+    assert _play(monkeypatch, daemon) == 1
+    assert "now at pan 0.000 rad" in capsys.readouterr().out
+
+
+def test_after_a_cut_the_next_commands_are_those_of_a_robot_without_torque(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = StandIn("aborted")
+    cut = {"mode": "live", "state": "estop", "faults": [{"code": "ESTOP"}], "latched": ["ESTOP"]}
+    statuses = [cut | {"armed": True}, cut | {"armed": False, "torque_on": False}]
+    monkeypatch.setattr(
+        daemon, "call", lambda method, **_: {"status": statuses.pop(0)} if "Get" in method else {}
+    )
+    assert _play(monkeypatch, daemon) == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("the robot is stopped by ESTOP; torque is off; next: find and mend")
+
+
+def test_ctrl_c_cancels_and_ends_with_its_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    daemon = StandIn("cancelled")
+    stream = daemon.stream
+
+    def interrupted(method: str, trajectory: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        signal.raise_signal(signal.SIGINT)
+        yield from stream(method, trajectory)
+
+    monkeypatch.setattr(daemon, "stream", interrupted)
+    assert _play(monkeypatch, daemon) == 130
+
+
+def test_a_daemon_that_ends_in_a_motion_leaves_words_about_what_moves_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    daemon = StandIn("aborted")
+
+    def gone(_method: str, trajectory: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        yield report("executing", progress=0.1)
+        raise Disconnected("the daemon closed the connection")
+
+    monkeypatch.setattr(daemon, "stream", gone)
+    with pytest.raises(Disconnected, match="drive on to their last goal"):
+        _play(monkeypatch, daemon)
+
+
+def _play(monkeypatch: pytest.MonkeyPatch, daemon: StandIn) -> int:
+    monkeypatch.setattr(motion_commands, "operator", lambda _: daemon)
+    monkeypatch.setattr(motion_commands, "asked_motion", lambda *_: MOTION)
+    options = argparse.Namespace(
+        motion="swing", approach=False, retime=False, take=False, json=False, verb="play", socket=None
+    )
+    return PLAY.run(options)

@@ -29,6 +29,8 @@ class StandIn:
         self.folder = folder
         self.asked: list[str] = []
         self.checked: list[dict[str, Any]] = []
+        self.calibrated = dict.fromkeys(NAMES, True)
+        self.moves = True
         self.torque = dict.fromkeys(NAMES, False)
         self.armed = False
         self.refusals: list[dict[str, Any]] = []
@@ -65,9 +67,11 @@ class StandIn:
         raise Disconnected("the daemon closed the connection")
 
     def _rows(self, time: float) -> list[dict[str, Any]]:
-        at = 0.5 * sin(pi * min(time, 2.0) / 2.0) ** 2
+        at = 0.5 * sin(pi * min(time, 2.0) / 2.0) ** 2 if self.moves else 0.0
         common = {"position": at, "heard": True}
-        return [{"name": name, "torque": self.torque[name], **common} for name in NAMES]
+        torque = self.torque
+        known = self.calibrated
+        return [{"name": name, "torque": torque[name], "calibrated": known[name], **common} for name in NAMES]
 
 
 @pytest.fixture
@@ -127,6 +131,21 @@ def test_a_joint_with_torque_is_refused_by_name(daemon: StandIn) -> None:
         require_limp(daemon, FakeClock(), ["grip"])  # type: ignore[arg-type]
 
 
+def test_a_joint_without_calibration_is_not_taught(daemon: StandIn) -> None:
+    daemon.calibrated["pan"] = False
+    with pytest.raises(Rejected, match=r"pan: not calibrated.*twindctl calibrate sweep"):
+        taught("swing", "--seconds", "1")
+    assert not daemon.folder.exists() and "AcquireLease" not in daemon.asked
+    assert taught("swing", "--seconds", "1", "--joints", "tilt") == DONE
+
+
+def test_a_hand_that_moved_nothing_leaves_no_file(daemon: StandIn) -> None:
+    daemon.moves = False
+    with pytest.raises(Rejected, match=r"no joint moved by more than 0\.01 rad"):
+        taught("swing", "--seconds", "1")
+    assert not daemon.folder.exists()
+
+
 def test_enter_begins_and_ends_it(daemon: StandIn, capsys: pytest.CaptureFixture[str]) -> None:
     assert taught("swing", keys=b"\n") == REFUSED  # it goes on until the daemon is gone
     told = report(capsys)
@@ -177,7 +196,7 @@ def test_the_text_names_what_was_changed_and_the_next_command(
     assert "of 3 joints: " in lines
     assert "play will be refused: TOO_MANY_POINTS" in lines
     assert "--bound" in lines
-    assert lines.endswith("next: twindctl arm, then twindctl play swing --approach\n")
+    assert lines.endswith("next: twindctl mode live, twindctl arm, then twindctl play swing --approach\n")
 
 
 @pytest.mark.parametrize("lost", ["the recording", "the check"])

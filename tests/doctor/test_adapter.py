@@ -90,6 +90,12 @@ def test_three_hubs_are_one_too_many(pty: str, tmp_path: Path) -> None:
     assert finding.severity is Severity.NOTE
 
 
+def test_a_missing_port_has_no_wrong_rate(tmp_path: Path) -> None:
+    port = str(tmp_path / "ttyUSB0")
+    assert codes(port, "PORT_MISSING") == [port]
+    assert codes(port, "BAUD_UNSUPPORTED") == []
+
+
 def test_a_rate_that_the_adapters_driver_cannot_do_is_found(pty: str, tmp_path: Path) -> None:
     device = tty(tmp_path, pty)
     (device / "driver").unlink()

@@ -39,6 +39,7 @@ def test_a_missing_file_is_found_with_the_folder_of_relative_paths(
     (finding,) = found(option, "missing/no.yaml", code="FILE_REFUSED")
     assert finding.thing == "missing/no.yaml"
     assert str(tmp_path) in finding.advice
+    assert finding.caution == ""  # wrong zeros are of a file that is there
 
 
 def test_a_wrong_value_in_the_robot_file_is_found_with_line_and_column(tmp_path: Path, robot: Path) -> None:

@@ -77,4 +77,15 @@ def test_each_annotation_becomes_an_event_and_the_reply_names_its_sequence(live:
         (event,) = live.events(MARKS[given.kind])
         assert (event.message, event.level, event.holder) == (message, "info", "test")
         assert event.annotation == given
-        assert reply.parameters == {"sequence": event.sequence}
+        assert reply.parameters["sequence"] == event.sequence
+
+
+def test_the_reply_to_an_end_says_whether_an_episode_was_open(live: Rig) -> None:
+    def mark(kind: str, **given: Any) -> object:
+        reply = live.call(link.Mark, annotation=Annotation(kind, **given), ticks=2)
+        return reply.parameters.get("was_open")
+
+    assert mark("end") is False
+    assert mark("begin", task="pick") is None
+    assert mark("note", text="it slips") is None
+    assert [mark("end"), mark("end")] == [True, False]

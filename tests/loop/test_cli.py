@@ -17,6 +17,7 @@ from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
 from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode
 from twind.virtual.virtual_robot_spec import make_spec, save
 
 TWO = ["legs", "arms"]
@@ -351,3 +352,16 @@ def test_invalid_input_of_a_running_loop_is_a_defect_and_not_a_usage_error() -> 
     with pytest.raises(RuntimeError, match="no such register") as failed:
         cli.run_loop(loop)
     assert not isinstance(failed.value, TwindError)
+
+
+@pytest.mark.parametrize(("mode", "remedy"), [(Mode.MIRROR, True), (Mode.SIM, False)])
+def test_a_bus_without_a_port_is_logged_with_the_option_that_names_one(mode: Mode, remedy: bool) -> None:
+    ports = [SimpleNamespace(name="main", where=None)]
+    loop: Any = SimpleNamespace(
+        condition=SimpleNamespace(mode=mode),
+        parts=SimpleNamespace(period=0.01),
+        hardware=SimpleNamespace(ports=ports),
+    )
+    text = cli.start_text(loop)
+    assert text.startswith(f"mode {mode.value}, 100 Hz, main on no port")
+    assert ("--port main=PORT" in text) == remedy

@@ -30,6 +30,11 @@ def test_the_page_has_one_row_for_each_verb_and_program(page: str) -> None:
     assert sorted(rows) == sorted([*verb_names(), "twind", "twind-virtual"])
 
 
+def test_the_page_leaves_the_common_options_of_a_verb_to_its_help(page: str) -> None:
+    options = "which of `--socket`, `-i`, `--remote`, `--json` it takes"
+    assert f"The help of a verb lists {options}" in page
+
+
 def test_the_page_is_short(page: str) -> None:
     words = [word for word in page.split() if any(letter.isalnum() for letter in word)]
     assert len(words) <= MOST

@@ -27,6 +27,7 @@ from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, save
 from twind.link import Tick, decode_news
 from twind.link import encode as encode_news
+from twind.observe import replay
 from twind.observe.export import export
 from twind.observe.recording import open_recording
 from twind.observe.recording.mcap_record_scanner import McapRecordScanner
@@ -291,6 +292,29 @@ def test_a_ros_export_has_a_single_encoding_and_the_same_content(flight_file: Pa
         found = open_recording(path)
         assert len(texts) == len(found.events) > 0
         assert [each.what for each in found.events] == [each.what for each in open_recording(plain).events]
+
+
+def test_a_missing_flight_file_names_the_folder_of_dumps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    calls = (
+        lambda: open_recording(tmp_path / "odd.flight"),
+        lambda: export(tmp_path / "odd.flight", tmp_path / "odd.mcap"),
+        lambda: replay.load_flight(tmp_path / "odd.flight"),
+    )
+    for call in calls:
+        with pytest.raises(Rejected, match=f"No such file or directory; .*in {tmp_path}/state/flight"):
+            call()
+
+
+def test_an_export_that_finds_a_file_names_its_own_argument(tmp_path: Path) -> None:
+    rig = SteppedWriter(tmp_path)
+    rig.run(0.5)
+    path = rig.writer.tally.path
+    assert path is not None
+    with pytest.raises(Rejected, match=r"name another OUT\.mcap"):
+        export(path, path)
 
 
 def test_nothing_is_written_over_by_an_export(flight_file: Path, tmp_path: Path) -> None:

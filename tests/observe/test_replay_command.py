@@ -69,6 +69,11 @@ def test_equality_is_reported_only_for_the_replayed_part(replayed: Run) -> None:
     assert code == DONE and "not compared, 1:" in text and "command 1" in text
 
 
+def test_the_verdict_comes_before_the_commands_of_the_recording(replayed: Run) -> None:
+    _, text = replayed(left_out=("a reload",))
+    assert text.index("replayed: the same") < text.index("not asked again") < text.index("recorded:")
+
+
 def test_text_from_a_flight_file_cannot_control_the_terminal(replayed: Run) -> None:
     code, text = replayed(left_out=("\x1b[2Jreplayed\nreplayed: different",))
     assert code == DONE and "\x1b" not in text

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from twind.client import CallError
+from twind.exceptions import InvalidInput
 from twind.robot_client import robot as module
 from twind.robot_client.robot import Robot
 
@@ -110,3 +111,8 @@ def test_a_disarm_that_fails_at_the_end_does_not_hide_the_error_before_it(client
     client.connected = True
     with pytest.raises(CallError, match="busy"), Robot(disarm=True) as robot:
         robot.arm()
+
+
+def test_a_goal_that_is_no_number_is_refused_with_joint_and_value(robot: Robot) -> None:
+    with pytest.raises(InvalidInput, match="move: knee: 'a' is no number"):
+        robot.move({"hip": 0.1, "knee": "a"})  # type: ignore[dict-item]

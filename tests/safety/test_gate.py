@@ -497,7 +497,7 @@ def test_a_refusal_for_speed_names_the_time_with_which_the_path_passes() -> None
     refusals = check(FAST, w.snapshot(2), w.limits(), TrajectoryRequest(), w.TH).verdict.refusals
     text = refusals[0].message
     seconds = float(text.rpartition("needs ")[2].removesuffix(" s"))
-    assert text.endswith(f"; the whole path needs {seconds:.2f} s")
+    assert text.endswith(f"the whole path needs {seconds:.2f} s")
     assert judged(FAST.stretched(seconds / 1.1)) == []
     assert judged(FAST.stretched((seconds - 0.02) / 1.1)) != []
 

@@ -75,6 +75,23 @@ def test_a_retimed_path_reports_its_factor_against_one() -> None:
     assert told.value is not None and told.value > 1.0
 
 
+def test_a_retimed_path_names_the_joint_that_slows_it_and_both_durations() -> None:
+    quick = w.path([0.05, 0.1], [[0.0, 0.05], [0.0, 0.0]])
+    [told] = check(quick, w.snapshot(2), w.limits(), TrajectoryRequest("retime"), w.TH).verdict.changes
+    assert told.joint == 1 and told.value is not None
+    assert f"to {0.1 * told.value:.2f} s instead of 0.10 s, for ACC_LIMIT" in told.message
+
+
+def test_a_finding_before_the_first_point_says_that_it_lies_on_the_way_there() -> None:
+    judged = check(
+        w.path([1.0], [[9.0, 0.0]], [[0.0, 0.0]]), w.snapshot(2), w.limits(), TrajectoryRequest(), w.TH
+    )
+    told = {each.code: each for each in judged.verdict.refusals}
+    assert told[ReasonCode.POS_LIMIT].point == told[ReasonCode.VEL_LIMIT].point == 0
+    assert told[ReasonCode.POS_LIMIT].message == ""
+    assert told[ReasonCode.VEL_LIMIT].message == "on the way to this point"
+
+
 def retimed(path: Trajectory) -> Verdict:
     return check(path, w.snapshot(2), w.limits(velocity=0.1), TrajectoryRequest("retime"), w.TH).verdict
 

@@ -125,3 +125,17 @@ def test_a_trajectory_is_refused_with_it() -> None:
     cold = w.snapshot(condition=w.condition(voltage=second(12.0, 10.0)))
     verdict = check(path, cold, w.limits(), TrajectoryRequest(), w.TH).verdict
     assert [finding.code for finding in verdict.refusals] == [ReasonCode.VOLTAGE_LOW]
+
+
+@pytest.mark.parametrize(("age", "last"), [(3.0, 12.0), (inf, nan)])
+def test_a_silent_joint_is_refused_once_not_also_for_its_old_temperature(age: float, last: float) -> None:
+    quiet = w.condition(
+        age=second(0.1, age), temperature=second(35.0, 2.0 * last), voltage=second(12.0, last)
+    )
+    silent = second(0.0, inf)
+    armed = w.snapshot(condition=quiet, age=silent)
+    connected = w.snapshot(state=RobotState.CONNECTED, condition=quiet, age=silent)
+    for verdict in (admit(armed, BOTH, w.TH), arming(connected, w.TH, BOTH)):
+        assert [(each.code, each.joint) for each in verdict.refusals] == [(ReasonCode.HW_DISCONNECTED, 1)]
+    hot = w.snapshot(condition=w.condition(temperature=second(35.0, 90.0)), age=silent)
+    assert ReasonCode.THERMAL_HEADROOM in {each.code for each in admit(hot, BOTH, w.TH).refusals}

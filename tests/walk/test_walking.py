@@ -95,3 +95,8 @@ def test_ankles_push_against_a_tilt_whatever_the_sign_of_their_axes(tmp_path: Pa
         still = engine.advance(0.01, np.zeros(3))[row]
         pushes.append(engine.advance(0.01, np.zeros(3), tilted, np.zeros(3))[row] - still)
     assert pushes[0] == pytest.approx(-pushes[1], abs=1e-4) and pushes[0] > 0.01
+
+
+def test_a_robot_that_stands_on_no_feet_is_refused_with_one_that_does() -> None:
+    with pytest.raises(InvalidInput, match="two feet, as h24-standing; 0 found"):
+        WalkingEngine(load_robot("h24"))

@@ -10,7 +10,7 @@ import time
 from typing import Protocol
 
 from twind.client.errors import NoDaemon
-from twind.client.find_socket import HOW_TO_START
+from twind.client.find_socket import how_to_start
 
 LONGEST = 64 << 20  # bytes of one message
 
@@ -78,7 +78,7 @@ class SocketLine:
                 sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
             full = isinstance(error, BlockingIOError)
-            text = f"{self.where}: {_explain_error(error)}"
+            text = f"{self.where}: {_explain_error(error, self.where)}"
             raise NoDaemon(text, absent=absent, full=full, where=self.where) from None
         self._socket = sock
 
@@ -164,15 +164,15 @@ def _wait(sock: socket.socket, event: int, deadline: float) -> None:
         raise TimeoutError
 
 
-def _explain_error(error: OSError) -> str:
+def _explain_error(error: OSError, where: str) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
-        return f"no daemon: there is no such socket; {HOW_TO_START}"
+        return f"no daemon: there is no such socket; {how_to_start(where)}"
     if isinstance(error, ConnectionRefusedError):
-        return f"no daemon: no process listens there; {HOW_TO_START}"
+        return f"no daemon: no process listens there; {how_to_start(where)}"
     if isinstance(error, PermissionError):
         return "permission denied: operators are in the group twind-operator, observers in twind-observe"
     if isinstance(error, BlockingIOError):
         return "the daemon takes no connection: too many wait, or it hangs"
     if error.errno in (errno.EMFILE, errno.ENFILE):
         return f"{error.strerror}: this program has no descriptor left for a connection"
-    return f"{error.strerror or error}; {HOW_TO_START}"
+    return f"{error.strerror or error}; {how_to_start(where)}"

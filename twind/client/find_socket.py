@@ -5,7 +5,7 @@ import stat
 
 from twind.protocol.socket_paths import SYSTEM, own_folder
 
-HOW_TO_START = "start one with `twind` (or `systemctl start twind`), or name its folder with --socket DIR"
+START = "start one with `twind` (or `systemctl start twind`)"
 
 
 def socket_path(place: str | os.PathLike[str] | None = None, name: str = "control") -> str:
@@ -21,6 +21,13 @@ def socket_path(place: str | os.PathLike[str] | None = None, name: str = "contro
         if _is_socket(path):
             return path
     return os.path.join(SYSTEM, f"{name}.sock")
+
+
+def how_to_start(path: str) -> str:
+    """Return how to start the daemon of a socket at `path`: the instance twind@NAME in /run/twind/NAME."""
+    above, name = os.path.split(os.path.dirname(path))
+    start = f"start it with `systemctl start twind@{name}`" if above == SYSTEM else START
+    return f"{start}, or name its folder with --socket DIR"
 
 
 def directories() -> list[str]:

@@ -25,7 +25,7 @@ EXIT_CODES = {
     REFUSED: "refused or failed",
     USAGE: "wrong usage",
     NO_DAEMON: "no daemon",
-    INTERRUPTED: "interrupted by Ctrl-C",
+    INTERRUPTED: "interrupted by Ctrl-C; 0 where that is the usual end, as of record and view",
 }
 
 
@@ -192,14 +192,17 @@ def show(options: argparse.Namespace, data: Any, text: str, file: TextIO | None 
         discard_output()
 
 
-def complain(options: argparse.Namespace, error: Exception) -> None:
+def complain(
+    options: argparse.Namespace, error: Exception, complete: Callable[[str], str] = lambda text: text
+) -> None:
     """Print an error: as JSON on standard output, or as text on standard error.
 
-    As text too where standard output takes nothing: its disk is full, or its reader gone.
+    As text too where standard output takes nothing: its disk is full, or its reader gone. `complete`: adds the
+    options of this call to the commands in the text.
     """
     if options.json and _is_printed(error):
         return
-    for line in str(error).splitlines():
+    for line in complete(str(error)).splitlines():
         print(f"twindctl: {harmless(line)}", file=sys.stderr)
 
 

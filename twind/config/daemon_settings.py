@@ -70,6 +70,9 @@ class SettingsKeys(ConfigStruct):
     """| any | CPU core of the loop"""
 
 
+VIRTUAL_FOLDER = "twind-virtual-"  # a temporary folder of `twind --virtual`, with its calibration, begins so
+
+
 @dataclass(frozen=True, slots=True)
 class InstallationPaths:
     """The folders of one installation."""

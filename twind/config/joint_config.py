@@ -4,8 +4,9 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,13 @@ import numpy as np
 from twind.config.actuator_types import TypeSpec
 from twind.config.bus_config import NAME
 from twind.config.config_reader import ConfigReader, ConfigStruct, Text
-from twind.config.driver_family import SlotEntry, family, family_of
+from twind.config.driver_family import DriverFamily, SlotEntry, family, family_of
 from twind.config.family_keys import Acceleration, FollowRad, FollowTime, SlotKeys, Speed
 from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
 from twind.config.transmission_config import transmissions
 from twind.config.travel import most_turns
+from twind.config.yaml_tree import ConfigError
 from twind.robot.transmission import back, fair, span
 
 SPEED = "velocity_limit_rad_s"
@@ -95,8 +97,7 @@ class _SlotRegistry:
         self._kinds = types.sections()
         here = [family(kind) for kind in dict.fromkeys(lines.values())]
         self._types = {
-            name: _with_follow(family_of(each.value("device", Text), here).read_type(name, each), each)
-            for name, each in self._kinds.items()
+            name: _with_follow(_read_type(name, each, here), each) for name, each in self._kinds.items()
         }
         self._lines = lines  # bus -> its kind
         self.taken: dict[str, ActuatorSlot] = {}
@@ -122,6 +123,35 @@ class _SlotRegistry:
             device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
             raise entry.refuse("bus", f"{device}; bus {bus} is of kind {self._lines[bus]}")
         return family(kind.BUS).read_slot(SlotEntry(name, bus, entry, self._kinds[kind.name], beside), kind)
+
+
+def _read_type(name: str, entry: ConfigReader, here: Sequence[DriverFamily]) -> TypeSpec:
+    """Return the type. Raises ConfigError; an unknown model or one of another bus before a wrong key."""
+    device = entry.value("device", Text)
+    driver = family_of(device, here)
+    try:
+        return driver.read_type(name, entry)
+    except ConfigError as error:
+        if error.path.endswith(".device"):
+            raise
+        if not driver.knows(device):
+            near = _nearest(device.upper(), here[0].models())
+            message = f"{device} is no known model; nearest of kind {here[0].kind}: {', '.join(near)}"
+        elif driver not in here:
+            kinds = ", ".join(each.kind for each in here)
+            message = f"{device} is for buses of kind {driver.kind}; the buses here are of kind {kinds}"
+        else:
+            raise
+        raise entry.refuse("device", message) from None
+
+
+def _nearest(device: str, models: Collection[str]) -> list[str]:
+    """Return three models whose first characters are most like the device's: it may be a short name."""
+
+    def difference(name: str) -> float:
+        return 1.0 - SequenceMatcher(None, device, name[: len(device)]).ratio()
+
+    return sorted(sorted(models), key=difference)[:3]
 
 
 def _with_follow(kind: TypeSpec, section: ConfigReader) -> TypeSpec:

@@ -49,7 +49,8 @@ def check_robot(
     cycle = budgets(robot, rate)
     zero = "calibrated" if calibration is not None else "taken at mid-encoder: not calibrated"
     lines = [
-        f"{robot.name}: {len(robot.joints)} joints, {len(robot.buses)} buses, support {robot.support}, "
+        f"{robot.name}: {_amount(len(robot.joints), 'joint', 'joints')}, "
+        f"{_amount(len(robot.buses), 'bus', 'buses')}, support {robot.support}, "
         f"poses {', '.join(robot.poses)}",
         f"description {robot.description_sha256}",
         f"counts at lower and upper limit as the joint turns; zero {zero}",
@@ -65,6 +66,10 @@ def check_robot(
         errors.extend(_unfit(joint))
         errors.extend(_out_of_turn(joint, zero_ticks, joint.actuator in known))
     return RobotReport(tuple(lines), tuple(errors))
+
+
+def _amount(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
 
 
 def _open_items(robot: RobotFile) -> list[str]:

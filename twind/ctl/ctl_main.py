@@ -25,6 +25,7 @@ from twind.command_line.verb import (
     help_text,
 )
 from twind.ctl.verb_catalog import find_verb, grouped_verbs, summary, verb_names
+from twind.version import __version__
 
 ONLY_SHOWN = frozenset({"see", "record", "connect"})  # groups of verbs whose work is their output
 
@@ -71,16 +72,16 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
         _check_remote(verb, options)
         return verb.run(options)
     except NoDaemon as error:
-        complain(options, _sockets_gone(options, error))
+        _complain(options, _sockets_gone(options, error))
         return NO_DAEMON
     except Disconnected as error:
-        complain(options, error)
+        _complain(options, error)
         return NO_DAEMON
     except (NotCarried, UsageError) as error:
-        complain(options, error)
+        _complain(options, error)
         return USAGE
     except (ClientError, Rejected) as error:
-        complain(options, error)
+        _complain(options, error)
         return REFUSED
     except BrokenPipeError:
         discard_output()
@@ -93,10 +94,20 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
 
         if error.errno not in UNWRITABLE:
             raise
-        complain(options, Rejected(f"{error.filename or 'a file'} cannot be written: {unwritten(error)}"))
+        _complain(options, Rejected(f"{error.filename or 'a file'} cannot be written: {unwritten(error)}"))
         return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _complain(options: argparse.Namespace, error: Exception) -> None:
+    """Print an error; commands in it reach the daemon of this call."""
+    if options.socket is None:
+        complain(options, error)
+        return
+    from twind.ctl.hint_options import command_hint  # only an error of a named daemon pays for it
+
+    complain(options, error, command_hint(options).prose)
 
 
 def _sockets_gone(options: argparse.Namespace, error: NoDaemon) -> NoDaemon:
@@ -137,6 +148,7 @@ def _verb_name(given: Sequence[str]) -> str | None:
 
 def _program_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="twindctl", description="Control and observe a twind daemon.")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     add_common_options(parser, None)
     return parser
 

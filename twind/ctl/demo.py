@@ -62,11 +62,13 @@ def run(options: argparse.Namespace) -> int:
         signal.signal(number, _interrupt)
     if options.walk and find_spec("onnxruntime") is None:
         raise UsageError(f"--walk needs onnxruntime: {how_to_add('policy')}")
+    robot = WALKER if options.walk else options.robot
+    _require_robot(robot)
     until = None if options.seconds is None else time.monotonic() + options.seconds
     with (
         tempfile.TemporaryDirectory(prefix="twind-demo-") as folder,
         viewer(folder, _end_with_us),
-        _daemon(folder, WALKER if options.walk else options.robot) as daemon,
+        _daemon(folder, robot) as daemon,
     ):
         _await_robot(folder, daemon)
         with Client(folder) as client:
@@ -80,6 +82,18 @@ def run(options: argparse.Namespace) -> int:
         _lower(folder)
     print("done      torque is off, the daemon has ended")
     return DONE
+
+
+def _require_robot(name: str) -> None:
+    """Read the robot before anything is started. Raises Rejected."""
+    from twind.config.daemon_settings import load_settings
+    from twind.config.robot_file import load_robot
+    from twind.config.yaml_tree import ConfigError
+
+    try:
+        load_robot(name, load_settings(None).robot_folders)
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
 
 
 def _show_motions(client: Client, folder: str, until: float | None) -> None:

@@ -9,16 +9,19 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
+from threading import Event
 from types import FrameType
 from typing import Any
 
-from twind.client import Client, ClientError
+from twind.client import Client, ClientError, Disconnected
 from twind.client.errors import finding_lines
 from twind.client.move_duration import present_goals, slow_duration
 from twind.command_line.progress import ProgressLine
+from twind.command_line.text_table import fixed_number
 from twind.command_line.trajectory_files import load_motion, read_trajectory
 from twind.command_line.verb import (
     DONE,
+    INTERRUPTED,
     REFUSED,
     FunctionVerb,
     UsageError,
@@ -27,9 +30,14 @@ from twind.command_line.verb import (
     remote_robot,
     show,
 )
+from twind.robot.finding import ReasonCode
+from twind.robot.recovery_steps import reported_torque
 from twind.robot_client.require_armed import stopped_text
+from twind_drivers.clock import MonotonicClock
 
 SHOWN = 6  # joints in one line
+CUT = 0.5  # s within which `estop --cut` has switched torque off
+PAUSE = 0.05  # s between two questions
 # why a motion takes longer than its path; other codes are shown alone
 CAUSES = {
     "LOOKAHEAD_COLLISION": "slowed near other bodies",
@@ -37,6 +45,11 @@ CAUSES = {
     "OVERTEMP": "slowed for a hot motor",
     "LOOP_LATE": "ticks were missed",
 }
+# what may still move when the connection ends in a motion
+LOST = (
+    "if the daemon died, servos with a watchdog stop by it and others drive on to their last goal: "
+    "keep clear; then `twindctl status`, and for the cause `journalctl -u twind` or its terminal"
+)
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
@@ -126,33 +139,48 @@ def _run(client: Client, trajectories: Sequence[dict[str, Any]], options: argpar
     done = True
     last: dict[str, Any] = {}
     place = ""
+    interrupted = Event()
     with lease(client, take=options.take):
         for trajectory in trajectories:
             asked = {**trajectory, "policy": "retime"} if options.retime else trajectory
-            last = _follow(client, asked, options)
-            done = last.get("phase") == "succeeded"
+            last = _follow(client, asked, options, interrupted)
+            done = last.get("phase") == "succeeded" and not interrupted.is_set()
             if not done:
                 place = _place_text(client, trajectory.get("joint_names") or ())
                 break
+    code = DONE if done else INTERRUPTED if interrupted.is_set() else REFUSED
     if options.json:
-        return DONE if done else REFUSED
+        return code
     for line in finding_lines(last.get("findings") or (), str(last.get("phase"))):
         print(line, file=sys.stderr)
     show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}{longer_text(last)}{place}")
-    return DONE if done else REFUSED
+    return code
 
 
 def _place_text(client: Client, joints: Sequence[str]) -> str:
     """Return where these joints are now, and the steps of a stopped robot; empty: they are unknown."""
     answer: Mapping[str, Any] = {}
     with contextlib.suppress(ClientError):
-        answer = client.call("GetStatus", joints=True)
+        answer = _status_after_stop(client)
     at = {row["name"]: row["position"] for row in answer.get("joints") or ()}
-    known = [f"{name} {at[name]:.3f}" for name in joints if at.get(name) is not None]
+    known = [f"{name} {fixed_number(at[name], 3, '')}" for name in joints if at.get(name) is not None]
     rest = ", ..." if len(known) > SHOWN else ""
     place = f"; now at {', '.join(known[:SHOWN])}{rest} rad" if known else ""
     stop = stopped_text(answer["status"]) if answer.get("status") else ""
     return place + (f"\n{stop}" if stop else "")
+
+
+def _status_after_stop(client: Client) -> Mapping[str, Any]:
+    """Return the status with joints; after an e-stop not before torque is off, for `CUT` s at most."""
+    clock = MonotonicClock()
+    deadline = clock.now() + CUT
+    while True:
+        answer: Mapping[str, Any] = client.call("GetStatus", joints=True)
+        status = answer.get("status") or {}
+        stopped = ReasonCode.ESTOP in (status.get("latched") or ())
+        if not stopped or not reported_torque(status) or clock.now() >= deadline:
+            return answer
+        clock.sleep_until(clock.now() + PAUSE)
 
 
 def longer_text(last: dict[str, Any]) -> str:
@@ -168,22 +196,28 @@ def longer_text(last: dict[str, Any]) -> str:
     return f"; {stretch:.1f} s late: {reasons}"
 
 
-def _follow(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
+def _follow(
+    client: Client, trajectory: dict[str, Any], options: argparse.Namespace, interrupted: Event
+) -> dict[str, Any]:
     """The last report. Ctrl-C cancels, and the robot holds; a second one hangs up, which holds as well."""
     last: dict[str, Any] = {}
     client.timeout = 130.0  # a start may lie 60 s ahead, and nothing is reported until then
-    with _interruptible(options), ProgressLine(options, options.verb) as progress:
-        for report in client.stream("SubmitTrajectory", trajectory=trajectory):
-            last = report
-            _report(report, options, progress)
+    with _interruptible(options, interrupted), ProgressLine(options, options.verb) as progress:
+        try:
+            for report in client.stream("SubmitTrajectory", trajectory=trajectory):
+                last = report
+                _report(report, options, progress)
+        except Disconnected as error:
+            raise Disconnected(f"{error}\n{LOST}") from None
     return last
 
 
 @contextlib.contextmanager
-def _interruptible(options: argparse.Namespace) -> Iterator[None]:
+def _interruptible(options: argparse.Namespace, interrupted: Event) -> Iterator[None]:
     """The first Ctrl-C asks the loop to hold, on a connection of its own, and lets the reports end."""
 
     def cancel(_number: int, _frame: FrameType | None) -> None:
+        interrupted.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         print("\ncancelling: the robot holds", file=sys.stderr)
         with operator(options) as other:

@@ -1,6 +1,7 @@
 """Verbs of one call: mode, arm, disarm, reset, stop, mark, dump, register, reboot. Standard library only."""
 
 import argparse
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +20,11 @@ from twind.command_line.verb import (
     write_register,
 )
 from twind.robot.modes import RobotState
+
+GOES_ON = (
+    "\nthe daemon goes on disarming: the robot moves to its rest pose, then torque is off; "
+    "`twindctl status` shows it, `twindctl estop --cut` switches torque off at once: the robot may fall"
+)
 
 
 def _mode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +64,14 @@ def _arm(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _disarm(options: argparse.Namespace) -> int:
+    try:
+        return one_call("Disarm", lambda _, answer: f"disarmed: {_state(answer)}")(options)
+    except KeyboardInterrupt:
+        print(GOES_ON, file=sys.stderr)
+        raise
+
+
 def _reset_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codes", nargs="*", metavar="CODE", help="faults to acknowledge (default: all)")
 
@@ -79,6 +93,12 @@ def _annotation(options: argparse.Namespace) -> dict[str, object]:
     return given | {"text": " ".join(given["text"]) if given["text"] else None}
 
 
+def _marked(options: argparse.Namespace, answer: Mapping[str, Any]) -> str:
+    # An older daemon does not say whether an episode was open.
+    none = options.kind == "end" and answer.get("was_open") is False
+    return f"marked: {options.kind}" + ("; no episode was open: `twindctl mark begin TASK`" if none else "")
+
+
 def _dump_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="part of the file's name (default DUMP)")
 
@@ -97,7 +117,7 @@ DISARM = FunctionVerb(
     "drive",
     "Settle to the rest pose, then switch torque off.",
     no_arguments,
-    one_call("Disarm", lambda _, answer: f"disarmed: {_state(answer)}"),
+    _disarm,
 )
 RESET = FunctionVerb(
     "drive",
@@ -105,7 +125,7 @@ RESET = FunctionVerb(
     _reset_arguments,
     one_call(
         "Reset",
-        lambda _, answer: f"reset: {_state(answer)}",
+        lambda _, answer: f"reset: done; {_state(answer)}",
         lambda options: {"codes": options.codes or None},
     ),
 )
@@ -120,7 +140,7 @@ MARK = FunctionVerb(
     "record",
     "Mark an episode in recordings: begin TASK, end, note TEXT.",
     _mark_arguments,
-    one_call("Mark", lambda options, _: f"marked: {options.kind}", _annotation),
+    one_call("Mark", _marked, _annotation),
 )
 DUMP = FunctionVerb(
     "record",

@@ -1,5 +1,6 @@
 """Subject: the USB adapter of a serial port. Latency timer, suspension, hubs, baud rate, measured latency."""
 
+import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -109,8 +110,13 @@ def check_usb(context: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def check_rates(context: CheckContext) -> Iterator[DoctorFinding]:
-    """BAUD_UNSUPPORTED: by the driver of the adapter, and on a free port by the kernel."""
+    """BAUD_UNSUPPORTED: by the driver of the adapter, and on a free port by the kernel.
+
+    A missing port has no rate; PORT_MISSING reports it.
+    """
     for node in port_devices(context):
+        if not os.path.exists(node.path):
+            continue
         driver = (context.host.sys / "class/tty" / node.tty / "device/driver").resolve().name
         most = FASTEST.get(driver)
         if most is not None and node.baud > most:

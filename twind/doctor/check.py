@@ -102,6 +102,7 @@ class DoctorFinding:
     fix: Fix | None = None  # None: `--fix` leaves it alone
     advice: str = ""  # what to do beside or without a command; "": the remedy of the row
     severity: Severity | None = None  # None: that of the row
+    caution: str | None = None  # None: that of the row; "": none is needed
 
 
 class CheckNotApplicable(TwindError):
@@ -111,6 +112,11 @@ class CheckNotApplicable(TwindError):
 def severity_of(found: DoctorFinding, rows: Mapping[str, Check]) -> Severity:
     """Return the severity of a finding: its own, else that of its row."""
     return found.severity or rows[found.code].severity
+
+
+def caution_of(found: DoctorFinding, rows: Mapping[str, Check]) -> str:
+    """Return the caution of a finding: its own, else that of its row."""
+    return rows[found.code].caution if found.caution is None else found.caution
 
 
 def merge_findings(found: Iterable[DoctorFinding]) -> Iterator[DoctorFinding]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from twind.ctl.hint_options import HintOptions
-from twind.doctor.check import MANY, Check, Devices, DoctorFinding, Fix, Severity, severity_of
+from twind.doctor.check import MANY, Check, Devices, DoctorFinding, Fix, Severity, caution_of, severity_of
 from twind.doctor.runner import DoctorReport, FixResult
 
 OTHERS = ("PORT_HELD",)  # codes whose commands ask another daemon than that of this call
@@ -97,7 +97,7 @@ def data(
                 "expected": found.expected or None,
                 "why": rows[found.code].why,
                 "remedy": found.advice or rows[found.code].remedy,
-                "caution": rows[found.code].caution or None,
+                "caution": caution_of(found, rows) or None,
                 "command": found.command or None,
                 "fix": None if found.fix is None else str(found.fix),
                 "because_of": outcome.because.get(place),
@@ -166,8 +166,8 @@ def _finding(
     body.append(f"why it matters: {row.why}")
     if because is not None:
         body.append(f"probably because of {because}, above")
-    if row.caution:
-        body.append(f"first: {row.caution}")
+    if caution := caution_of(found, {found.code: row}):
+        body.append(f"first: {caution}")
     command = (
         "" if found.fix is not None and found.command == by_fix else found.command
     )  # it follows below, once

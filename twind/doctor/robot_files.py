@@ -62,7 +62,9 @@ def check_files(context: CheckContext) -> Iterator[DoctorFinding]:
             advice = f"name an existing file; a relative path starts at {Path.cwd()}"
         if _is_calibration(context, error.file):
             advice = "restore this robot's file (`individual:` of the settings names it), or calibrate again"
-        yield DoctorFinding("FILE_REFUSED", place, text, advice=advice)
+        # A file that is not there has no wrong zeros or limits.
+        caution = "" if error.absent else None
+        yield DoctorFinding("FILE_REFUSED", place, text, advice=advice, caution=caution)
 
 
 def check_model(context: CheckContext) -> Iterator[DoctorFinding]:

@@ -23,6 +23,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     ReasonCode.KEEP_OUT: ("clearance", "m"),
     ReasonCode.FLOOR: ("clearance", "m"),
     ReasonCode.LEAD_LIMIT: ("lead", "rad"),
+    ReasonCode.RETIMED: ("factor", ""),
     ReasonCode.LOOKAHEAD_COLLISION: ("clearance", "m"),
 }
 # Codes whose message states value and bound beside their subject.

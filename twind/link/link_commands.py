@@ -184,7 +184,7 @@ class Annotation(msgspec.Struct, frozen=True):
 
 
 class Mark(Command, frozen=True, kw_only=True):
-    """Report this as an event, for the log and all recordings. Reply: {sequence}."""
+    """Report this as an event, for log and recordings. Reply: {sequence}, of an end {was_open} too."""
 
     annotation: Annotation
 

@@ -12,7 +12,7 @@ from twind.manual.argument_parsers import HELP, arguments, option_names, program
 START = """\
 # Commands
 
-The verbs of `twindctl`, by group, and the other programs. `twindctl VERB --help` and the manual
+`twindctl`, by group, and the other programs. `twindctl VERB --help` and the manual
 pages, which `make install` writes, explain the arguments.
 `python -m twind.manual.write_cli_page docs/cli.md` writes this page."""
 
@@ -23,7 +23,8 @@ def cli_page() -> str:
     control = parsers.pop("twindctl")
     verbs = subcommands(control)
     common = option_names(control)
-    blocks = [START, f"Every verb also takes {_names(control, HELP)}, before or after its name."]
+    shared = _names(control, HELP | {"--version"})
+    blocks = [START, f"The help of a verb lists which of {shared} it takes, before or after it."]
     for group, members in grouped_verbs().items():
         rows = [(name, _arguments(verbs[name], common), summary(verb)) for name, verb in members.items()]
         blocks.append(f"## {group.capitalize()}\n\n{_table('verb', rows)}")

@@ -20,6 +20,7 @@ from twind.observe.recording.flight_monitor_messages import answers, news, wire
 from twind.observe.recording.flight_reader import wall_offset
 from twind.observe.recording.foreign_content import refuse_foreign_content
 from twind.observe.recording.recording_topics import WIRE
+from twind.observe.recording.unopened_file import unopened
 from twind.observe.recover import recover
 from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
 from twind.observe.writing.record_file import RecordFile
@@ -55,13 +56,17 @@ def export(path: Path, out: Path, *, ros: bool = False) -> int:
         with open_plain(path) as file:
             flight = file.read(5) == b"twind"
         with refuse_foreign_content(path):
-            return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
+            return _export_flight(path, out, ros) if flight else _recovered(path, out, ros=ros)
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
-        raise Rejected(f"{out}: is there already, and is never written over; name another file") from None
+        raise Rejected(f"{out}: is there already, and is never written over; name another OUT.mcap") from None
     except OSError as error:
-        raise Rejected(f"{error.filename or out}: {error.strerror}") from None
+        raise unopened(Path(error.filename or out), error) from None
+
+
+def _recovered(path: Path, out: Path, *, ros: bool) -> int:
+    return recover(path, out, ros=ros, other="OUT.mcap").messages
 
 
 def _export_flight(path: Path, out: Path, ros: bool) -> int:

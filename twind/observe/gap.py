@@ -54,13 +54,13 @@ def run(options: argparse.Namespace) -> int:
     from twind.exceptions import InvalidInput
 
     try:
-        gaps, source = _live(options) if options.live else _of_file(options)
+        gaps, source, state = _live(options) if options.live else (*_of_file(options), "")
     except InvalidInput as error:
         raise Rejected(f"{options.file or 'the daemon'}: {error}") from None
     show(
         options,
         {"source": source, "joints": [asdict(each) for each in gaps], "total": _totals(gaps)},
-        "\n".join(_lines(gaps)),
+        "\n".join(table_lines(gaps, state)),
     )
     return DONE
 
@@ -77,11 +77,16 @@ def _of_file(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
     return _gaps(samples, _binding(options, recording.robot, recording.mjcf)), str(options.file)
 
 
-def _live(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
+def _live(options: argparse.Namespace) -> "tuple[list[JointGap], str, str]":
     from twind.observe.measuring.measured_motion import received_motion, require_sent_goals
+    from twind.robot.recovery_steps import not_armed_text
+    from twind.robot_client.require_armed import stopped_text
 
     with observer(options) as client:
         known = client.call("GetRobot")
+        status = client.call("GetStatus")["status"]
+        if stopped := stopped_text(status):
+            raise Rejected(f"{stopped}; without a motion there is no gap")
         require_sent_goals(known["robot"])
         messages: list[Any] = []
         for message in client.stream("Monitor", topics=["state"], rate=FASTEST):
@@ -90,7 +95,8 @@ def _live(options: argparse.Namespace) -> "tuple[list[JointGap], str]":
                 raise Rejected(f"mode {message['mode']}: no goal reaches a robot, so there is no gap")
             if message["time"] - messages[0]["time"] >= options.seconds:
                 break
-    return _gaps(received_motion(messages), _binding(options, known["robot"], known["mjcf"])), "live"
+    state = "" if status["armed"] else f"; {not_armed_text(status['state'])}"
+    return _gaps(received_motion(messages), _binding(options, known["robot"], known["mjcf"])), "live", state
 
 
 def _binding(options: argparse.Namespace, robot: Any, mjcf: str | None) -> "Binding":
@@ -142,7 +148,8 @@ def _totals(gaps: "list[JointGap]") -> dict[str, Any]:
     return {quantity: None if each is None else asdict(each) for quantity, each in found.items()}
 
 
-def _lines(gaps: "list[JointGap]") -> list[str]:
+def table_lines(gaps: "list[JointGap]", state: str = "") -> list[str]:
+    """Return a row for each joint and what the total means; the latter and `state` where none moved."""
     from twind.gap.gap_figures import total_gap
 
     head = [text for unit, _ in UNITS.values() for text in (unit, "spread", "unexpl.")]
@@ -152,6 +159,8 @@ def _lines(gaps: "list[JointGap]") -> list[str]:
         note = "" if gap.position else "no usable samples" if not gap.samples else "moved too little"
         rows.append((gap.joint, f"{gap.moved:.3f} rad", f"{gap.delay * 1e3:.0f} ms", *cells, note))
     total = total_gap(gaps)
+    if not any(gap.position for gap in gaps):
+        return [_meaning(total) + state]
     cells = [cell for quantity in UNITS for cell in _cells(total_gap(gaps, quantity), quantity)]
     rows.append(("total", "", "", *cells, ""))
     return [*align_columns(rows, (0, len(rows[0]) - 1)), _meaning(total)]

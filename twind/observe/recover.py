@@ -80,12 +80,17 @@ def run(options: argparse.Namespace) -> int:
 
 
 def recover(
-    path: Path, out: Path | None = None, *, ros: bool = False, tell: Callable[[float], None] = lambda _: None
+    path: Path,
+    out: Path | None = None,
+    *,
+    ros: bool = False,
+    tell: Callable[[float], None] = lambda _: None,
+    other: str = "file with --out",
 ) -> RecoveryResult:
     """Write all that is whole of `path` to `out`; nothing if it is whole and no `out` is named.
 
     `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
-    `tell`: receives the completed share, 0..1, now and then.
+    `tell`: receives the completed share, 0..1, now and then. `other`: what names another file.
     Raises Rejected: no MCAP file, an empty one, or `out` exists.
     """
     target = out if out is not None else path.with_name(f"{path.stem}-recovered{path.suffix}")
@@ -99,7 +104,7 @@ def recover(
     except (KeyError, ValueError) as error:
         raise Rejected(f"{path}: it is not as MCAP files are ({type(error).__name__}: {error})") from None
     except FileExistsError:
-        raise Rejected(f"{target}: is there already; name another file with --out") from None
+        raise Rejected(f"{target}: is there already; name another {other}") from None
     except OSError as error:
         raise Rejected(f"{error.filename or target}: {error.strerror}") from None
 

@@ -80,13 +80,15 @@ def run(options: argparse.Namespace) -> int:
     if options.view:
         return _view(options)
     path = Path(options.file)
-    flight = _load(path)
+    flight = load_flight(path)
     robot = None if options.robot is None else Path(options.robot)
     return _report(options, flight, _play(path, flight, robot, options.last, realtime=options.realtime))
 
 
-def _load(path: Path) -> "LoadedFlight":
+def load_flight(path: Path) -> "LoadedFlight":
+    """Return the flight file. Raises UsageError (a recording), Rejected (no such file, not readable)."""
     from twind.flight import load
+    from twind.observe.recording.unopened_file import unopened
 
     if path.suffix == ".mcap":
         raise UsageError(
@@ -95,7 +97,7 @@ def _load(path: Path) -> "LoadedFlight":
     try:
         return load(path)
     except OSError as error:
-        raise Rejected(f"{path}: {error.strerror}; `twindctl dump` prints where its file is") from None
+        raise unopened(path, error) from None
     except InvalidInput as error:
         raise Rejected(str(error)) from None
 
@@ -209,7 +211,11 @@ def _report(options: argparse.Namespace, flight: "LoadedFlight", played: ReplayR
         "doubts": doubts,
         "differences": found,
     }
-    lines = (*_head(options.file, flight, played), *_verdict(played, found, doubts, open_))
+    lines = (
+        *_head(options.file, flight, played),
+        *_verdict(played, found, doubts, open_),
+        *_details(played, differ=bool(found)),
+    )
     show(options, told, "\n".join(map(harmless, lines)))
     return REFUSED if found or doubts else DONE
 
@@ -230,15 +236,12 @@ def _head(file: str, flight: "LoadedFlight", played: ReplayResult) -> Iterator[s
     seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
     yield f"played {seconds:.1f} s; {played.verbatim:.0%} of the questions had their recorded answers"
-    yield from (f"not asked again: {what}" for what in score.left_out)
-    yield from _outcome("recorded", score.recorded)
 
 
 def _verdict(
     played: ReplayResult, found: Sequence[str], doubts: Sequence[str], open_: Sequence[str]
 ) -> Iterator[str]:
     if found:
-        yield from _outcome("replayed", played.outcome)
         yield "different:"
         yield from (f"  {each}" for each in found)
     elif doubts:
@@ -254,6 +257,13 @@ def _verdict(
         else "every tick"
     )
     yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
+
+
+def _details(played: ReplayResult, *, differ: bool) -> Iterator[str]:
+    yield from (f"not asked again: {what}" for what in played.asked.left_out)
+    yield from _outcome("recorded", played.asked.recorded)
+    if differ:
+        yield from _outcome("replayed", played.outcome)
 
 
 def _outcome(what: str, outcome: "RunOutcome") -> Iterator[str]:

@@ -232,13 +232,14 @@ class Robot:
         """Move joints to goals along a smooth path and stop there; return when they are there.
 
         `time`: s; without it slow, by the longest way. `retime`: slow down what is too fast, instead of
-        refusing it. Raises Refused: the gate refused; MotionFailed: it was stopped or replaced; ClientError.
+        refusing it. Raises Refused: the gate refused; MotionFailed: it was stopped or replaced; ClientError;
+        InvalidInput: a goal is no number.
         """
         stops = self._connection.stops
         if not goals:
             raise InvalidInput("move: no goals")
         scale = radians(1.0) if degrees else 1.0
-        wanted = {name: float(goal) * scale for name, goal in goals.items()}
+        wanted = {name: _number(name, goal) * scale for name, goal in goals.items()}
         if time is None:
             rows = self._connection.call("GetStatus", joints=True)["joints"]
             time = slow_duration(wanted, goals_of(rows))
@@ -377,6 +378,14 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"<twind.Robot {self.name} at {self._connection.client.path}>"
+
+
+def _number(joint: str, goal: float) -> float:
+    """Return the goal of a joint. Raises InvalidInput: it is no number."""
+    try:
+        return float(goal)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"move: {joint}: {goal!r} is no number") from None
 
 
 def _is_armed(status: Mapping[str, Any]) -> bool:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from html import escape
 from math import degrees
@@ -33,6 +34,14 @@ class JointReading:
     def degrees(self) -> float | None:
         """Position in degrees."""
         return None if self.position is None else degrees(self.position)
+
+
+class ReadingsByName(dict[str, JointReading]):
+    """Joint by name; an unknown name is a KeyError that lists the near ones."""
+
+    def __missing__(self, name: str) -> JointReading:
+        near = get_close_matches(str(name), self, 3, cutoff=0.4) or list(self)
+        raise KeyError(f"no joint {name!r}; there are {', '.join(near)}")
 
 
 @dataclass(frozen=True)
@@ -80,7 +89,7 @@ class RobotSnapshot:
     @cached_property
     def joints(self) -> Mapping[str, JointReading]:
         """Joint by name."""
-        return {row["name"]: _joint(row) for row in self.message.rows}
+        return ReadingsByName({row["name"]: _joint(row) for row in self.message.rows})
 
     def __str__(self) -> str:
         """Return a table of the joints as text."""

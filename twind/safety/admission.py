@@ -7,7 +7,7 @@ from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import RESET_STATES, Mode, Motion, RobotState
 from twind.robot.recovery_steps import codes_text, next_text, not_armed_text
 from twind.safety.gate_types import GateSnapshot, GateThresholds
-from twind.safety.headroom import headroom
+from twind.safety.headroom import headroom, is_unread
 
 
 def admit(
@@ -28,11 +28,12 @@ def admit(
             reason = f"state is {snapshot.state}" if stopped else not_armed_text(snapshot.state)
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _limp(snapshot, commanded) + _calibration(snapshot, commanded)
-        refusals += _freshness(snapshot, commanded, thresholds)
+        silent = _freshness(snapshot, commanded, thresholds)
+        refusals += silent
         late, warnings = _latency(snapshot, thresholds)
         refusals += late
         if not (setpoint and snapshot.motion is Motion.STREAMING):
-            refusals += _room(snapshot, commanded, thresholds)
+            refusals += _of_readings(_room(snapshot, commanded, thresholds), silent)
     return Verdict(tuple(refusals), tuple(warnings))
 
 
@@ -50,9 +51,10 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
         refusals.append(Finding(ReasonCode.NO_JOINTS, message="no joint to arm"))
     # limp joints too: the others must not be driven into them, wherever they are
     everyone = np.ones_like(chosen)
-    refusals += _calibration(snapshot, everyone) + _freshness(snapshot, everyone, thresholds)
+    silent = _freshness(snapshot, everyone, thresholds)
+    refusals += _calibration(snapshot, everyone) + silent
     late, warnings = _latency(snapshot, thresholds)
-    room = _room(snapshot, chosen, thresholds)
+    room = _of_readings(_room(snapshot, chosen, thresholds), silent)
     return Verdict((*refusals, *late, *room, *snapshot.bars), tuple(warnings))
 
 
@@ -140,6 +142,12 @@ def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[F
         elif not value <= warn:
             warnings.append(Finding(ReasonCode.LATENCY_WARN, value=value, bound=warn, message=reason))
     return refusals, warnings
+
+
+def _of_readings(room: list[Finding], silent: list[Finding]) -> list[Finding]:
+    """Return the findings without those that only say that a silent joint was not read (HW_DISCONNECTED)."""
+    joints = {finding.joint for finding in silent}
+    return [each for each in room if each.joint not in joints or not is_unread(each)]
 
 
 def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:

@@ -213,7 +213,8 @@ def _spot(
 ) -> WorstPoint:
     """Return a finding at a knot or after it, in joints of the robot and points of the path."""
     point = max(knot - subject.offset, 0)
-    finding = Finding(code, int(subject.joints[joint]), point, t, value=numbers[0], bound=numbers[1])
+    where = "on the way to this point" if knot < subject.offset and t > 0.0 else ""
+    finding = Finding(code, int(subject.joints[joint]), point, t, numbers[0], numbers[1], where)
     return WorstPoint(finding, float(np.inf if np.isnan(score) else score))
 
 

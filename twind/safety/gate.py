@@ -128,9 +128,11 @@ def _slices(
     if demand.policy == "retime" and _slower_heals(spots):
         slower = yield from _stretching(path, spots, before, limits, thresholds, step)
         if slower is not None:
+            cause = retime.slowest(spot.finding for spot in spots.values())
+            times = f"{slower[0].time[-1]:.2f} s instead of {path.time[-1]:.2f} s"
+            reason = f"the whole path slowed down by this factor, to {times}, for {cause.code}"
             path, spots, factor = slower
-            reason = "the whole path slowed down by this factor"
-            changes.append(Finding(ReasonCode.RETIMED, value=factor, bound=1.0, message=reason))
+            changes.append(Finding(ReasonCode.RETIMED, cause.joint, value=factor, bound=1.0, message=reason))
     refusals += _worst(spots, ReasonCode.POS_LIMIT)
     refusals += _start_jump(path, snapshot.reference, limits, thresholds)
     too_fast = [finding for code in retime.HEALED for finding in _worst(spots, code)]
@@ -270,8 +272,8 @@ def _with_needed_time(findings: list[Finding], path: Trajectory, before: Referen
     seconds = float(path.time[-1]) * retime.needed(findings)
     if moving or not 0.0 < seconds < inf:
         return findings
-    text = f"; the whole path needs {ceil(seconds * 100.0) / 100.0:.2f} s"
-    return [replace(each, message=each.message + text) for each in findings]
+    text = f"the whole path needs {ceil(seconds * 100.0) / 100.0:.2f} s"
+    return [replace(each, message=f"{each.message}; {text}" if each.message else text) for each in findings]
 
 
 def _worst(spots: Spots, code: ReasonCode) -> Iterable[Finding]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 
 import numpy as np
 
@@ -10,6 +11,11 @@ from twind.robot.arrays import Bools, Floats, Ints, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 
 UNREAD = "not read yet; retry in half a second"
+
+
+def is_unread(finding: Finding) -> bool:
+    """Check that a finding of `headroom` states no value that was read lately."""
+    return finding.value is None or isnan(finding.value)
 
 
 @dataclass(frozen=True, slots=True)

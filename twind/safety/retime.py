@@ -35,6 +35,11 @@ def needed(findings: Iterable[Finding], first: bool = True) -> float:
     return factor * (1.0 + NUDGE)
 
 
+def slowest(findings: Iterable[Finding]) -> Finding:
+    """Return the finding that asks for the largest stretch. Raises ValueError: none asks for one."""
+    return max((each for each in findings if each.code in HEALED), key=lambda each: needed([each]))
+
+
 def with_stop(
     path: Trajectory, limits: JointLimits, thresholds: GateThresholds
 ) -> tuple[Trajectory, list[Finding]]:

@@ -124,7 +124,8 @@ def soles_of(binding: Binding, stance: Floats) -> tuple[Sole, Sole]:
     found = StandingFeet(binding, model, data).soles() if binding.floating else []
     if len(found) != 2:
         raise InvalidInput(
-            f"{binding.robot.path}: to walk a robot needs `support: free` and two feet; {len(found)} found"
+            f"{binding.robot.path}: to walk a robot needs `support: free` and two feet, as h24-standing; "
+            f"{len(found)} found"
         )
     data.qpos[binding.qpos] = stance
     mujoco.mj_kinematics(model, data)

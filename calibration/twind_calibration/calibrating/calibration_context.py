@@ -5,7 +5,7 @@ therefore writes the file that the daemon will read.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import nan
@@ -81,11 +81,19 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
         if path.suffix != ".yaml":
             raise UsageError(f"--calibration {options.calibration}: a calibration file is named NAME.yaml")
         return CalibrationContext(robot, path, named=True, rate_hz=rate)
+    path = _path(parameters, robot.name)
+    return CalibrationContext(robot, path, named=bool(parameters.get("calibration")), rate_hz=rate)
+
+
+def calibration_path(client: Client, robot_name: str) -> Path:
+    """Return the calibration file of the daemon, which need not exist yet. Raises ClientError."""
+    return _path(client.call("GetParameters")["parameters"], robot_name)
+
+
+def _path(parameters: Mapping[str, Any], robot_name: str) -> Path:
     if parameters.get("calibration"):
-        return CalibrationContext(robot, Path(parameters["calibration"]), named=True, rate_hz=rate)
-    individual = parameters.get("individual") or robot.name
-    path = usual_calibration(Path(parameters["state_dir"]), individual)
-    return CalibrationContext(robot, path, named=False, rate_hz=rate)
+        return Path(parameters["calibration"])
+    return usual_calibration(Path(parameters["state_dir"]), parameters.get("individual") or robot_name)
 
 
 def _robot(answer: dict[str, Any]) -> RobotFile:

@@ -2,16 +2,20 @@
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from twind.client import Client
+from twind.client import Client, ClientError
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.counts import rad_per_tick
+from twind.config.daemon_settings import VIRTUAL_FOLDER
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.robot_file_edit import RobotFileEdit
+from twind_calibration.calibrating.calibration_context import calibration_path
 from twind_calibration.drafting.robot_steps import SUPPORTS
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.clock import MonotonicClock
@@ -33,6 +37,8 @@ def finish(options: argparse.Namespace) -> int:
     described = read(options)
     task = FinishTask(described, RobotFileEdit(described.robot.path), _ask)
     task.settle_answers(options.support, no_watchdog=options.no_watchdog)
+    if task.todo:
+        task.described = with_calibration_of_daemon(described, options)
     signs = task.open_joints("sign")
     if signs:
         with observer(options) as client:
@@ -49,6 +55,29 @@ def finish(options: argparse.Namespace) -> int:
         path = task.robot.path
         print(f"nothing is open; next: `twindctl check robot {path}`, then restart the daemon in mode live")
     return REFUSED if task.todo else DONE
+
+
+def with_calibration_of_daemon(described: RobotDescription, options: argparse.Namespace) -> RobotDescription:
+    """Return the description with the calibration file that a daemon of this robot reads and writes.
+
+    Unchanged where --calibration names the file, or no daemon of this robot answers. Raises Rejected: its
+    servos are virtual.
+    """
+    if options.calibration:
+        return described
+    try:
+        with observer(options) as client:
+            if Path(client.call("GetRobot")["robot"]["path"]).resolve() != described.robot.path.resolve():
+                return described
+            path = calibration_path(client, described.robot.name)
+    except ClientError:
+        return described
+    if path.parent.name.startswith(VIRTUAL_FOLDER):
+        raise Rejected(
+            f"the daemon runs virtual servos, with their own calibration {path}: end it; this measures the "
+            f"robot itself, with `twind --mode mirror --robot {described.robot.path}` and its ports"
+        )
+    return replace(described, calibration=path)
 
 
 def _ask(question: str) -> str:

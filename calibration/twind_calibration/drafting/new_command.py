@@ -195,7 +195,12 @@ def _text(result: Mapping[str, Any]) -> str:
     if any(each.endswith(".watchdog") for each in result["todo"]):  # not even a virtual servo is armed
         steps.append(f"twindctl robot finish --no-watchdog --robot {file}")
     else:
-        steps += [f"twind --virtual --mode live --robot {file}", f"twindctl robot finish --robot {file}"]
+        steps.append(f"twind --virtual --mode live --robot {file}   # a trial on virtual servos; then end it")
+    finish = f"twindctl robot finish --robot {file}"
+    steps.append(f"twind --mode mirror --robot {file} --port [BUS=]PORT   # the robot itself, limp")
+    if any(each.endswith(".sign") for each in result["todo"]):
+        steps.append(f"{finish}   # then restart the daemon")
+    steps += ["twindctl calibrate sweep", "twindctl calibrate zero", finish]
     lines.append(f"next: {steps[0]}")
     lines += [f"      {each}" for each in steps[1:]]
     return "\n".join(lines)

@@ -67,6 +67,27 @@ def test_virtual_servos_are_no_next_step_before_watchdogs_are_settled(
     assert "twind --virtual --mode live" in capsys.readouterr().out
 
 
+def test_the_next_steps_end_with_the_robot_itself_and_its_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215", "--support", "fixed", "--no-watchdog")
+    file = tmp_path / "arm" / "arm.yaml"
+    told = capsys.readouterr().out.splitlines()
+    steps = [each.removeprefix("next:").partition("#")[0].strip() for each in told[-6:]]
+    assert steps[2:] == [
+        f"twind --mode mirror --robot {file} --port [BUS=]PORT",
+        "twindctl calibrate sweep",
+        "twindctl calibrate zero",
+        f"twindctl robot finish --robot {file}",
+    ]
+
+
+def test_the_help_of_a_step_keeps_its_paragraphs(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["robot", "new", "--help"])
+    assert "a model\n\nSources are" in capsys.readouterr().out
+
+
 def test_answers_leave_fewer_items_open(tmp_path: Path) -> None:
     new(tmp_path, "arm", json.dumps(LEROBOT), "--device", "STS3215", "--support", "fixed", "--no-watchdog")
     assert read_robot(tmp_path / "arm" / "arm.yaml").todo == ("poses.rest",)

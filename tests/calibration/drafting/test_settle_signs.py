@@ -1,5 +1,8 @@
-"""Signs by hand: counts that wrap on the way, a joint that is not the one, and a hand that moved too far."""
+"""Signs by hand: counts that wrap, the wrong joint, a hand that moved too far; whose calibration is read."""
 
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -7,10 +10,11 @@ import pytest
 
 from tests.support.robot_description_files import ROBOTIS
 from twind.command_line.verb import Rejected
-from twind.config.robot_file import read_robot
+from twind.config.robot_file import load_robot, read_robot
 from twind.ctl.ctl_main import main
 from twind.ctl.robot_file_edit import RobotFileEdit
-from twind_calibration.drafting.finish_command import FinishTask
+from twind_calibration.drafting import finish_command
+from twind_calibration.drafting.finish_command import FinishTask, with_calibration_of_daemon
 from twind_calibration.robot_description import RobotDescription
 
 TURN = 6.283185307179586
@@ -73,3 +77,39 @@ def test_signs_follow_answers_that_changed_the_file_in_the_same_run(tmp_path: Pa
         task.settle_signs(Positions("another file"), joints)  # type: ignore[arg-type]
     task.settle_signs(Positions(robot.text_sha256, 0.0, 0.5), joints)  # type: ignore[arg-type]
     assert read_robot(file).todo == ("joints.r_sho.limits_rad", "poses.rest")
+
+
+@pytest.mark.parametrize("named", ["desk/arm.yaml", None])
+def test_the_calibration_is_the_one_that_the_daemon_of_this_robot_reads(
+    named: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    described = _beside(tmp_path, monkeypatch, named and str(tmp_path / named))
+    found = with_calibration_of_daemon(described, argparse.Namespace(calibration=None))
+    assert found.calibration == tmp_path / (named or "state/calibration/h24.yaml")
+    chosen = with_calibration_of_daemon(described, argparse.Namespace(calibration="mine.yaml"))
+    assert chosen is described
+
+
+def test_virtual_servos_do_not_tell_the_limits_of_the_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    described = _beside(tmp_path, monkeypatch, "/tmp/twind-virtual-x/calibration.yaml")
+    with pytest.raises(Rejected, match="the daemon runs virtual servos"):
+        with_calibration_of_daemon(described, argparse.Namespace(calibration=None))
+
+
+def _beside(folder: Path, monkeypatch: pytest.MonkeyPatch, calibration: str | None) -> RobotDescription:
+    """Return what the options describe, beside a daemon with that calibration file."""
+    robot = load_robot("h24")
+
+    class Daemon:
+        def call(self, method: str) -> dict[str, Any]:
+            parameters = {"calibration": calibration, "state_dir": str(folder / "state"), "individual": None}
+            return {"GetRobot": {"robot": {"path": str(robot.path)}}}.get(method, {"parameters": parameters})
+
+    @contextmanager
+    def observer(_options: argparse.Namespace) -> Iterator[Daemon]:
+        yield Daemon()
+
+    monkeypatch.setattr(finish_command, "observer", observer)
+    return RobotDescription(robot, {}, None, folder / "none.yaml", folder)

@@ -171,7 +171,7 @@ def test_ctrl_c_cancels_and_reports_how_it_ended(loop: StandIn, tmp_path: Path) 
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=10.0)
-    assert (process.returncode, out) == (1, "cancelled at 50%; now at joint_1 0.100 rad\n")
+    assert (process.returncode, out) == (130, "cancelled at 50%; now at joint_1 0.100 rad\n")
     assert "the robot holds" in err
     assert asked(loop)[-2:] == ["Cancel", "ReleaseLease"]
 

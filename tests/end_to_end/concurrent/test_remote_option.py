@@ -189,7 +189,7 @@ def holds(world: World) -> bool:
 def test_ctrl_c_cancels_and_the_robot_holds(world: World) -> None:
     mover = moving(world)
     code, said, _ = mover.end(signal.SIGINT)
-    assert code == 1 and json.loads(said.splitlines()[-1])["phase"] == "cancelled"
+    assert code == 130 and json.loads(said.splitlines()[-1])["phase"] == "cancelled"
     until(lambda: holds(world), PATIENCE, "it holds")
 
 

@@ -85,16 +85,16 @@ def test_the_read_only_commands_of_the_readme_work(simulation: tuple[Path, dict[
     until(lambda: len(list(folder.rglob("*.mcap"))) == 1, 20.0, "no recording was begun")
     for verb in ("mark", "metrics"):
         assert run(lines[verb], folder, environment)
-    dumped = run(lines["dump"], folder, environment).strip()
+    dumped = Path(run(f'{lines["dump"]}\necho "$F"', folder, environment).strip())
     time.sleep(1.0)
     told = {verb: ended(process) for verb, process in going.items()}
     assert "h24" in told["monitor"] and "nothing dropped" in told["record"]
     assert "http://127.0.0.1:" in told.get("view", "http://127.0.0.1:")
-    shutil.copy(dumped, folder / "odd.flight")
-    assert "the same" in run(lines["replay"], folder, environment)
+    there = environment | {"F": str(dumped)}
+    assert "the same" in run(lines["replay"], folder, there)
     if find_spec("matplotlib"):
-        run(lines["plot"], folder, environment)
-        assert (folder / "odd.flight.png").read_bytes().startswith(b"\x89PNG")
+        run(lines["plot"], folder, there)
+        assert dumped.with_name(f"{dumped.name}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def begin(line: str, folder: Path, environment: dict[str, str]) -> "subprocess.Popen[str]":

@@ -67,7 +67,7 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.WATCHDOG_TRIPPED: ReasonText(
         "fault, HOLD",
         "A servo's watchdog tripped, or a servo without one was silent for 0.1 s.",
-        f"find out what stopped the loop; {AGAIN}",
+        f"check the cable, or find out what stopped the loop; {AGAIN}",
     ),
     ReasonCode.SENSE_JUMP: ReasonText(
         "reading dropped; armed, several: HOLD",

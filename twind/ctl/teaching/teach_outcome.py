@@ -9,6 +9,7 @@ from twind.ctl.hint_options import HintOptions
 from twind.ctl.teaching.hand_recorder import GAP, HandRecorder
 from twind.ctl.teaching.taught_motion import TaughtMotion, VerdictMessage
 from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +20,7 @@ class TeachOutcome:
     verdict: VerdictMessage | None  # of the gate; None: it was not asked
     recorder: HandRecorder
     path: Path
+    mode: str = Mode.LIVE  # of the daemon while it was taught
 
     def as_sent(self) -> dict[str, Any]:
         """Return it as JSON."""
@@ -49,8 +51,6 @@ class TeachOutcome:
             f"{self.recorder.seconds:.2f} s of {len(motion.joints)} joints: {count} points in {self.path}",
             f"largest deviation from the hand's path: {worst.size:.4f} rad ({where})",
         ]
-        if motion.still:
-            lines.append(f"no joint moved by more than {motion.bound:g} rad: guide them while it records")
         if self.recorder.ended:
             lines.append(f"the recording ended: {self.recorder.ended}")
         if self.recorder.bridged:
@@ -70,5 +70,7 @@ class TeachOutcome:
         lines.append(f"its start is reached in {motion.lead:.1f} s")
         about_now = () if self.verdict is None else (each["code"] for each in self.verdict["warnings"])
         first = "disarm, twindctl " if ReasonCode.JOINT_LIMP in about_now else ""
+        if self.mode != Mode.LIVE:
+            first = "mode live, twindctl "
         lines.append(hint.command(f"next: twindctl {first}arm, then twindctl play {name} --approach"))
         return lines

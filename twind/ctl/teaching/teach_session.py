@@ -28,8 +28,10 @@ from twind.ctl.teaching.taught_motion import (
     taught_motion,
 )
 from twind.ctl.teaching.teach_outcome import TeachOutcome
+from twind.robot.modes import Mode
 from twind_drivers.clock import MonotonicClock
 
+SHOWN = 5  # names in one line
 SILENCE = 2.0  # s without a message after which the daemon counts as gone
 
 
@@ -39,6 +41,7 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
         robot = client.call("GetRobot")["robot"]
         names = [joint["name"] for joint in robot["joints"]]
         joints = matching_joints(names, options.joints or "*", "--joints")
+        mode = _require_calibrated(client, joints)
         folder = robot.get("motions")
         path = new_motion(options.motion, Path(folder) if isinstance(folder, str) else None)
         _require_place(path, options.force)
@@ -47,10 +50,24 @@ def teach(options: argparse.Namespace, keys: KeyInput) -> int:
     accepted = verdict is not None and not verdict["refusals"]
     # A motion that was accepted is not given up for one that the gate refuses: that goes beside it.
     written = _write(path, motion.trajectory(), options.force and accepted)
-    outcome = TeachOutcome(motion, verdict, recorder, written)
+    outcome = TeachOutcome(motion, verdict, recorder, written, mode)
     name = options.motion if written == path else str(written)
     show(options, outcome.as_sent(), "\n".join(outcome.lines(command_hint(options), name)))
     return DONE if accepted and not recorder.cut_off and written == path else REFUSED
+
+
+def _require_calibrated(client: Client, joints: list[str]) -> str:
+    """Return the mode of the daemon. Raises Rejected: a joint's zero is unknown, so is where it is."""
+    answer = client.call("GetStatus", joints=True)
+    raw = [row["name"] for row in answer["joints"] if row["name"] in joints and not row["calibrated"]]
+    mode: str = answer["status"]["mode"]
+    if raw and mode != Mode.SIM:
+        more = f" and {len(raw) - SHOWN} more" if len(raw) > SHOWN else ""
+        raise Rejected(
+            f"{', '.join(raw[:SHOWN])}{more}: not calibrated, so what a hand shows is not where it is: first "
+            "`twindctl calibrate sweep`, then `twindctl calibrate zero`"
+        )
+    return mode
 
 
 def _require_place(path: Path, force: bool) -> None:
@@ -105,7 +122,7 @@ def _wait_for_start(
 
 
 def _motion(recorder: HandRecorder, bound: float, rest: Mapping[str, float]) -> TaughtMotion:
-    """Return the motion as the hand made it. Raises Rejected: there are no samples.
+    """Return the motion as the hand made it. Raises Rejected: there are no samples, or nothing moved.
 
     Its way to the start is slow from where the hand ended and from the rest pose.
     """
@@ -114,7 +131,12 @@ def _motion(recorder: HandRecorder, bound: float, rest: Mapping[str, float]) -> 
         raise Rejected(f"no path was recorded: {recorder.ended or 'it was ended at once'}")
     first, last = (dict(zip(recorder.joints, hand.position[row].tolist(), strict=True)) for row in (0, -1))
     lead = max(slow_duration(first, start) for start in (last, rest))
-    return taught_motion(recorder.joints, hand, bound, lead)
+    motion = taught_motion(recorder.joints, hand, bound, lead)
+    if motion.still:
+        raise Rejected(
+            f"no file is written: no joint moved by more than {bound:g} rad: guide them while it records"
+        )
+    return motion
 
 
 def _judged(client: Client, motion: TaughtMotion) -> tuple[TaughtMotion, VerdictMessage | None]:

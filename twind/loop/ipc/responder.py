@@ -20,6 +20,7 @@ class Responder:
         self._link = out
         self._clock = clock
         self.urgent = True
+        self._episode_open = False  # by the marks of clients
 
     def answer(self, command: link.Command, outcome: CallOutcome) -> None:
         """Send the outcome of a call."""
@@ -104,6 +105,15 @@ class Responder:
         self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
     def mark(self, command: link.Mark, code: AnyEventCode, message: str) -> None:
-        """Send a client's annotation as an event; the reply gives its sequence number."""
+        """Send a client's annotation as an event; the reply gives its sequence number.
+
+        That of an end also says whether an episode was open.
+        """
         sequence = self.event("info", code, message, annotation=command.annotation, holder=command.holder)
-        self.reply(command, sequence=sequence)
+        kind = command.annotation.kind
+        if kind == "end":
+            self.reply(command, sequence=sequence, was_open=self._episode_open)
+        else:
+            self.reply(command, sequence=sequence)
+        if kind != "note":
+            self._episode_open = kind == "begin"

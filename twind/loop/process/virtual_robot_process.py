@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from twind.config.daemon_settings import VIRTUAL_FOLDER
 from twind.exceptions import OperationFailed
 from twind.loop.ipc.child_process import child_environment
 
@@ -22,7 +23,7 @@ class VirtualRobotProcess:
 
     def __init__(self, robot: str, *options: str) -> None:
         """`options`: for `twind-virtual`, besides its robot and its files."""
-        self._folder = tempfile.TemporaryDirectory(prefix="twind-virtual-")
+        self._folder = tempfile.TemporaryDirectory(prefix=VIRTUAL_FOLDER)
         self.calibration = Path(self._folder.name) / "calibration.yaml"
         self.faults = Path(self._folder.name) / "faults.sock"
         self.ports: dict[str, str] = {}

@@ -5,6 +5,7 @@ from pathlib import Path
 from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.observe.recording.recording_columns import RobotRecording
+from twind.observe.recording.unopened_file import unopened
 from twind.plain_file import open_plain
 
 __all__ = ["RobotRecording", "open_recording"]
@@ -22,7 +23,7 @@ def open_recording(path: Path | str) -> RobotRecording:
     except InvalidInput as error:
         raise Rejected(str(error)) from None
     except OSError as error:
-        raise Rejected(f"{path}: {error.strerror}") from None
+        raise unopened(path, error) from None
     if head == b"\x89MCAP":
         from twind.observe.recording.mcap_reader import read as read_mcap
 
