@@ -197,7 +197,7 @@ def complain(
 ) -> None:
     """Print an error: as JSON on standard output, or as text on standard error.
 
-    As text too where standard output takes nothing: its disk is full, or its reader gone. `complete`: adds the
+    As text too where standard output takes nothing: its disk is full, or its reader gone. `complete` adds the
     options of this call to the commands in the text.
     """
     if options.json and _is_printed(error):
