@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 SILENCE = 0.06  # s between two packets of an armed bus (W7)
 UNFINISHED = 0.05  # s that the rest of a packet may take (W8)
+ALONE = 0.1  # s without a goal, from which on a device without a watchdog counts as one that has tripped
 BARE = 0.02  # s that a watchdog may be off under torque, while it is set anew (W7)
 KEPT = 200  # packets
 MOST = 1000  # violations that are kept

@@ -17,12 +17,12 @@ from tests.proof.busmon.can.robstride import RobStride
 from tests.proof.busmon.can.text import Frame, Lines, Malformed, frame, set_up
 from tests.proof.busmon.shadow import Servos
 from tests.proof.busmon.stopping import Stopping
-from tests.proof.busmon.violation import BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
+from tests.proof.busmon.violation import ALONE, BARE, KEPT, MOST, SILENCE, UNFINISHED, Seen, Violation
 from tests.proof.busmon.words import Words
 
 LONGEST = 0.1  # s, the longest watchdog that counts as one
 PROBE = 0x7F0  # an id that nobody has: who acknowledges it is there
-WRITES = frozenset(("goal", "soft", "limp", "on", "off", "clear", "write", "set", "wrong"))
+WRITES = frozenset(("goal", "soft", "limp", "on", "off", "clear", "write", "set", "stiffen", "wrong"))
 ROUNDED = 1e-9
 
 
@@ -54,6 +54,8 @@ class CanMonitor:
         self._in = Lines()
         self._rest_since = self._since = self.packet_at = -np.inf
         self._fed = np.full(len(self.motors), -np.inf)  # s, when each was last spoken to
+        self._void: list[int] = []  # rows whose goal in this text does not count
+        self._aimed = np.full(len(self.motors), -np.inf)  # s, of its last goal
         self._goals: dict[int, int] = {}  # of the text that is being read
 
     def _broken(self, rule: str, time: float, id: int | None, text: str) -> None:
@@ -221,6 +223,9 @@ class CanMonitor:
                 self._broken("W4", now, id, f"first goal after torque-on {act.word}, read {where}")
         elif servos.known[row] and not servos.anew[row] and moved <= servos.step[row]:
             pass
+        elif servos.lost[row]:  # it follows no goal, and one that is elsewhere does not count as its goal
+            if not servos.is_here(row, act.word, self._since):
+                self._void.append(row)
         elif not servos.known[row] or servos.anew[row] or not servos.on[row]:
             if not servos.is_here(row, act.word, self._since):
                 where = servos.present(row, self._since)[:5]
@@ -243,10 +248,15 @@ class CanMonitor:
         )
         servos.known[rows] = True
         servos.anew[rows] = False
+        servos.anew[self._void] = True
+        self._void = []
         self._goals = {}
         self.goal_packets += 1
         servos.goal = np.where(new, goals, servos.goal)  # where it is, and no step
+        alone = [row for row in rows if not new[row] and self._since - self._aimed[row] > ALONE]
         servos.aim(now, goals)
+        servos.aimed_anew(alone, self._since)
+        self._aimed[rows] = now
         self.stopping.goals(now)
 
     def _torque(self, row: int, on: bool, now: float) -> None:

@@ -58,8 +58,9 @@ class ODrive:
         if what == MODES:
             modes = struct.unpack("<ii", sized(data, 8, "controller modes"))
             fine = modes == POSITION_CONTROL
-            return Act("set", node) if fine else Act("wrong", node, why=f"controller modes {modes}")
-        simple = {ESTOP: "off", CLEAR: "clear", REBOOT: "clear", LIMITS: "set", GAIN: "set", GAINS: "set"}
+            return Act("stiffen", node) if fine else Act("wrong", node, why=f"controller modes {modes}")
+        simple = {ESTOP: "off", CLEAR: "clear", REBOOT: "clear", LIMITS: "set"}
+        simple |= {GAIN: "stiffen", GAINS: "stiffen"}  # also under torque: commands carry no stiffness
         return Act(simple[what], node) if what in simple else Act("wrong", node, why=f"command {what:02x}")
 
     def _goal(self, motor: Motor, data: bytes) -> Act:

@@ -21,9 +21,7 @@ from tests.proof.busmon.protocol1.protocol1_packets import (
     size_of,
 )
 from tests.proof.busmon.serial_monitor import SerialMonitor
-from tests.proof.busmon.violation import SILENCE, Seen
-
-ALONE = 0.1  # s without a goal, from which on a servo without a watchdog counts as one that has tripped
+from tests.proof.busmon.violation import ALONE, SILENCE, Seen
 
 
 class Protocol1Monitor(SerialMonitor):
