@@ -78,7 +78,7 @@ class Watched:
             self._said["estop"] = level
             if level is not None:
                 self.take_report("estop", now, level=level)
-        soft = getattr(loop, "soft_since", None)
+        soft = loop.torque.soft_since
         if soft != self._said.get("damp"):
             self._said["damp"] = soft
             if soft is not None:
