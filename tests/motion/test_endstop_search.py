@@ -5,7 +5,7 @@ from itertools import pairwise
 from math import inf, nan
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.endstop_parameters import RAD, SEARCH, TICK
@@ -95,6 +95,7 @@ def test_a_stop_is_found_so_often_wherever_it_begins(
     obstacle=st.one_of(st.just(0.0), st.floats(0.0, 0.9), st.integers(1, 3)),
     nearer=st.integers(0, 3),
 )
+@example(way=1, travel=2.0, start=0.0, obstacle=0.03125, nearer=0)
 @examples(60)
 def test_over_turns_the_true_stop_is_found_or_none(
     way: int, travel: float, start: float, obstacle: float, nearer: int
@@ -124,7 +125,8 @@ def test_over_turns_the_true_stop_is_found_or_none(
     if course.phase is HomingPhase.FOUND:
         assert obstacle * turn <= margin + 1.0
         assert course.turns_off == -way * nearer * turn
-        assert abs(abs(joint.place - end) - away) <= search.back
+        # An obstacle as near to the stop as the margin passes for it.
+        assert abs(abs(joint.place - joint.stop) - away) <= search.back
 
 
 def test_the_search_starts_from_the_held_goal_and_not_from_the_reading() -> None:
