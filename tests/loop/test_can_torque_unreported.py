@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.can_arm import can_arm
 from tests.support.daemon_rig import Rig
+from tests.support.derived_arm import can_arm
 from twind import link
 
 DEVICES = pytest.mark.parametrize("device", ["AK70-10", "DM4310"])

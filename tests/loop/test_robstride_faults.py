@@ -7,8 +7,8 @@ import pytest
 
 from tests.proof.faults.tap import Tap
 from tests.proof.soak.living import robot_file
-from tests.support.can_arm import can_arm
 from tests.support.daemon_rig import Rig
+from tests.support.derived_arm import can_arm
 from twind import link
 from twind.robot.modes import RobotState
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.daemon_rig import MakeRig, Rig
-from tests.support.derived_arm import arm_of
+from tests.support.derived_arm import serial_arm_of
 from twind import link
 
 KIND = "dynamixel2_unwatched"
@@ -16,7 +16,7 @@ ACCEPTED = "watchdog: none"
 def test_an_arm_is_armed_moved_and_keeps_its_goal_when_the_daemon_dies(
     make_rig: MakeRig, tmp_path: Path, device: str
 ) -> None:
-    rig: Rig = make_rig(arm_of(tmp_path, KIND, device, ACCEPTED))
+    rig: Rig = make_rig(serial_arm_of(tmp_path, KIND, device, ACCEPTED))
     rig.arm()
     ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [0.7, 1.2]))
     rig.seconds(0.5)
@@ -32,7 +32,7 @@ def test_an_arm_is_armed_moved_and_keeps_its_goal_when_the_daemon_dies(
 
 
 def test_without_a_word_on_the_watchdog_arming_is_refused(make_rig: MakeRig, tmp_path: Path) -> None:
-    rig: Rig = make_rig(arm_of(tmp_path, KIND, "XL320", "torque_limit: 800"))
+    rig: Rig = make_rig(serial_arm_of(tmp_path, KIND, "XL320", "torque_limit: 800"))
     rig.seconds(1.0)
     reply = rig.call(link.Arm, ticks=300)
     assert reply.error is not None

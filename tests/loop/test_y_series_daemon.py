@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tests.support.daemon_rig import MakeRig, Rig
-from tests.support.derived_arm import arm_of
+from tests.support.derived_arm import serial_arm_of
 from twind.config.robot_file import load_robot
 from twind_drivers.bus import IdentifiedDevice
 
@@ -13,7 +13,7 @@ GAINS = "gains: {p: 6283185, i: 0, d: 9090}"
 def test_an_arm_is_armed_moved_stopped_by_its_watchdogs_and_armed_again(
     make_rig: MakeRig, tmp_path: Path
 ) -> None:
-    path = arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS)
+    path = serial_arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS)
     rig: Rig = make_rig(path)
     rig.arm()
     ticket = rig.submit(rig.path("elbow", [-0.5, -0.5], [0.7, 1.2]))
@@ -33,7 +33,7 @@ def test_an_arm_is_armed_moved_stopped_by_its_watchdogs_and_armed_again(
 
 
 def test_another_model_and_another_gear_ratio_are_refused(tmp_path: Path) -> None:
-    robot = load_robot(arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS))
+    robot = load_robot(serial_arm_of(tmp_path, "dynamixel2", "YM070-210-R099", GAINS))
     joint = robot.joints[0]
     fine = {"operating_mode": 3, "homing_offset": 0, "drive_mode": 0}
     geared = {"electronic_gearratio_numerator": 99, "electronic_gearratio_denominator": 1}

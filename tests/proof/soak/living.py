@@ -11,6 +11,7 @@ import numpy as np
 
 from tests.proof.faults.robot import CLEAR
 from tests.support.daemon_rig import Rig
+from tests.support.derived_arm import arm_of
 from twind.robot.arrays import Floats
 from twind.twin.collision_model import CollisionModel
 
@@ -21,7 +22,7 @@ SAMPLES = 150  # combinations of joints that are looked at
 SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.0)  # of its room that a joint is given, the most that is clear
 MARGIN = 0.05  # rad that a joint keeps from its limits
 CAN = "gains: {kp: 60.0, kd: 2.0}, velocity_limit_rad_s: 4.0, acceleration_limit_rad_s2: 20.0"
-# Arms of three joints with devices that no shipped robot has: kind of the bus, device and further keys.
+# Arms of three joints with devices that no shipped robot has: keys of the bus, device with further keys.
 ARMS = {
     "arm-robstride": (
         "{kind: can}",
@@ -58,17 +59,7 @@ def robot_of(seed: int) -> str:
 def robot_file(name: str, folder: Path) -> str:
     """The name or path that `Rig` accepts for this robot; a file that is missing is written into `folder`."""
     if name in ARMS:
-        kind, keys = ARMS[name]
-        return _written(
-            folder / f"{name}.yaml",
-            f"format: twind-robot/1\nname: {name}\nsupport: fixed\n"
-            f"model: {{mjcf: {EXAMPLES}/arm/arm.xml, base: stand}}\n"
-            f"buses: {{main: {kind}}}\ntypes: {{device: {{device: {keys}}}}}\n"
-            "defaults: {type: device, bus: main}\n"
-            "joints:\n  shoulder_pitch: {id: 1, limits_rad: [-1.5, 1.5]}\n"
-            "  shoulder_roll: {id: 2, limits_rad: [-0.1, 1.5]}\n  elbow: {id: 3, limits_rad: [-2.0, 0.1]}\n"
-            "gate: {on_velocity: retime}\nposes: {rest: {}}\n",
-        )
+        return arm_of(folder, *ARMS[name], name)
     if name == "h24-standing":  # as shipped, and its falls are detected
         shipped = ROOT / "twind" / "robots"
         text = (shipped / f"{name}.yaml").read_text(encoding="utf-8")
