@@ -29,6 +29,16 @@ class Armed(Good):
         self.hold(3)
         assert not self.rules
 
+    def run(self) -> None:
+        """The first joint in full motion."""
+        speed = int(LIMITS.servos[1].speed * LIMITS.period)
+        for _ in range(12):
+            self.cycle(self.goals | {1: self.goals[1] - speed})
+
+    def estop(self) -> None:
+        self.port.say("estop", level="settle")
+        self.port.say("state", state="estop")
+
     @property
     def rules(self) -> list[str]:
         return [violation.rule for violation in self.world.monitor.violations]
@@ -260,8 +270,7 @@ def test_after_a_kill_servos_have_tripped_in_time_and_rest(
 @pytest.mark.parametrize(("lasts", "wrong"), [(7.9, False), (8.4, True)])
 def test_a_robot_that_is_damped_has_five_more_seconds_to_let_go(lasts: float, wrong: bool) -> None:
     daemon = Armed()
-    daemon.port.say("estop", level="settle")
-    daemon.port.say("state", state="estop")
+    daemon.estop()
     daemon.hold(300)
     daemon.port.say("damp")
     daemon.hold(round((lasts - 3.0) * 100))
@@ -290,8 +299,7 @@ def test_the_goals_of_a_robot_that_sinks_already_follow_it_through_an_e_stop(dam
     daemon.port.say("state", state="fault")
     if damped:
         daemon.port.say("damp")
-    daemon.port.say("estop", level="settle")
-    daemon.port.say("state", state="estop")
+    daemon.estop()
     for _ in range(5):
         daemon.cycle(daemon.goals | {1: daemon.goals[1] - 5})
     assert set(daemon.rules) == (set() if damped else {"W6"})
@@ -303,11 +311,8 @@ def test_a_joint_that_braked_early_is_lowered_from_rest_within_its_acceleration(
 ) -> None:
     """On its way again while a slower stop would still brake."""
     daemon = Armed()
-    speed = int(LIMITS.servos[1].speed * LIMITS.period)
-    for _ in range(12):
-        daemon.cycle(daemon.goals | {1: daemon.goals[1] - speed})
-    daemon.port.say("estop", level="settle")
-    daemon.port.say("state", state="estop")
+    daemon.run()
+    daemon.estop()
     daemon.hold(3)  # packets, of 42 in which braking is watched
     place = float(daemon.goals[1])
     step = hardness * LIMITS.servos[1].brake * LIMITS.period**2
@@ -333,11 +338,9 @@ def test_a_servo_that_dropped_its_goal_is_stopped_where_it_is_and_nowhere_else(
     """In full motion the goal leads the shaft by far: back to it is no braking, but for who tripped."""
     daemon = Armed()
     most = int(LIMITS.servos[1].speed * LIMITS.period)
-    for _ in range(12):
-        daemon.cycle(daemon.goals | {1: daemon.goals[1] - most})
+    daemon.run()
     assert daemon.here[1] - daemon.goals[1] > 3 * most
-    daemon.port.say("estop", level="settle")
-    daemon.port.say("state", state="estop")
+    daemon.estop()
     aim_anew(daemon, daemon.goals | {1: daemon.here[1] + off}, cleared=cleared)
     assert set(daemon.rules) == ((set() if abs(off) <= 2 else {"W3", "W6"}) if cleared else {"W3", "W6"})
 
