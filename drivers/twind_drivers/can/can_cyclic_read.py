@@ -149,7 +149,6 @@ class CanCyclicRead:
         there = (answered | spoke) & ~np.isnan(feedback.position) & ~np.isnan(feedback.velocity)
         self._prove(feedback, expect, there)
         believed: Bools = there & self.proven
-        self.silent = None
         self._bar(now)
         self.place = np.where(believed, feedback.position, self.place)
         self._received_at[self._line.spoke | believed] = now
@@ -173,6 +172,7 @@ class CanCyclicRead:
 
         A late answer is no reading, but its sender does not count as silent.
         """
+        self.silent = None
         if now - self._received_at.min() >= DEAD:
             self.silent = now - self._received_at >= DEAD
             away = self.energised & self.silent
