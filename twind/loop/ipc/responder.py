@@ -111,9 +111,7 @@ class Responder:
         """
         sequence = self.event("info", code, message, annotation=command.annotation, holder=command.holder)
         kind = command.annotation.kind
-        if kind == "end":
-            self.reply(command, sequence=sequence, was_open=self._episode_open)
-        else:
-            self.reply(command, sequence=sequence)
+        was_open = {"was_open": self._episode_open} if kind == "end" else {}
+        self.reply(command, sequence=sequence, **was_open)
         if kind != "note":
             self._episode_open = kind == "begin"

@@ -130,17 +130,16 @@ class IdentificationState:
             context.condition.change(RobotEvent.IDENTIFIED)
         if torque_off(context):
             context.torque.find_off()
+        torque = context.torque
         idle = context.procedures.rank is None and context.condition.mode is Mode.LIVE
-        if context.condition.stop_wanted:
+        due = torque.stop_level is not None or torque.unconfirmed
+        if not idle or not due or context.condition.stop_wanted:
             return  # the end of the daemon switches it off, and must not be put off
-        level = context.torque.stop_level
-        if level is not None and idle and torque_inherited(context):
-            self._release.stop(level)  # it came back with torque on under a latched stop
-        elif level == "cut" and idle and torque_unreported(context):
-            self._release.stop(level)
-        elif (
-            context.torque.unconfirmed and idle and (torque_inherited(context) or torque_unreported(context))
-        ):
+        on = torque_inherited(context)
+        unreported = torque_unreported(context)
+        if torque.stop_level is not None and (on or (unreported and torque.stop_level == "cut")):
+            self._release.stop(torque.stop_level)  # it came back with torque under a latched stop
+        elif torque.unconfirmed and (on or unreported):
             context.procedures.own(Priority.DISARM, lambda: retry_torque_off(context))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
