@@ -22,7 +22,7 @@ def snapshot() -> RobotSnapshot:
 
 def test_an_unknown_joint_of_a_state_is_answered_with_the_near_names() -> None:
     joints = snapshot().joints
-    with pytest.raises(KeyError, match="no joint 'hop'; there are hip"):
+    with pytest.raises(KeyError, match="no joint 'hop'; nearest: hip"):
         joints["hop"]
     assert joints["hip"].position == 0.25 and "hop" not in joints and joints.get("hop") is None
 

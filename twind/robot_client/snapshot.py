@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
 from html import escape
 from math import degrees
@@ -13,6 +12,7 @@ import numpy as np
 
 from twind.command_line.text_table import align_columns, fixed_number
 from twind.robot.arrays import Bools, Floats
+from twind.robot.joint_map import similar_joints
 from twind.robot_client.state_message import StateMessage
 
 
@@ -37,11 +37,10 @@ class JointReading:
 
 
 class ReadingsByName(dict[str, JointReading]):
-    """Joint by name; an unknown name is a KeyError that lists the near ones."""
+    """Joint by name; an unknown name is a KeyError that lists similar ones."""
 
     def __missing__(self, name: str) -> JointReading:
-        near = get_close_matches(str(name), self, 3, cutoff=0.4) or list(self)
-        raise KeyError(f"no joint {name!r}; there are {', '.join(near)}")
+        raise KeyError(f"no joint {name!r}; {similar_joints(str(name), list(self))}")
 
 
 @dataclass(frozen=True)
