@@ -5,6 +5,7 @@ Least squares with Gaussian priors: what the data do not determine stays at its 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -103,16 +104,18 @@ def _best_of(errors: ErrorFunction, priors: ServoPriors, drawn: Floats) -> Float
 def _polish(errors: ErrorFunction, priors: ServoPriors, starts: Floats, noise: Floats, free: Bools) -> Floats:
     """Return the best minimum (p,) that is reached from `starts` (k, p); only those `free` (p,) change."""
     moving = free.astype(np.float64)
-    latest: dict[bytes, Floats] = {}  # slopes at the latest numbers: nearly always they are needed next
+
+    @lru_cache(maxsize=1)  # the slopes are nearly always asked for where the errors were asked for last
+    def linearized(packed: bytes) -> tuple[Floats, Floats]:
+        return _linearized(errors, priors, np.frombuffer(packed))
 
     def residuals(numbers: Floats) -> Floats:
-        error, table = _linearized(errors, priors, numbers)
-        latest.clear()
-        latest[numbers.tobytes()] = table
+        error, _ = linearized(numbers.tobytes())
         return np.append(_finite(error) / noise, numbers)
 
     def slopes(numbers: Floats) -> Floats:
-        table = latest.pop(numbers.tobytes()) * moving[:, None, None]
+        _, table = linearized(numbers.tobytes())
+        table = table * moving[:, None, None]
         return np.concatenate([_rows(table) / noise, np.eye(len(numbers))])
 
     found = [
