@@ -17,6 +17,7 @@ from tests.proof.busmon.can.robstride import RobStride
 from tests.proof.busmon.can.text import Frame, Lines, Malformed, frame, set_up, text
 from tests.proof.evil import can_world
 from tests.proof.evil.can_good import Good
+from tests.proof.evil.can_nodes import ODRIVE, reply_frame
 
 ENDS = (-1.0, 1.0)
 
@@ -292,3 +293,67 @@ def test_a_gap_of_the_monitors_own_is_no_silence() -> None:
     good.tick = port.now
     good.move(2.0)
     assert not port.monitor.violations
+
+
+# --------------------------------------------------------------------------- goals of motors that stopped
+
+
+class ArmedCan(Good):
+    """The right daemon, armed and holding."""
+
+    def __init__(self) -> None:
+        self.world = can_world.VirtualPort()
+        super().__init__(self.world, can_world.LIMITS)
+        self.connect()
+        self.arm()
+        self.hold(3)
+        assert not self.rules
+
+    @property
+    def rules(self) -> set[str]:
+        return {violation.rule for violation in self.world.monitor.violations}
+
+    def heartbeat(self, state: int) -> None:
+        """The ODrive reports its axis state."""
+        line = reply_frame(ODRIVE << 5 | 1, bytes(4) + bytes((state, 0, 0, 0)))
+        self.world.monitor.answered(line, self.port.now)
+
+
+@pytest.mark.parametrize(("command", "wrong"), [(0x1A, False), (0x1B, False), (0x0F, True)])
+def test_gains_of_an_odrive_are_its_stiffness_also_under_torque_and_its_limits_are_not(
+    command: int, wrong: bool
+) -> None:
+    daemon = ArmedCan()
+    daemon.exchange(reply_frame(ODRIVE << 5 | command, bytes(4 if command == 0x1A else 8)))
+    assert daemon.rules == ({"W2"} if wrong else set())
+
+
+@pytest.mark.parametrize("off", range(-4, 5))
+@pytest.mark.parametrize("ticks", [5, 15])
+def test_after_a_silence_a_motor_is_aimed_where_it_was_read_and_nowhere_else(ticks: int, off: int) -> None:
+    """W6 counts the step from there, at rest a word at most; after 50 ms it is still one from the old goal."""
+    daemon = ArmedCan()
+    node = daemon.world.nodes.nodes[ODRIVE]
+    node.place += 30
+    node.goal = None
+    daemon.idle(ticks)
+    assert daemon.here[ODRIVE] - daemon.goals[ODRIVE] >= 29
+    daemon.port.say("estop", level="settle")
+    daemon.port.say("state", state="estop")
+    daemon.cycle(daemon.goals | {ODRIVE: daemon.here[ODRIVE] + off})
+    assert daemon.rules == (set() if ticks > 10 and abs(off) <= 1 else {"W6"})
+
+
+@pytest.mark.parametrize(("off", "wrong"), [(0, False), (300, True)])
+def test_a_motor_without_torque_follows_no_goal_and_with_torque_its_first_is_where_it_is(
+    off: int, wrong: bool
+) -> None:
+    daemon = ArmedCan()
+    here = daemon.here[ODRIVE]
+    daemon.heartbeat(1)
+    daemon.world.nodes.nodes[ODRIVE].on = False
+    daemon.cycle(daemon.goals | {ODRIVE: here + 400})
+    assert not daemon.rules
+    daemon.heartbeat(8)
+    daemon.cycle(daemon.goals | {ODRIVE: here + off})
+    assert daemon.rules == ({"W3"} if wrong else set())
