@@ -331,7 +331,7 @@ def test_gains_of_an_odrive_are_its_stiffness_also_under_torque_and_its_limits_a
 @pytest.mark.parametrize("off", range(-4, 5))
 @pytest.mark.parametrize("ticks", [5, 15])
 def test_after_a_silence_a_motor_is_aimed_where_it_was_read_and_nowhere_else(ticks: int, off: int) -> None:
-    """W6 counts the step from there, at rest a word at most; after 50 ms it is still one from the old goal."""
+    """W6 counts the step from there, at rest a word at most; after 50 ms still from the old goal."""
     daemon = ArmedCan()
     node = daemon.world.nodes.nodes[ODRIVE]
     node.place += 30
