@@ -96,6 +96,17 @@ def test_a_motion_end_received_before_the_verdict_counts(hand: Hand) -> None:
     assert hand.after(0.1) == ["succeeded"]
 
 
+def test_a_motion_that_failed_before_its_verdict_arrived_is_reported_with_its_own_cause(hand: Hand) -> None:
+    behind = hand.request()
+    hand.during_submit(lambda: hand.motions.on_monitor_reply(ended("m1", "aborted", time=hand.time)))
+    hand.take()
+    hand.motions.take(behind)
+    assert hand.codes() == ["BUSY"], "what waited behind it does not begin"
+    hand.after(0.1)
+    assert hand.phases == ["accepted", "refused", "aborted"]
+    assert not hand.daemon.named("Cancel"), "another motion may run by now"
+
+
 def test_ends_of_foreign_motions_are_ignored_and_a_bounded_number_is_kept(hand: Hand) -> None:
     hand.motions.on_monitor_reply(ended("m1", "succeeded"))
     for number in range(EARLY):

@@ -265,12 +265,16 @@ class LeasedMotions:
             self._quiet = self._now()
 
     def _accept(self, request: MotionRequest, answer: Mapping[str, Any], start_in: float) -> None:
-        """Record an accepted motion, unless it was stopped while it was judged."""
+        """Record an accepted motion, unless it was stopped while it was judged.
+
+        One whose end is known already has begun: its end says why, and there is nothing left to cancel.
+        """
         now = self._now()
         error = self._void(request)
         with self._lock:
             self._motions[answer["id"]] = _Motion(request, now, now + start_in)
-        if error is None:
+            ended = answer["id"] in self._news.ends
+        if error is None or ended:
             request.report("accepted", {"answer": answer})
             return
         if not self._cancel():
@@ -293,8 +297,9 @@ class LeasedMotions:
             time = self._news.stopped
             due = [
                 each
-                for each in self._motions.values()
-                if each.request.withdrawn or each.request.came <= time <= each.begun
+                for name, each in self._motions.items()
+                if name not in self._news.ends
+                and (each.request.withdrawn or each.request.came <= time <= each.begun)
             ]
         for each in due:
             each.request.withdrawn = False
