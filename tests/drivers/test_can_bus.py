@@ -386,3 +386,17 @@ def test_an_actuator_with_late_replies_is_not_treated_as_absent() -> None:
     samples = rig.ticks(30, here)
     assert not any(sample.heard[1] for sample in samples[:3])
     assert (rig.registers.watchdog == 100).all()
+
+
+@pytest.mark.parametrize("models", [("ODrive",), ("ODrive",) * 3, ("ODrive", "DM4310")])
+def test_a_heartbeat_that_comes_before_the_position_does_not_end_a_reading(models: Sequence[str]) -> None:
+    """After a common power cycle all phases coincide, and the lower id of a heartbeat wins arbitration."""
+    rig = CanRig(models)
+    for phase in range(10):
+        rig.ticks(20)
+        rig.faults.power(False)
+        rig.ticks(30)
+        rig.clock.sleep_until(rig.clock.now() + 0.0001 * phase)
+        rig.faults.power(True)
+        rig.ticks(50)
+        assert all(sample.heard.all() for sample in rig.ticks(50)), phase

@@ -79,6 +79,9 @@ class CanTransactor:
         self._cyclic = self._first_look = False
         self._late = {True: 0.0, False: 0.0}  # s, of cyclic and of rare transactions: see `_learn`
         self._owed = np.full(len(fleet), -inf)  # (m,) s, time until which a missed reply may come late
+        # Their heartbeats and supply reports count as feedback, too. A heartbeat wins arbitration.
+        self._spontaneous: Bools = ~fleet.replies & (fleet.answers > 0)
+        self._any_spontaneous = bool(self._spontaneous.any())
         self._none: Ints = np.zeros(len(fleet), np.int64)
         self._no_rows: Bools = np.zeros(len(fleet), np.bool_)
         for each in (self._none, self._no_rows):
@@ -302,8 +305,17 @@ class CanTransactor:
             and exchange.acks is None
             and not (feedback.answers or feedback.strangers or feedback.masters)
             and np.array_equal(feedback.count, self.expect)
+            and not (self._any_spontaneous and self._unplaced(feedback).any())
         )
         return self.exact
+
+    def _unplaced(self, feedback: GroupFeedback) -> Bools:
+        """Return which actuators (m,) that report by themselves owe the position they were asked for.
+
+        One that sent a position that is no number owes nothing.
+        """
+        others = (feedback.fault >= 0).astype(np.int64) + ~np.isnan(feedback.voltage)
+        return self._spontaneous & (self.expect > 0) & (feedback.count - others < self.expect)
 
     def _decode(self) -> GroupFeedback:
         if self._looked != self._count:
@@ -316,7 +328,7 @@ class CanTransactor:
         feedback = self._decode()
         if self._exact(exchange, feedback) and exchange.states is None:
             return True
-        if (self.asked & (feedback.count < self.expect)).any():
+        if (self.asked & ((feedback.count < self.expect) | self._unplaced(feedback))).any():
             return False
         if not exchange.registers <= _read_addresses(feedback):
             return False
