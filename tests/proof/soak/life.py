@@ -287,7 +287,7 @@ class Life:
     def _remedy(self, refused: link.Reply) -> None:
         """Do what a refusal to arm asks: restart servos, turn a joint back that a hand turned too far."""
         for finding in refused.parameters.get("findings") or ():
-            if finding["code"] == "SERVO_ALERT":
+            if finding["code"] == "SERVO_ALERT" or "restart it" in finding["message"]:
                 self._restart(self.rig.robot.joints[finding["joint"]])
             elif finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
                 joint = self.rig.robot.joints[finding["joint"]]
