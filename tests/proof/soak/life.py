@@ -289,7 +289,7 @@ class Life:
         for finding in refused.parameters.get("findings") or ():
             if finding["code"] == "SERVO_ALERT" or "restart it" in finding["message"]:
                 self._restart(self.rig.robot.joints[finding["joint"]])
-            elif finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
+            elif "by hand" in finding["message"]:
                 joint = self.rig.robot.joints[finding["joint"]]
                 hand: Order = {"fault": "hand", "bus": joint.bus, "id": joint.id}
                 rad = float(self.base[finding["joint"]])
