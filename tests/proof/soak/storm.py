@@ -44,6 +44,7 @@ class Storm:
         self.wrong = self.ground.wrong
         self.grown: dict[str, Growth] = {}
         self.count: dict[str, int] = {}
+        self.joints: list[str] = []
         self._second = 0.0
         self.companions: Companions | None = None
 
@@ -56,6 +57,7 @@ class Storm:
         self.begun = time.monotonic()
         self.until = self.begun + self.seconds
         client = ground.client()
+        self.joints = [each["name"] for each in client.call("GetStatus", joints=True)["joints"]]
         client.call("AcquireLease")
         acts = (self.play, self.stream, self.visit, self.wait, self.fault, self.policy)
         while time.monotonic() < self.until and not self.wrong:
@@ -138,11 +140,21 @@ class Storm:
                 self.ground.back(client)
                 break
             except AssertionError as error:
+                if "by hand" in str(error) and again < TRIES - 1:
+                    self._put_back()
+                    continue
                 if again == TRIES - 1 or not self.ground.machine.waits:
                     self.wrong.append(f"no way back: {error}"[:400])
                     break
                 self._note("way back while the machine kept processes waiting")
         return client
+
+    def _put_back(self) -> None:
+        """Joints that a hand took out of their travel without torque are put back by one."""
+        self.ground.obey({"fault": "hand", "pose": dict.fromkeys(self.joints, 0.0), "speed": 3.0})
+        self.pause(2.0)
+        self.ground.obey({"fault": "hand", "off": True})
+        self._note("put back by hand")
 
     def play(self, client: Client) -> None:
         """A random motion, followed to its end or left."""
