@@ -91,6 +91,30 @@ def test_on_the_ports_of_another_robot_nothing_is_armed_and_what_differs_is_name
     assert all(moving.virtual["lower"].servos["torque_enable"])  # it holds, and nobody was armed
 
 
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_e_stop_that_a_lost_bus_could_not_carry_out_is_not_reset_before_it_has(
+    moving: Rig, level: str
+) -> None:
+    """The bus came back with torque, and the stop was forgotten."""
+    upper = moving.virtual["upper"]
+    upper.faults.unplug()
+    moving.ticks(20)
+    moving.call(link.EStop, level=level)
+    moving.seconds(6.0)
+    refused = moving.call(link.Reset)
+    assert (refused.error, refused.parameters["state"]) == ("WrongState", "estop, torque not known")
+    assert "restart twind" in refused.parameters["allowed"][0]
+    upper.faults.replug()
+    for _ in range(20):
+        moving.ticks(1)
+        if moving.call(link.Reset).error is None:
+            break
+    moving.seconds(10.0)
+    assert not upper.servos["torque_enable"].any()
+    assert moving.call(link.Reset).error is None
+    assert moving.loop.condition.state is RobotState.CONNECTED
+
+
 # ------------------------------------------------------------------------------------- power
 
 
