@@ -34,7 +34,8 @@ class BusWriter(Protocol):
 
         `among` (m,): the devices to prepare; None: all. No other device gets a goal until it is prepared.
         `ticks` (m,), the present positions, become the goals in the system call that clears the watchdogs: a
-        tripped servo whose torque is still on must not resume its old goal.
+        tripped servo whose torque is still on must not resume its old goal. A device without torque may get
+        its goal by `write_goals` alone.
         """
 
     def write_goals(self, ticks: Ints) -> Script[None]:

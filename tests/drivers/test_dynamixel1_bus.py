@@ -216,7 +216,7 @@ def test_an_alarm_sets_the_torque_limit_to_0_and_preparing_ends_that(model: str)
 
 def test_torque_begins_low_and_ends_at_the_full_limit() -> None:
     rig = rig_of(settings={"max_torque": 900})
-    rig.beside(rig.writer.prepare(rig.positions()))
+    rig.beside(both(rig, rig.positions()))
     assert [rig.servos.get(row, "torque_limit") for row in range(3)] == [270] * 3
     rig.beside(rig.writer.torque(True))
     assert [rig.servos.get(row, "torque_limit") for row in range(3)] == [900] * 3

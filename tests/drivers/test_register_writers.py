@@ -55,8 +55,10 @@ def ax() -> Dynamixel1Rig:
 
 
 def prepared(rig: Any) -> Any:
-    """A rig whose servos are prepared; they stand where they are."""
-    rig.beside(rig.writer.prepare(rig.positions()))
+    """A rig whose servos are prepared and have goals; they stand where they are."""
+    here = rig.positions()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.write_goals(here))
     return rig
 
 
@@ -102,7 +104,7 @@ def test_registers_that_other_paths_own_are_written_there_alone(
         (pro, {"goal_velocity": 0, "goal_acceleration": 0}),
     ],
 )
-def test_preparing_lifts_the_limits_of_speed_and_sets_the_goals(
+def test_preparing_lifts_the_limits_of_speed_and_sets_no_goal_without_torque(
     make: Callable[[], Any], wanted: dict[str, int]
 ) -> None:
     rig = make()
@@ -114,7 +116,13 @@ def test_preparing_lifts_the_limits_of_speed_and_sets_the_goals(
     rig.beside(rig.writer.prepare(here))
     for row in range(2):
         assert {name: rig.servos.get(row, name) for name in wanted} == wanted
-        assert rig.servos.get(row, "goal_position") == here[row]
+        assert rig.servos.get(row, "goal_position") == here[row] + 9, "it may switch torque on"
+    with pytest.raises(DeviceRefused, match="it got no goal since it was prepared"):
+        rig.beside(rig.writer.torque(True))
+    rig.beside(rig.writer.write_goals(here))
+    rig.beside(rig.writer.torque(True))
+    rig.beside(rig.writer.prepare(here + 2))
+    assert [rig.servos.get(row, "goal_position") for row in range(2)] == (here + 2).tolist()
 
 
 @pytest.mark.parametrize(
@@ -339,7 +347,7 @@ def test_a_servo_that_was_restarted_is_prepared_anew_before_torque(make: Callabl
     with pytest.raises(DeviceRefused, match="id 2: torque: it is not prepared"):
         rig.beside(rig.writer.torque(True))
     rig.ticks(60, here)
-    rig.beside(rig.writer.prepare(here))
+    prepared(rig)
     rig.beside(rig.writer.torque(True))
     assert rig.energised().all()
 

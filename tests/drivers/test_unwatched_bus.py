@@ -138,7 +138,7 @@ def test_torque_begins_low_and_damping_is_taken_back_by_preparing(
 ) -> None:
     rig = UnwatchedRig(names)
     here = rig.positions()
-    rig.beside(rig.writer.prepare(here))
+    rig.beside(both(rig, here))
     assert [rig.servos.get(row, register) for row in range(3)] == [soft] * 3
     rig.beside(rig.writer.torque(True))
     assert [rig.servos.get(row, register) for row in range(3)] == [full] * 3

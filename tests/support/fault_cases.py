@@ -175,7 +175,13 @@ CASES: Mapping[str, Sequence[Case]] = {
     ],
     "silence": _silence(),
     # A hand slips where torque is on.
-    "hand": [Case(lambda random: {"id": one(random), "to": int(random.integers(500, 3500))}, (0.2, 0.5))],
+    "hand": [
+        Case(
+            lambda random: {"id": one(random), "to": int(random.integers(500, 3500))},
+            (0.2, 0.5),
+            heal=lambda order: [{"fault": "hand", "id": order["id"], "off": True}],
+        )
+    ],
     "damage": [
         Case(lambda random: {"id": one(random), "bits": 4}, (0.1, 0.2), FAULT, ("SERVO_ALERT",), 0.03),
         Case(lambda random: {"id": one(random), "bits": 1}, (0.1, 0.2), FAULT, ("SERVO_ALERT",), 0.03),

@@ -58,7 +58,7 @@ class Dynamixel1Writer(RegisterWriter):
         self._reader = reader
         super().__init__(reader, lower=lower, upper=upper)
 
-    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
+    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[set[int]]:
         state = yield from self._settings(ids)
         holding = {id for id in ids if state[id]["torque_enable"] and state[id]["torque_limit"]}
         rows: list[Row] = []
@@ -71,11 +71,11 @@ class Dynamixel1Writer(RegisterWriter):
             if id not in holding:
                 rows.append((id, "torque_limit", max(1, int(self._full[id] * SHARE))))
             rows.append((id, "moving_speed", 0))  # no limit: the executor shapes the motion
-            rows.append((id, "goal_position", int(ticks[self._index[id]])))
+            rows += self._goal_rows(id, ticks, holding)
         # One that has torque and torque limit 0 would start at full stiffness towards an old goal.
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)
-        yield from self._take_over(holding)
+        return holding
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read all settings. Raises DeviceRefused for what must not get torque."""

@@ -134,7 +134,7 @@ class UnwatchedWriter(RegisterWriter):
     def _make_check(self, bounds: Mapping[int, tuple[int, int]]) -> Protocol2WriteCheck:
         return Protocol2WriteCheck(self._name, self._bus.tables, bounds, self._off())
 
-    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
+    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[set[int]]:
         state = yield from self._settings(ids)
         # One with torque limit 0 has no torque, whatever its switch reads; 0 of a PRO -R means no limit.
         holding = {
@@ -151,11 +151,11 @@ class UnwatchedWriter(RegisterWriter):
             if id not in holding:
                 rows.append((id, self.LIMIT, max(1, int(self._full[id] * SHARE))))
             rows += [(id, name, 0) for name in self._layout.profile]  # no limit: the executor shapes
-            rows.append((id, "goal_position", int(ticks[self._index[id]])))
+            rows += self._goal_rows(id, ticks, holding)
         # One that has torque and torque limit 0 would start at full stiffness towards an old goal.
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)
-        yield from self._take_over(holding)
+        return holding
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read all settings. Raises DeviceRefused for what must not get torque."""

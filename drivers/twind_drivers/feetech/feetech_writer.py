@@ -81,7 +81,7 @@ class FeetechWriter(RegisterWriter):
     def _restart(self, order: RebootRequest) -> SerialTransaction:
         return SerialTransaction(packet.instruction(order.id, FeetechInstruction.REBOOT), None, 0)
 
-    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
+    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[set[int]]:
         state = yield from self._settings(ids)
         holding = {id for id in ids if state[id]["torque_enable"]}
         yield from self._set([(id, "lock", 1) for id in ids if not state[id]["lock"]])
@@ -99,9 +99,9 @@ class FeetechWriter(RegisterWriter):
             if "torque_limit" in own and id not in holding:
                 rows.append((id, "torque_limit", min(SOFT_START, self._full[id])))
             rows.append((id, "goal_velocity", SPEED[own.name]))
-            rows.append((id, "goal_position", int(ticks[self._index[id]])))
+            rows += self._goal_rows(id, ticks, holding)
         yield from self._set(rows)
-        yield from self._take_over(holding)
+        return holding
 
     def _settings(self, ids: Sequence[int]) -> Script[dict[int, dict[str, int]]]:
         """Read registers 0 to 70. Raises DeviceRefused for what must not get torque."""

@@ -109,6 +109,7 @@ class RegisterWriter:
         self._index = {id: place for place, id in enumerate(self._ids)}
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
         self._gains: dict[int, dict[str, int]] = {}  # ... and gains
+        self._unaimed: set[int] = set()  # prepared without torque, and no goal was written since
         self._soft: list[int] = []  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
@@ -189,8 +190,9 @@ class RegisterWriter:
     def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
         """Prepare devices for torque and read back each step; `among` (m,): these alone; None: all.
 
-        Refuses what must not get torque. Sets the goals to `ticks` (m,), the speed, the gains and a low
-        torque limit; a servo that has torque gets its full limit back.
+        Refuses what must not get torque. Sets the speed, the gains and a low torque limit. A servo that has
+        torque gets `ticks` (m,) as its goal and its full limit back. One without gets its goal by
+        `write_goals` alone: these steps take up to 0.2 s, and a goal that is so old may switch torque on.
 
         Raises DeviceRefused, WireRangeError; NoReply after all other devices are prepared. A device that this
         writer holds and that refuses is left out like a silent one: the others can be lowered.
@@ -203,7 +205,9 @@ class RegisterWriter:
         silent = None
         while there:
             try:
-                yield from self._prepare(there, ticks)
+                holding = yield from self._prepare(there, ticks)
+                yield from self._take_over(holding)
+                self._unaimed = (self._unaimed | set(there)) - holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
                 self._soft = [id for id in self._soft if id not in there]
                 break
@@ -223,6 +227,7 @@ class RegisterWriter:
         self._goals.check(ticks)
         rows = zip(self._ids, ticks.tolist(), self._led.tolist(), strict=True)
         yield from self._set([(id, "goal_position", tick) for id, tick, led in rows if led])
+        self._unaimed.clear()
 
     def read_goals(self) -> Script[Ints]:
         """Read the goals (m,) that the devices hold. Raises NoReply."""
@@ -240,6 +245,8 @@ class RegisterWriter:
         for id in ids if on else ():
             if id not in self._full:
                 raise DeviceRefused(self._name, id, "torque", "it is not prepared for torque")
+            if id in self._unaimed:
+                raise DeviceRefused(self._name, id, "torque", "it got no goal since it was prepared")
         self._bus.registers.expire_torque(slice(None))
         self._mark_energised(self._ids, False)
         order = WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE)
@@ -324,6 +331,10 @@ class RegisterWriter:
         self._dropped[places] = False
         self._version = -1
 
+    def _goal_rows(self, id: int, ticks: Ints, holding: Collection[int]) -> list[Row]:
+        """Return the goal of a device that has torque."""
+        return [(id, "goal_position", int(ticks[self._index[id]]))] if id in holding else []
+
     def _take_over(self, holding: Collection[int]) -> Script[None]:
         """Give devices that have torque their full limit; their goals leave from now on."""
         yield from self._set(self._limits(holding, 1.0))
@@ -383,8 +394,11 @@ class RegisterWriter:
         """Return the last check of packets; `bounds`: range of the goals by id."""
         return RegisterWriteCheck(self._name, self._bus.tables, bounds, self._off())
 
-    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[None]:
-        """Prepare these devices for torque; set `_full` of each. `ticks` (m,): goals of all."""
+    def _prepare(self, ids: Sequence[int], ticks: Ints) -> Script[set[int]]:
+        """Prepare these devices for torque; set `_full` of each. Return those that have torque.
+
+        `ticks` (m,): goals of these, by the rows of all.
+        """
         raise NotImplementedError
 
     def _soft_gains(self, id: int) -> list[Row]:

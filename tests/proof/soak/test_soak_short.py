@@ -36,6 +36,21 @@ def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None
     life.close()
 
 
+@pytest.mark.parametrize("robot", ["darwin", "so101", "arm-unwatched"])
+def test_a_joint_that_a_hand_moves_during_arming_gets_no_old_goal(robot: str) -> None:
+    """A goal may switch the torque of such a servo on, and preparing twenty of them takes 0.2 s."""
+    life = Life(3, robot)
+    life.ready()
+    life.call(link.Disarm)
+    life.until(lambda: life.rig.loop.condition.state is RobotState.CONNECTED, 10.0)
+    device = life.devices["main"][2]
+    life.obey({"fault": "hand", "bus": "main", "id": device.id, "rad": device.upper - 0.02, "speed": 0.2})
+    life.seconds(0.2)
+    life.ready()
+    assert not life.wrong
+    life.close()
+
+
 @pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
 def test_steady_growth_is_found_and_warm_up_is_not(leak: float, files: int) -> None:
     grown = Growth("loop")
