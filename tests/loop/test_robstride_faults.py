@@ -27,7 +27,9 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     assert rig.call(link.Reset, ticks=100).error is None
     rig.lease()
     refused = rig.call(link.Arm, ticks=500)
-    assert [finding["code"] for finding in refused.parameters["findings"]] == ["CALIB_MISMATCH"]
+    [finding] = refused.parameters["findings"]  # not CALIB_MISMATCH with "wait": it would wait for ever
+    assert (finding["code"], finding["joint"]) == ("SERVO_ALERT", 0)
+    assert "switch its power off and on" in finding["message"]
     yield rig
     rig.close()
 

@@ -111,15 +111,19 @@ class DeviceRules:
         """
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
+    def hardware_error(self, joint: int, bits: int) -> Finding:
+        """Return SERVO_ALERT for a joint whose device has these error bits; -1: not read yet."""
+        on_can = joint in self._can
+        remedy = "find the cause, disarm, then `twindctl reboot BUS ID`"
+        message = f"hardware error: {words(bits, can=on_can)}: {remedy}"
+        message += ", or switch its power off and on" if on_can else ""
+        value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
+        return Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
+
     def _alerts(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Yield SERVO_ALERT: a hardware error. Without its bits it has no bound; a second report has them."""
         for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
-            bits = int(facts.fault[joint])
-            named = words(bits, can=joint in self._can)
-            message = f"hardware error: {named}: find the cause, disarm, then `twindctl reboot BUS ID`"
-            message += ", or switch its power off and on" if joint in self._can else ""
-            value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
-            finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
+            finding = self.hardware_error(joint, int(facts.fault[joint]))
             if facts.torque_ours:
                 off = facts.torque[joint] == 0 and not facts.is_limp(joint)
                 shut_down = facts.torque_held and off  # it shut itself down

@@ -91,10 +91,19 @@ class JointVerificationState:
         waits = self.unjudged
         for joint in np.flatnonzero(self._marred | waits).tolist():
             if joint not in listed:
-                message = "was silent, restarted or had an error: wait until it has been identified anew"
-                message = message if self._marred[joint] else "its turn is not known yet: wait"
-                found.append(Finding(ReasonCode.CALIB_MISMATCH, joint, message=message))
+                found.append(self._waiting_for(joint))
         return found
+
+    def _waiting_for(self, joint: int) -> Finding:
+        """Return why a joint with a known device is not verified yet."""
+        fault = int(self._context.hardware.slow.fault[joint])
+        if not self._marred[joint]:
+            message = "its turn is not known yet: wait"
+        elif fault > 0:  # without torque no reading of a RobStride shows whether its error has gone
+            return self._guard.hardware_error(joint, fault)
+        else:
+            message = "was silent, restarted or had an error: wait until it has been identified anew"
+        return Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
 
     def doubts(self) -> list[Finding]:
         """Return findings on joints that are not where they report, as far as no other part reports it.
