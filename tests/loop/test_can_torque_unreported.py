@@ -27,11 +27,14 @@ def energised(rig: Rig) -> bool:
 
 
 @DEVICES
-def test_a_cut_of_a_bus_that_is_away_is_done_when_it_returns(tmp_path: Path, device: str) -> None:
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_e_stop_of_a_bus_that_is_away_is_done_when_it_returns(
+    tmp_path: Path, device: str, level: str
+) -> None:
     rig = armed_arm(tmp_path, device)
     rig.virtual["main"].faults.unplug()
     rig.seconds(0.3)
-    rig.send(link.EStop, level="cut")
+    rig.send(link.EStop, level=level)
     rig.seconds(0.3)
     rig.virtual["main"].faults.replug()
     rig.seconds(3.0)

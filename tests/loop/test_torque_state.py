@@ -88,6 +88,7 @@ def test_a_daemon_begins_without_torque_and_without_a_latch() -> None:
             "begin_release",
             {"held": (False,) * 3, "armed": False, "soft_since": None} | NO_LIMP,
         ),
+        ("defer_release", {}),
         ("confirm_off", {"energising": False}),  # a lost bus has not confirmed
         ("leave_unconfirmed", {"energising": False}),
         ("find_off", {"unconfirmed": False, "pending_restore": False} | NO_LIMP),
@@ -117,6 +118,7 @@ def test_a_transition_ends_what_its_name_says_and_nothing_else(
         ("begin_energising", {"energising": True}),
         ("abandon_switching", {}),
         ("begin_release", {"energising": True, "unconfirmed": True}),
+        ("defer_release", {}),
         ("confirm_off", {}),
         ("leave_unconfirmed", {}),
         ("find_off", {}),

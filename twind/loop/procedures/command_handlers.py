@@ -35,10 +35,6 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.state_machine import RobotEvent, mode_change
 
-RETURN = (
-    "torque off on the lost bus: it is switched off when the bus is back; "
-    "or switch its supply off and restart twind"
-)
 LOWERING = "wait until torque is off, as `twindctl status --joints` shows"
 MARKS = {"begin": EventCode.EPISODE_BEGIN, "end": EventCode.EPISODE_END, "note": EventCode.NOTE}
 ENDED = {True: "succeeded", False: "failed", None: "ended"}
@@ -338,21 +334,14 @@ class CommandHandlers:
     def _reset(self, command: link.Reset, now: float) -> None:
         """Acknowledge latches; torque must be off, and no procedure on its way there.
 
-        An e-stop that a lost bus could not carry out stays latched until it has.
-
         Never arms: a fault that persists refuses the next Arm. An e-stop that still runs does not begin
         again, so one after a reset would not be latched.
         """
         context = self._context
-        torque = context.torque
-        if torque.stop_level is not None and torque.pending_restore and not context.hardware.connected:
-            state = f"{context.condition.state.value}, torque not known"
-            context.reports.error(command, "WrongState", state=state, allowed=[RETURN])
-            return
         if torque_on(context) or self._lowering():
             allowed = f"torque off: {LOWERING if self._lowering() else 'disarm'}"
-            known = "torque on" if torque_on(context) else "torque going off"
-            state = f"{context.condition.state.value}, {known}"
+            torque = "torque on" if torque_on(context) else "torque going off"
+            state = f"{context.condition.state.value}, {torque}"
             context.reports.error(command, "WrongState", state=state, allowed=[allowed])
             return
         codes = [code.value for code in context.condition.latches]

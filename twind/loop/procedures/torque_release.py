@@ -172,6 +172,8 @@ class TorqueRelease:
         if context.condition.mode is not Mode.LIVE or not context.hardware.writers:
             context.executor.stop("aborted", (why,))
             self._twin.halt()
+            if context.condition.mode is Mode.LIVE:
+                context.torque.defer_release()
             return None
         try:
             if level == "cut":

@@ -111,6 +111,10 @@ class TorqueState:
         self._unconfirmed = True
         self._soft_since = None
 
+    def defer_release(self) -> None:
+        """Note that torque off reaches no bus now: it is due where one was lost with torque."""
+        self._unconfirmed = self._unconfirmed or self._pending_restore
+
     def confirm_off(self) -> None:
         """Every device that replies has confirmed torque off; a bus that is lost is still to confirm it."""
         self._energising = False
