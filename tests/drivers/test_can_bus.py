@@ -388,7 +388,7 @@ def test_an_actuator_with_late_replies_is_not_treated_as_absent() -> None:
     assert (rig.registers.watchdog == 100).all()
 
 
-@pytest.mark.parametrize("models", [("ODrive",), ("ODrive",) * 3, ("ODrive", "DM4310")])
+@pytest.mark.parametrize("models", [("ODrive",), ("ODrive",) * 3])
 def test_a_heartbeat_that_comes_before_the_position_does_not_end_a_reading(models: Sequence[str]) -> None:
     """After a common power cycle all phases coincide, and the lower id of a heartbeat wins arbitration."""
     rig = CanRig(models)

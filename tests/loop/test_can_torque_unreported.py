@@ -4,9 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.calibration_rig import restarted
 from tests.support.daemon_rig import Rig
 from tests.support.derived_arm import can_arm
 from twind import link
+from twind.robot.modes import Mode
+from twind.safety.device_rules import LOST_MASTER
 
 DEVICES = pytest.mark.parametrize("device", ["AK70-10", "DM4310"])
 
@@ -70,4 +73,18 @@ def test_a_daemon_that_ends_switches_off_a_bus_that_is_back_but_not_identified(
             rig.ticks(1)
     assert rig.loop.condition.finished
     assert not energised(rig)
+    rig.close()
+
+
+def test_actuators_that_lost_their_master_while_no_daemon_ran_are_armed(tmp_path: Path) -> None:
+    """Their tripped watchdog reads as an error, and is none: arming clears it."""
+    rig = armed_arm(tmp_path, "DM4310")
+    rig.virtual["main"].faults.unplug()
+    rig.clock.time += 0.5
+    rig.virtual["main"].faults.replug()
+    restarted(rig, rig.calibration, Mode.LIVE)
+    assert rig.loop.hardware.slow.fault.tolist() == [LOST_MASTER] * 3
+    rig.lease()
+    assert rig.call(link.Arm, ticks=600).error is None
+    assert energised(rig)
     rig.close()

@@ -112,6 +112,7 @@ def check_all_samples(lines: list[dict[str, Any]]) -> int:
     missing = set(range(ticks[0], ticks[-1] + 1)) - set(ticks)
     assert len(missing) <= sum(each["daemon"] for each in lost), (sorted(missing), lost)
     assert len(ticks) == len(set(ticks))
+    assert len(missing) <= 0.1 * len(ticks)
     return len(ticks)
 
 

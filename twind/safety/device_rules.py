@@ -2,8 +2,10 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind.robot.arrays import Bools, same, some
 from twind.robot.finding import Finding, ReasonCode
@@ -13,6 +15,7 @@ from twind.safety.guard_types import NOTHING, GuardInput, GuardThresholds, React
 ALERT = 0x80  # of a status packet's error byte: a hardware error, whose bits are in register 70
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
+LOST_MASTER = 1 << 6  # on CAN: its watchdog has tripped, and arming clears that
 TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
 BARRED = (
     "takes no goals until it is armed anew: its watchdog tripped, or it has none and was silent for 0.1 s "
@@ -46,6 +49,7 @@ class DeviceRules:
         """
         count = len(leg)
         self._can = can
+        self._on_can = np.isin(np.arange(count), list(can))
         self._bounds = bounds
         self._free = free
         self._leg = leg
@@ -110,6 +114,18 @@ class DeviceRules:
         Without one leg the robot is falling already.
         """
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
+
+    def faulty(self, fault: NDArray[np.signedinteger[Any]]) -> Bools:
+        """Return the joints (n,) whose error bits are a hardware error: a lost master is none."""
+        found: Bools = (fault > 0) & ~(self._on_can & (fault == LOST_MASTER))
+        return found
+
+    def kept_errors(self, fault: NDArray[np.signedinteger[Any]]) -> Bools:
+        """Return the joints on CAN (n,) whose last reported error bits are a hardware error.
+
+        Without torque no reading of a RobStride shows whether it has gone. Servos report it in each reading.
+        """
+        return self._on_can & self.faulty(fault)
 
     def hardware_error(self, joint: int, bits: int) -> Finding:
         """Return SERVO_ALERT for a joint whose device has these error bits; -1: not read yet."""

@@ -97,7 +97,7 @@ class Guard:
         self._at_rest = at_rest
         self._load = load
         self._goals, readings, tracking, *leads = self._limited(limits, rated)
-        self._devices = DeviceRules(rated.leg, free, bounds, on_can)
+        self.devices = DeviceRules(rated.leg, free, bounds, on_can)
         # All rules of every tick, in the order of their findings; a new rule is added here.
         self._rules: tuple[Rule, ...] = (
             TimeGapRules(bounds),
@@ -109,7 +109,7 @@ class Guard:
             *((contact,) if contact is not None else ()),
             BusRules(buses, bounds),
             LineRules(buses, lines, free, bounds),
-            self._devices,
+            self.devices,
             CurrentRules(rated, bounds),
             HeatRules(rated, bounds),
             VoltageRules(rated, bounds),
@@ -182,10 +182,6 @@ class Guard:
         """
         late = self._goals.many_missed(missed, period)
         return self._holding if late is None else (*self._holding, late)
-
-    def hardware_error(self, joint: int, bits: int) -> Finding:
-        """Return SERVO_ALERT for a joint whose device has these error bits."""
-        return self._devices.hardware_error(joint, bits)
 
     def _answer(self, results: list[RuleResult], facts: GuardInput) -> GuardDecision:
         """Return the hardest reaction; findings that are new, or only those that must be latched now."""

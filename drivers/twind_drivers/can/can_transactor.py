@@ -312,10 +312,9 @@ class CanTransactor:
     def _unplaced(self, feedback: GroupFeedback) -> Bools:
         """Return which actuators (m,) that report by themselves owe the position they were asked for.
 
-        One that sent a position that is no number owes nothing.
+        One whose position is no number is waited for until the deadline, as one that is silent.
         """
-        others = (feedback.fault >= 0).astype(np.int64) + ~np.isnan(feedback.voltage)
-        return self._spontaneous & (self.expect > 0) & (feedback.count - others < self.expect)
+        return self._spontaneous & (self.expect > 0) & np.isnan(feedback.position)
 
     def _decode(self) -> GroupFeedback:
         if self._looked != self._count:

@@ -109,7 +109,9 @@ class RegisterWriter:
         self._index = {id: place for place, id in enumerate(self._ids)}
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
         self._gains: dict[int, dict[str, int]] = {}  # ... and gains
-        self._unaimed: set[int] = set()  # prepared without torque, and no goal was written since
+        self._unaimed: set[int] = (
+            set()
+        )  # prepared, or about to be, without torque, and no goal was written since
         self._soft: list[int] = []  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
@@ -203,11 +205,12 @@ class RegisterWriter:
         self._goals.check(ticks)
         there = self._led_ids()
         silent = None
+        self._unaimed |= set(there)
         while there:
             try:
                 holding = yield from self._prepare(there, ticks)
                 yield from self._take_over(holding)
-                self._unaimed = (self._unaimed | set(there)) - holding
+                self._unaimed -= holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
                 self._soft = [id for id in self._soft if id not in there]
                 break
@@ -227,7 +230,7 @@ class RegisterWriter:
         self._goals.check(ticks)
         rows = zip(self._ids, ticks.tolist(), self._led.tolist(), strict=True)
         yield from self._set([(id, "goal_position", tick) for id, tick, led in rows if led])
-        self._unaimed.clear()
+        self._unaimed.difference_update(self._led_ids())
 
     def read_goals(self) -> Script[Ints]:
         """Read the goals (m,) that the devices hold. Raises NoReply."""

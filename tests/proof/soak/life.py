@@ -57,6 +57,7 @@ class Life:
             place = self.rig.names.index(joint.name)
             device = Device(joint.id, float(limits.lower[place]), float(limits.upper[place]))
             self.devices[joint.bus].append(device)
+        self._hand = False  # one has moved a joint since the robot was armed last
         self.moved = 0  # motions that were accepted
 
     def close(self) -> None:
@@ -252,6 +253,7 @@ class Life:
 
     def obey(self, given: Order) -> None:
         """An order to its bus, or to each."""
+        self._hand |= given["fault"] == "hand"
         for name, bus in self.rig.virtual.items():
             if given.get("bus", name) == name:
                 fault, parameters = arguments(given, known(bus))
@@ -283,13 +285,18 @@ class Life:
             said = str(reply)[:300] if reply is not None else ""
             if reply is not None:
                 self._remedy(reply)
+        self._hand = False
 
     def _remedy(self, refused: link.Reply) -> None:
         """Do what a refusal to arm asks: restart servos, turn a joint back that a hand turned too far."""
         for finding in refused.parameters.get("findings") or ():
+            if finding["joint"] is None:
+                continue
             if finding["code"] == "SERVO_ALERT" or "restart it" in finding["message"]:
                 self._restart(self.rig.robot.joints[finding["joint"]])
             elif "by hand" in finding["message"]:
+                if not self._hand:
+                    self.wrong.append(f"{self.rig.clock.now():.2f} no hand moved it: {finding}")
                 joint = self.rig.robot.joints[finding["joint"]]
                 hand: Order = {"fault": "hand", "bus": joint.bus, "id": joint.id}
                 rad = float(self.base[finding["joint"]])

@@ -45,6 +45,7 @@ class Storm:
         self.grown: dict[str, Growth] = {}
         self.count: dict[str, int] = {}
         self.joints: list[str] = []
+        self._hand = False  # one has moved a joint since the robot was armed last
         self._second = 0.0
         self.companions: Companions | None = None
 
@@ -138,9 +139,10 @@ class Storm:
             self.ground.machine.forget()
             try:
                 self.ground.back(client)
+                self._hand = False
                 break
             except AssertionError as error:
-                if "by hand" in str(error) and again < TRIES - 1:
+                if "by hand" in str(error) and self._hand and again < TRIES - 1:
                     self._put_back()
                     continue
                 if again == TRIES - 1 or not self.ground.machine.waits:
@@ -236,6 +238,7 @@ class Storm:
         case = CASES[name][int(self.random.integers(len(CASES[name])))]
         given = order(name, case, self.random)
         self._note(f"fault {name}")
+        self._hand |= name == "hand"
         self.ground.obey(given)
         self.pause(float(self.random.uniform(*case.lasts)))
         for each in healing(case, given):

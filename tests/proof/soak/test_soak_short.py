@@ -36,7 +36,7 @@ def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None
     life.close()
 
 
-@pytest.mark.parametrize("robot", ["darwin", "so101", "arm-unwatched"])
+@pytest.mark.parametrize("robot", ["darwin", "arm-unwatched"])
 def test_a_joint_that_a_hand_moves_during_arming_gets_no_old_goal(robot: str) -> None:
     """A goal may switch the torque of such a servo on, and preparing twenty of them takes 0.2 s."""
     life = Life(3, robot)

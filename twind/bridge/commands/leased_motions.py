@@ -273,7 +273,7 @@ class LeasedMotions:
         error = self._void(request)
         with self._lock:
             self._motions[answer["id"]] = _Motion(request, now, now + start_in)
-            ended = answer["id"] in self._news.ends
+            ended = self._is_over(answer["id"])
         if error is None or ended:
             request.report("accepted", {"answer": answer})
             return
@@ -282,6 +282,11 @@ class LeasedMotions:
         with self._lock:
             self._motions.pop(answer["id"], None)
         request.report("refused", {"error": error})
+
+    def _is_over(self, name: str) -> bool:
+        """Check that the end of a motion was reported; one whose end cannot be read may go on."""
+        end = self._news.ends.get(name)
+        return end is not None and end.phase != LOST
 
     def _connected(self, patience: float) -> LeasedConnection:
         if self._connection is None:
@@ -298,7 +303,7 @@ class LeasedMotions:
             due = [
                 each
                 for name, each in self._motions.items()
-                if name not in self._news.ends
+                if not self._is_over(name)
                 and (each.request.withdrawn or each.request.came <= time <= each.begun)
             ]
         for each in due:

@@ -141,8 +141,8 @@ def _energise(context: ProcedureContext, limp: Bools, inherited: bool) -> Genera
     wanted = ~limp
     _require_all_or_none(context, limp)
     # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
-    # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
-    # the servo would resume its old goal.
+    # sets goal := present of servos with torque as they are cleared: a tripped one refuses goals (e-manual,
+    # Bus Watchdog), and the servo would resume its old goal.
     yield from all_of(hardware.prepare(hardware.reachable(present(context, limp)), wanted))
     # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
     held = yield from _write_present_goals(context, limp)

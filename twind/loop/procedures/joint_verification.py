@@ -96,11 +96,11 @@ class JointVerificationState:
 
     def _waiting_for(self, joint: int) -> Finding:
         """Return why a joint with a known device is not verified yet."""
-        fault = int(self._context.hardware.slow.fault[joint])
+        fault = self._context.hardware.slow.fault
         if not self._marred[joint]:
             message = "its turn is not known yet: wait"
-        elif fault > 0:  # without torque no reading of a RobStride shows whether its error has gone
-            return self._guard.hardware_error(joint, fault)
+        elif self._guard.devices.kept_errors(fault)[joint]:
+            return self._guard.devices.hardware_error(joint, int(fault[joint]))
         else:
             message = "was silent, restarted or had an error: wait until it has been identified anew"
         return Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
@@ -184,7 +184,7 @@ class JointVerificationState:
         rows = bus.joints
         self._answered[rows] = fits
         self._turn_known[rows] &= fits & (not port.holding)  # those held by this daemon are checked anew
-        bad = self._context.hardware.slow.fault[rows] > 0
+        bad = self._guard.devices.faulty(self._context.hardware.slow.fault)[rows]
         self._marred[rows] = np.where(fits, bad, self._marred[rows])
 
     def watch(self, now: float) -> None:
@@ -259,9 +259,9 @@ class JointVerificationState:
         of it is read with the alert, or by the order to switch torque on (RobStride).
         """
         readings = self._context.hardware.readings
-        slow = self._context.hardware.slow
+        faulty = self._guard.devices.faulty(self._context.hardware.slow.fault)
         heard = self._context.robot.measured.heard
-        healed = self._marred & heard & (readings.alerts & ALERT == 0) & (slow.fault <= 0)
+        healed = self._marred & heard & (readings.alerts & ALERT == 0) & ~faulty
         for port, bus in self._context.hardware.pairs:
             # a restart on request restores the settings first, and is answered
             if port.link is PortState.CONNECTED and some(healed[bus.joints]) and not port.tasks:

@@ -49,7 +49,7 @@ def take_over(
     here, located = _where_it_is(context)
     stepped = beyond_hard_limit(context) & ~torque.limp
     # A joint that holds well goes on: a goal at its measured position would make it sag. A limp one is
-    # prepared where it is, and not at all beyond its hard limit.
+    # prepared, and not at all beyond its hard limit.
     if torque.armed and context.robot.written is not None:
         limp = (context.hardware.slow.torque == 0) & located
         here = np.where(well & ~limp, context.robot.written, here)
