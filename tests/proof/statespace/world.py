@@ -27,8 +27,9 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_state import JointState
 from twind.robot.modes import Mode
+from twind.safety.device_rules import DeviceRules
 from twind.safety.gate_types import GateThresholds
-from twind.safety.guard_types import GuardDecision, Reaction
+from twind.safety.guard_types import GuardDecision, GuardThresholds, Reaction
 from twind.safety.lease import Lease
 from twind_drivers.clock import FakeClock
 
@@ -42,6 +43,7 @@ STRANGER = 3  # never holds the lease
 MOST = 60  # ticks in which every procedure has ended
 WHY = Finding(ReasonCode.FOLLOW_ERR, 1, value=0.6, bound=0.5, message="ordered by the search")
 FINE = GuardDecision()
+DEVICES = DeviceRules(np.zeros(COUNT, np.bool_), free=False, bounds=GuardThresholds())
 
 
 def nothing(*_args: Any, **_named: Any) -> Any:
@@ -118,7 +120,7 @@ class ModelWorld:
             ),
             executor=TrajectoryExecutor(self._bounds, PERIOD),
             guard=SimpleNamespace(  # type: ignore[arg-type]
-                judge=self._judge, bars=(), holding=lambda *args: (), contact=None
+                judge=self._judge, bars=(), holding=lambda *args: (), contact=None, devices=DEVICES
             ),
             lease=self.lease,
             health=SimpleNamespace(  # type: ignore[arg-type]
