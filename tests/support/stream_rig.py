@@ -98,21 +98,16 @@ def kept(out: Path) -> list[dict[str, Any]]:
 
 
 def check_all_samples(lines: list[dict[str, Any]]) -> int:
-    """Every number of the stream once, in any order, and in their order every tick of the loop; how many.
-
-    Only ticks may be missing that the messages count as dropped: this machine was late to read them.
-    """
+    """Every number of the stream once, in any order, and in their order every tick of the loop; how many."""
     keys = [line["key"] for line in lines]
     assert len(set(keys)) == len(keys)
     lines = sorted(lines, key=lambda line: int(line["key"].partition("-")[2]))
     assert [int(line["key"].partition("-")[2]) for line in lines] == list(range(1, len(lines) + 1))
     ticks = [sample["tick"] for line in lines for sample in line["body"]["samples"]]
     lost = [line["body"]["lost"] for line in lines]
-    assert not any(each["here"] for each in lost), lost
+    assert all(not any(each.values()) for each in lost), lost
     missing = set(range(ticks[0], ticks[-1] + 1)) - set(ticks)
-    assert len(missing) <= sum(each["daemon"] for each in lost), (sorted(missing), lost)
-    assert len(ticks) == len(set(ticks))
-    assert len(missing) <= 0.1 * len(ticks)
+    assert not missing and len(ticks) == len(set(ticks)), sorted(missing)
     return len(ticks)
 
 
