@@ -71,7 +71,8 @@ class Dynamixel1Writer(RegisterWriter):
             if id not in holding:
                 rows.append((id, "torque_limit", max(1, int(self._full[id] * SHARE))))
             rows.append((id, "moving_speed", 0))  # no limit: the executor shapes the motion
-            rows += self._goal_rows(id, ticks, holding)
+            if id in holding:
+                rows.append(self._goal_row(id, ticks))
         # One that has torque and torque limit 0 would start at full stiffness towards an old goal.
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)

@@ -151,7 +151,8 @@ class UnwatchedWriter(RegisterWriter):
             if id not in holding:
                 rows.append((id, self.LIMIT, max(1, int(self._full[id] * SHARE))))
             rows += [(id, name, 0) for name in self._layout.profile]  # no limit: the executor shapes
-            rows += self._goal_rows(id, ticks, holding)
+            if id in holding:
+                rows.append(self._goal_row(id, ticks))
         # One that has torque and torque limit 0 would start at full stiffness towards an old goal.
         yield from self._set([(id, "torque_enable", 0) for id in ids if id not in holding])
         yield from self._set(rows)

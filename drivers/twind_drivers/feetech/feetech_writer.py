@@ -99,7 +99,8 @@ class FeetechWriter(RegisterWriter):
             if "torque_limit" in own and id not in holding:
                 rows.append((id, "torque_limit", min(SOFT_START, self._full[id])))
             rows.append((id, "goal_velocity", SPEED[own.name]))
-            rows += self._goal_rows(id, ticks, holding)
+            if id in holding:
+                rows.append(self._goal_row(id, ticks))
         yield from self._set(rows)
         return holding
 

@@ -109,9 +109,7 @@ class RegisterWriter:
         self._index = {id: place for place, id in enumerate(self._ids)}
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
         self._gains: dict[int, dict[str, int]] = {}  # ... and gains
-        self._unaimed: set[int] = (
-            set()
-        )  # prepared, or about to be, without torque, and no goal was written since
+        self._aimed: set[int] = set()  # ids with a goal since they were prepared
         self._soft: list[int] = []  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
@@ -205,12 +203,12 @@ class RegisterWriter:
         self._goals.check(ticks)
         there = self._led_ids()
         silent = None
-        self._unaimed |= set(there)
+        self._aimed.difference_update(there)
         while there:
             try:
                 holding = yield from self._prepare(there, ticks)
                 yield from self._take_over(holding)
-                self._unaimed -= holding
+                self._aimed |= holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
                 self._soft = [id for id in self._soft if id not in there]
                 break
@@ -228,9 +226,9 @@ class RegisterWriter:
     def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,), read them back. Raises WireRangeError, DeviceRefused for a difference."""
         self._goals.check(ticks)
-        rows = zip(self._ids, ticks.tolist(), self._led.tolist(), strict=True)
-        yield from self._set([(id, "goal_position", tick) for id, tick, led in rows if led])
-        self._unaimed.difference_update(self._led_ids())
+        ids = self._led_ids()
+        yield from self._set([self._goal_row(id, ticks) for id in ids])
+        self._aimed.update(ids)
 
     def read_goals(self) -> Script[Ints]:
         """Read the goals (m,) that the devices hold. Raises NoReply."""
@@ -248,7 +246,7 @@ class RegisterWriter:
         for id in ids if on else ():
             if id not in self._full:
                 raise DeviceRefused(self._name, id, "torque", "it is not prepared for torque")
-            if id in self._unaimed:
+            if id not in self._aimed:
                 raise DeviceRefused(self._name, id, "torque", "it got no goal since it was prepared")
         self._bus.registers.expire_torque(slice(None))
         self._mark_energised(self._ids, False)
@@ -334,9 +332,9 @@ class RegisterWriter:
         self._dropped[places] = False
         self._version = -1
 
-    def _goal_rows(self, id: int, ticks: Ints, holding: Collection[int]) -> list[Row]:
-        """Return the goal of a device that has torque."""
-        return [(id, "goal_position", int(ticks[self._index[id]]))] if id in holding else []
+    def _goal_row(self, id: int, ticks: Ints) -> Row:
+        """Return the goal of a device; `ticks` (m,): of all."""
+        return (id, "goal_position", int(ticks[self._index[id]]))
 
     def _take_over(self, holding: Collection[int]) -> Script[None]:
         """Give devices that have torque their full limit; their goals leave from now on."""
