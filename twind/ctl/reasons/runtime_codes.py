@@ -50,8 +50,8 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.SERVO_ALERT: ReasonText(
         "armed, arming: fault, HOLD; else warning, arming refused",
-        "A servo reports a hardware error and may have no torque. A free-standing robot settles or is "
-        "damped.",
+        "A servo reports a hardware error, or reported one last and cannot show without torque whether it is "
+        "gone (RobStride). It may have no torque. A free-standing robot settles or is damped.",
         "find the cause (`twindctl status --joints`), `twindctl disarm`, `twindctl reboot BUS ID`",
     ),
     ReasonCode.TORQUE_MISMATCH: ReasonText(
