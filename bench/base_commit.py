@@ -4,12 +4,15 @@ A tree is used through its programs and files only: modules of the earlier commi
 """
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from bench.harness import MeasurementUnavailable
@@ -17,7 +20,8 @@ from bench.harness import MeasurementUnavailable
 OWN = Path(__file__).parents[1]
 BASE = "BASE"  # environment variable: the commit to compare with
 LANDED = ("origin/main", "main")  # branches whose last commit has landed
-PACKAGES = (".", "drivers", "calibration")
+DEPENDENCIES = "dependencies"  # folder of a tree: libraries that it needs and this interpreter lacks
+PACKAGES = (".", "drivers", "calibration", DEPENDENCIES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +64,32 @@ def base_tree(folder: Path) -> Iterator[SourceTree]:
         *(str(place / each) for each in ("twind", "drivers")),
     ]
     subprocess.run(compile_all, check=False, stdout=subprocess.DEVNULL)
+    install_missing(place)
     yield SourceTree(commit, place)
+
+
+def install_missing(place: Path) -> None:
+    """Install what the tree at `place` requires and this interpreter lacks, into the tree.
+
+    A library that twind has used until then is installed no longer. Raises MeasurementUnavailable.
+    """
+    project = tomllib.loads((place / "pyproject.toml").read_text())["project"]
+    missing = [each for each in project.get("dependencies", ()) if not _installed(each)]
+    if not missing:
+        return
+    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target")
+    done = subprocess.run([*pip, str(place / DEPENDENCIES), *missing], capture_output=True, text=True)
+    if done.returncode != 0:
+        last = " ".join(done.stderr.strip().splitlines()[-1:])
+        raise MeasurementUnavailable(f"the base commit needs {', '.join(missing)}: {last}")
+
+
+def _installed(requirement: str) -> bool:
+    try:
+        version(re.split(r"[^\w.-]", requirement, maxsplit=1)[0])
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def _last_landed() -> str:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from twind import cli
+from twind.loop.tick import control_loop
 from twind.loop.tick.loop_figures import LoopFigures
 
 TICKS = 1 << 17  # room for 20 minutes at 100 Hz
@@ -41,16 +42,20 @@ class LatenessLog:
         return [ROW.unpack_from(self._map, HEADER.size + ROW.size * i)[0] for i in range(start, len(self))]
 
 
+def recorded(kept: LatenessLog) -> type[LoopFigures]:
+    """Statistics of a loop that also keep the lateness of each tick."""
+
+    class RecordedLoopFigures(LoopFigures):
+        def tick(self, missed: int) -> None:
+            kept.add(self.lateness)
+            super().tick(missed)
+
+    return RecordedLoopFigures
+
+
 def main() -> int:
     """Run the daemon, recorded."""
-    kept = LatenessLog(Path(sys.argv[1]), create=True)
-    count = LoopFigures.tick
-
-    def tick(self: LoopFigures, lateness: float, missed: int) -> None:
-        kept.add(lateness)
-        count(self, lateness, missed)
-
-    LoopFigures.tick = tick  # type: ignore[method-assign]
+    control_loop.LoopFigures = recorded(LatenessLog(Path(sys.argv[1]), create=True))  # type: ignore[misc]
     return cli.main(sys.argv[2:])
 
 

@@ -24,9 +24,12 @@ from twind_drivers.dynamixel.packet import (
     status,
 )
 
-READING = bytes.fromhex("10 00 20 00 00 00 00 08 00 00")  # current 16, velocity 32, position 2048
-MODEL = bytes.fromhex("FC 03 2F")  # XM430-W350, firmware 47
 ROOM = 4096
+READING = bytes.fromhex("10 00 20 00 00 00 00 08 00 00")  # current 16, velocity 32, position 2048
+REGISTERS = (
+    bytes(126) + READING + bytes(ROOM)
+)  # X series: these begin at Present Current (126); others are zero
+MODEL = bytes.fromhex("FC 03 2F")  # XM430-W350, firmware 47
 IDLE = 60.0  # s without a packet: whoever started us is gone
 
 
@@ -62,15 +65,18 @@ class ScriptedServos:
         params = packet.params
         if packet.instruction == Instruction.PING:
             return b"" if packet.id == self._silent else status(packet.id, 0, MODEL)
+        address = int.from_bytes(params[:2], "little")
+        size = int.from_bytes(params[2:4], "little")
+        data = REGISTERS[address : address + size]
+        ids = params[4:]
         if packet.instruction == Instruction.SYNC_READ:
-            return b"".join(status(id, 0, READING) for id in params[4:] if id != self._silent)
+            return b"".join(status(id, 0, data) for id in ids if id != self._silent)
         if packet.instruction == Instruction.FAST_SYNC_READ:
-            ids = params[4:]
             end = ids.index(self._silent) if self._silent in ids else len(ids)
-            rows = [(0, id, READING) for id in ids[:end]]
-            return b"".join(fast_status(rows, len(ids) * 14 + 1)) if rows else b""
+            rows = [(0, id, data) for id in ids[:end]]
+            return b"".join(fast_status(rows, len(ids) * (size + 4) + 1)) if rows else b""
         if packet.instruction == Instruction.READ and packet.id != self._silent:
-            return status(packet.id, 0, bytes(int.from_bytes(params[2:4], "little")))
+            return status(packet.id, 0, data)
         return b""
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.base_commit import BASE, OWN, SourceTree, base_tree
+from bench.base_commit import BASE, OWN, SourceTree, base_tree, install_missing
 from bench.harness import MeasurementUnavailable
 
 
@@ -34,3 +34,13 @@ def test_an_unknown_commit_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv(BASE, "no-such-commit")
     with pytest.raises(MeasurementUnavailable, match="no base commit"), base_tree(tmp_path):
         pass
+
+
+def test_a_library_that_cannot_be_had_is_named(tmp_path: Path) -> None:
+    required = tmp_path / "no-such-library"
+    (tmp_path / "pyproject.toml").write_text(
+        f'[project]\ndependencies = ["numpy>=2.1", "no-such-library @ {required.as_uri()}"]\n'
+    )
+    with pytest.raises(MeasurementUnavailable, match=r"needs no-such-library @ .*: ERROR"):
+        install_missing(tmp_path)
+    assert not (tmp_path / "dependencies").exists()
