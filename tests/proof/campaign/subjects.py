@@ -29,16 +29,17 @@ class CampaignSubject:
 _KILL = r"(?m)^ *\d+ \w+ +\+[\d.]+ s: trip"
 
 
-def _fuzz(what: str, piece: int, goal: float) -> CampaignSubject:
+def _fuzz(what: str, piece: int, goal: float, unit: str = "inputs", parts: str = "") -> CampaignSubject:
     return CampaignSubject(
         f"fuzz-{what}",
-        "inputs",
+        unit,
         f"tests.proof.fuzz --what {what} -n {{count:.0f}} --seed {SEED} --first {{next}}",
         rf"{what}: (\d+) inputs of seed",
         piece,
         goal,
         broken=r"(\d+) broke",
         following=r"next FIRST=(\d+)",
+        parts=parts,
     )
 
 
@@ -47,7 +48,7 @@ SUBJECTS = {
     for subject in (
         _fuzz("wire", 200_000, 1e8),
         _fuzz("checksum", 200_000, 1e8),
-        _fuzz("can", 50_000, 1e8),
+        _fuzz("can", 10_000_000, 1e9, "frames", r"(\w+) (\d+) frames"),
         _fuzz("frames", 20_000, 1e7),
         _fuzz("files", 2_000, 1e6),
         _fuzz("settings", 20_000, 1e6),

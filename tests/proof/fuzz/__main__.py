@@ -31,7 +31,7 @@ class FuzzKind(NamedTuple):
 KINDS = {
     "wire": FuzzKind(Wire, 20_000),
     "checksum": FuzzKind(Checksum, 20_000),
-    "can": FuzzKind(Can, 5_000),
+    "can": FuzzKind(Can, 500_000),
     "frames": FuzzKind(Frames, 2_000),
     "files": FuzzKind(Files, 300),
     "settings": FuzzKind(Settings, 1_000),

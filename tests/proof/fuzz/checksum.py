@@ -26,12 +26,11 @@ def packets(stream: bytes, most: int) -> list[FoundPacket]:
     found = []
     at = 0
     while at + 6 <= len(stream):
-        length = stream[at + 3]
-        body = stream[at + 2 : at + 4 + length]
-        whole = stream[at : at + 2] == b"\xff\xff" and length >= 2 and len(body) == length + 2
-        if whole and body[0] <= most and body[-1] == 255 - sum(body[:-1]) % 256:
-            found.append(FoundPacket(body[0], body[2], body[3:-1]))
-            at += length + 4
+        end = at + 4 + stream[at + 3]
+        whole = stream[at] == stream[at + 1] == 0xFF and at + 6 <= end <= len(stream)
+        if whole and stream[at + 2] <= most and sum(stream[at + 2 : end]) % 256 == 255:
+            found.append(FoundPacket(stream[at + 2], stream[at + 4], stream[at + 5 : end - 1]))
+            at = end
         else:
             at += 1
     return found
