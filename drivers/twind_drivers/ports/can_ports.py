@@ -54,8 +54,11 @@ def present(port: str) -> bool:
     return interface != "socketcan" or link_present(channel)
 
 
-def open_channel(port: str, bitrate: int) -> CanChannel:
-    """Open a port by its name, at `bitrate` (bit/s). Raises PortError with the remedy."""
+def open_channel(port: str, bitrate: int, *, by_signal: bool = False) -> CanChannel:
+    """Open a port by its name, at `bitrate` (bit/s). Raises PortError with the remedy.
+
+    `by_signal`: of a serial adapter, as in `SerialTransport`.
+    """
     try:
         interface, channel, baud = parse(port)
     except InvalidInput as error:
@@ -65,7 +68,7 @@ def open_channel(port: str, bitrate: int) -> CanChannel:
         from twind_drivers.ports.python_can_channel import PythonCanChannel  # noqa: PLC0415
 
         return PythonCanChannel(interface, channel, bitrate)
-    transport = SerialTransport(channel, baud)
+    transport = SerialTransport(channel, baud, by_signal=by_signal)
     try:
         return SlcanChannel(transport, bitrate)
     except PortError:

@@ -20,6 +20,7 @@ import serial
 
 from twind_drivers.bus import PortError, PortErrorCause
 from twind_drivers.byte_transport import output_full
+from twind_drivers.ports.arrival_signal import ArrivalSignal
 from twind_drivers.ports.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -36,8 +37,12 @@ class SerialTransport:
     `warning`: a fault under which the port still works, with its remedy; empty: none.
     """
 
-    def __init__(self, path: str, baud: int) -> None:
-        """Open `path`. Raises PortError with cause and remedy."""
+    def __init__(self, path: str, baud: int, *, by_signal: bool = False) -> None:
+        """Open `path`. Raises PortError with cause and remedy.
+
+        `by_signal`: waits for bytes end in time whatever else the machine computes (`ArrivalSignal`). Then
+        only the thread that opened the port may use it, and a hang-up shows at the next write.
+        """
         self.name = path
         self.baud = baud
         self._path = os.path.realpath(path)
@@ -50,6 +55,10 @@ class SerialTransport:
         self.holds = not self._path.startswith("/dev/pts/")  # a pty passes bytes on at once
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
+        self._arrivals: ArrivalSignal | None = None
+        if by_signal:
+            with suppress(OSError):  # none is left: more than 30 ports
+                self._arrivals = ArrivalSignal(self._fd)
         try:
             self._check_speed(baud)
         except PortError:
@@ -60,7 +69,7 @@ class SerialTransport:
 
     def fileno(self) -> int:
         """Return the descriptor to poll; -1 once closed."""
-        return self._fd
+        return self._fd if self._arrivals is None or self._fd < 0 else self._arrivals.fd
 
     def arrival(self) -> float:
         """Return `inf` (unknown): `poll` reports arrivals."""
@@ -85,6 +94,9 @@ class SerialTransport:
 
     def read_into(self, buffer: memoryview) -> int:
         """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
+        arrivals = self._arrivals
+        if arrivals is not None and self._fd >= 0 and not arrivals.take():
+            return 0
         try:
             count = os.readv(self._fd, (buffer,))
         except BlockingIOError:
@@ -93,6 +105,8 @@ class SerialTransport:
             raise self._make_lost_error("read", error) from error
         if count == 0 and len(buffer):  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
             raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortErrorCause.LOST)
+        if arrivals is not None and 0 < count == len(buffer):
+            arrivals.repeat()
         return count
 
     def backlog(self) -> int:
@@ -122,7 +136,7 @@ class SerialTransport:
 
     def drain(self, thrown: bytearray | None = None) -> int:
         """Discard received bytes; return their number and copy them to `thrown` (the last of a long run)."""
-        if not self._query_kernel(termios.FIONREAD, "read"):
+        if self._arrivals is None and not self._query_kernel(termios.FIONREAD, "read"):
             return 0
         total = 0
         while count := self.read_into(self._scratch):
@@ -138,6 +152,8 @@ class SerialTransport:
         if self._fd >= 0:
             self._fd = -1
             self._port.close()
+            if self._arrivals is not None:
+                self._arrivals.close()
 
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"

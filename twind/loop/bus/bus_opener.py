@@ -38,7 +38,8 @@ class BusOpener:
         assert port is not None
         rate = self.robot.bus(name).baud
         can = self._medium(name) is Medium.CAN
-        return self.reader(name, open_channel(port, rate) if can else SerialTransport(port, rate))
+        open_port = open_channel if can else SerialTransport
+        return self.reader(name, open_port(port, rate, by_signal=True))
 
     def reader(self, name: str, port: Any) -> BusReader:
         """Return the reader of a bus on any port of its medium (`ByteTransport` or `CanChannel`)."""

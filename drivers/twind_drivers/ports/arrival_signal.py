@@ -1,0 +1,83 @@
+"""Signal at each arrival of bytes at a terminal, as a descriptor to poll.
+
+A kernel worker of normal priority carries the bytes of every serial port and pseudo-terminal. A poll of an
+empty terminal and a read of it wait until that worker has run (`tty_buffer_flush_work` in drivers/tty/n_tty.c
+of Linux 6.18), past any timeout and whatever the caller's priority: beside programs that compute, a loop
+under SCHED_FIFO was stopped for 0.1 to 0.7 s. With O_ASYNC the worker sends a signal once bytes can be read,
+and a signalfd is polled without waiting for any worker.
+"""
+
+import ctypes
+import fcntl
+import os
+import signal
+import threading
+
+F_SETSIG, F_SETOWN_EX, F_OWNER_TID = 10, 15, 0  # asm-generic/fcntl.h, the same on x86 and ARM
+RECORD = 128  # bytes of struct signalfd_siginfo
+MOST = 32  # records of one read
+# Reads in a row without a signal, after which the terminal is read all the same: a hang-up sends none.
+UNANNOUNCED = 100
+
+_used: set[int] = set()  # signal numbers of this process
+
+
+class ArrivalSignal:
+    """Announces bytes of the terminal `terminal` to the thread that made this object; no other may use it."""
+
+    def __init__(self, terminal: int) -> None:
+        """Take a free real-time signal. Raises OSError where none is left, or the kernel refuses."""
+        free = set(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) - _used
+        if not free:
+            raise OSError("all real-time signals of this process are in use")
+        self._number = max(free)
+        self._silent = 0
+        signal.pthread_sigmask(signal.SIG_BLOCK, {self._number})
+        self.fd = _signalfd(self._number)
+        _used.add(self._number)
+        try:
+            owner = (ctypes.c_int * 2)(F_OWNER_TID, threading.get_native_id())
+            fcntl.fcntl(terminal, F_SETOWN_EX, bytes(owner))
+            fcntl.fcntl(terminal, F_SETSIG, self._number)
+            fcntl.fcntl(terminal, fcntl.F_SETFL, fcntl.fcntl(terminal, fcntl.F_GETFL) | os.O_ASYNC)
+            self.repeat()  # for bytes that came before
+        except OSError:
+            self.close()
+            raise
+
+    def take(self) -> bool:
+        """Return True if bytes may have come since the last call; then the terminal must be read."""
+        self._silent += 1
+        try:
+            while count := len(os.read(self.fd, MOST * RECORD)):
+                self._silent = UNANNOUNCED
+                if count < MOST * RECORD:
+                    break
+        except BlockingIOError:
+            pass
+        if self._silent < UNANNOUNCED:
+            return False
+        self._silent = 0
+        return True
+
+    def repeat(self) -> None:
+        """Announce again: not all bytes were read."""
+        signal.pthread_kill(threading.get_ident(), self._number)
+
+    def close(self) -> None:
+        """Release the signal, which stays blocked. The terminal must be closed by then."""
+        self.take()
+        os.close(self.fd)
+        _used.discard(self._number)
+
+
+def _signalfd(number: int) -> int:
+    """Open a signalfd (signalfd(2)) of one signal; Python has no call for it."""
+    word = 8 * ctypes.sizeof(ctypes.c_ulong)
+    mask = (ctypes.c_ulong * (1024 // word))()  # sigset_t of the C library has 1024 bits
+    mask[(number - 1) // word] = 1 << (number - 1) % word
+    library = ctypes.CDLL(None, use_errno=True)
+    fd: int = library.signalfd(-1, mask, os.O_NONBLOCK | os.O_CLOEXEC)
+    if fd < 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), "signalfd")
+    return fd
