@@ -1,6 +1,8 @@
 """Bytes of a terminal are announced by a signal: all are read, and none is waited for."""
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -11,6 +13,8 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.ports.arrival_signal import UNANNOUNCED, ArrivalSignal
 from twind_drivers.ports.serial_port import SerialTransport
+
+NOBODY = 65534
 
 
 @pytest.fixture
@@ -123,3 +127,25 @@ def test_a_burst_of_many_announcements_is_one(terminal: Terminal) -> None:
     assert port.read_into(buffer) == 100
     assert list(MonotonicClock().wait([port], time.monotonic())) == []
     port.close()
+
+
+def test_a_full_queue_of_signals_ends_no_process_and_loses_no_byte(terminal: Terminal) -> None:
+    program = f"""
+import os, resource, sys
+from twind_drivers.clock import MonotonicClock
+from twind_drivers.ports.serial_port import SerialTransport
+port = SerialTransport({terminal.path!r}, 1_000_000, by_signal=True)
+port.drain()
+assert port.fileno() != port._fd
+resource.setrlimit(resource.RLIMIT_SIGPENDING, (0, 0))
+os.setresuid({NOBODY}, {NOBODY}, {NOBODY}) if os.geteuid() == 0 else None
+print("begun", flush=True)
+clock = MonotonicClock()
+assert list(clock.wait([port], clock.now() + 10.0)) == [0]
+assert port.read_into(memoryview(bytearray(8))) == 4
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        os.write(terminal.master, b"here")
+        assert process.wait(20) == 0

@@ -12,6 +12,7 @@ import fcntl
 import os
 import signal
 import threading
+from collections.abc import Iterable
 
 F_SETSIG, F_SETOWN_EX, F_OWNER_TID = 10, 15, 0  # asm-generic/fcntl.h, the same on x86 and ARM
 RECORD = 128  # bytes of struct signalfd_siginfo
@@ -32,8 +33,10 @@ class ArrivalSignal:
             raise OSError("all real-time signals of this process are in use")
         self._number = max(free)
         self._silent = 0
-        signal.pthread_sigmask(signal.SIG_BLOCK, {self._number})
-        self.fd = _signalfd(self._number)
+        # The kernel sends SIGIO, which ends a process, where the user's queue of signals is full.
+        both = {self._number, signal.SIGIO}
+        signal.pthread_sigmask(signal.SIG_BLOCK, both)
+        self.fd = _signalfd(both)
         _used.add(self._number)
         try:
             owner = (ctypes.c_int * 2)(F_OWNER_TID, threading.get_native_id())
@@ -71,11 +74,12 @@ class ArrivalSignal:
         _used.discard(self._number)
 
 
-def _signalfd(number: int) -> int:
-    """Open a signalfd (signalfd(2)) of one signal; Python has no call for it."""
+def _signalfd(signals: Iterable[int]) -> int:
+    """Open a signalfd (signalfd(2)); Python has no call for it."""
     word = 8 * ctypes.sizeof(ctypes.c_ulong)
     mask = (ctypes.c_ulong * (1024 // word))()  # sigset_t of the C library has 1024 bits
-    mask[(number - 1) // word] = 1 << (number - 1) % word
+    for number in signals:
+        mask[(number - 1) // word] |= 1 << (number - 1) % word
     library = ctypes.CDLL(None, use_errno=True)
     fd: int = library.signalfd(-1, mask, os.O_NONBLOCK | os.O_CLOEXEC)
     if fd < 0:
