@@ -25,6 +25,9 @@ class ByteTransport(PortHandle, Protocol):
     def backlog(self) -> int:
         """Bytes written that have not left yet; 0 where that is unknown. Raises PortError of kind LOST."""
 
+    def settle(self) -> None:
+        """Wait until what the machine has received can be read; other programs may delay that."""
+
     def flush(self) -> None:
         """Throw away what has not left yet. Raises PortError of kind LOST."""
 

@@ -64,8 +64,7 @@ class MonotonicClock:
             time.sleep(remaining)
 
     def wait(self, sources: Sequence[WaitableSource], deadline: float) -> Sequence[int]:
-        """Poll all descriptors once. Errors and hang-ups end the wait too; the next read reports them. A
-        serial port that announces bytes by signals reports a hang-up at its next write.
+        """Poll all descriptors once. Errors and hang-ups end the wait too; the next read reports them.
 
         A source without descriptor cannot end a poll, so it is checked every millisecond.
         """

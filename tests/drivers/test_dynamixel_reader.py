@@ -1,5 +1,6 @@
 """The reading half of a bus, against servos that speak the bytes: holes, fallback, deadlines, upkeep."""
 
+from collections.abc import Mapping
 from math import inf
 from typing import Any
 
@@ -95,6 +96,26 @@ def test_a_hole_in_the_fast_read_is_followed_by_plain_reads_until_some_were_whol
         assert cycle(reader, clock).heard.all()
         kinds.append(servos.seen[-1].instruction)
     assert kinds == [PLAIN] * CALM + [FAST] * 2
+
+
+def test_a_reply_that_the_machine_holds_back_is_not_taken_for_that_of_another_register() -> None:
+    servos = Servos(IDS)
+    servos.put(3, 84, 111, 2)
+    servos.put(3, 82, 222, 2)
+    reader, wire = make(servos)
+    clock = FakeClock()
+    wire.held = bytearray()
+    assert perform_once(reader, ReadRequest((3,), 84, 2), clock) == {}
+    assert wire.held
+    assert perform_once(reader, ReadRequest((3,), 82, 2), clock) == {3: (222).to_bytes(2, "little")}
+
+
+def perform_once(reader: DynamixelReader, query: ReadRequest, clock: FakeClock) -> Mapping[int, bytes]:
+    """Data of one query, as a script gets them."""
+    reader.begin(query, clock.now())
+    while not reader.feed(clock.now()) and clock.now() < reader.deadline:
+        clock.wait([reader.transport], reader.deadline)
+    return reader.answer(clock.now()).data
 
 
 def test_bytes_that_arrive_late_are_not_taken_for_the_next_answer() -> None:

@@ -46,6 +46,9 @@ class Port:
         self.late = self.late[count:]
         return count
 
+    def settle(self) -> None:
+        pass
+
     def drain(self, thrown: bytearray | None = None) -> int:
         if thrown is not None:
             thrown += self.late

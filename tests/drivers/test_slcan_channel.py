@@ -230,6 +230,9 @@ class Adapter:
         self.says = self.says[count:]
         return count
 
+    def settle(self) -> None:
+        pass
+
     def drain(self, thrown: bytearray | None = None) -> int:
         count = len(self.says)
         self.says = b""

@@ -276,6 +276,9 @@ class Wire:
         self.left = self.left[count:]
         return count
 
+    def settle(self) -> None:
+        pass
+
     def drain(self, thrown: bytearray | None = None) -> int:
         count = len(self.left)
         gone = self.left[-self.last :]

@@ -122,6 +122,9 @@ class Wire:
         self.chunk: int | None = None  # bytes a read returns at most
         self.writes: list[bytes] = []
         self.inbox = bytearray()
+        self.held: bytearray | None = (
+            None  # if empty, the next reply: no read finds it before the next write, or `settle`
+        )
 
     def fileno(self) -> int:
         return -1
@@ -131,13 +134,22 @@ class Wire:
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         self.writes.append(bytes(data))
-        self.inbox += self.change(self.servos.hear(bytes(data)))
+        reply = self.change(self.servos.hear(bytes(data)))
+        if self.held == b"":
+            self.held += reply
+        else:
+            self.settle()
+            self.inbox += reply
 
     def read_into(self, buffer: memoryview) -> int:
         count = min(len(buffer), len(self.inbox), self.chunk or len(buffer))
         buffer[:count] = self.inbox[:count]
         del self.inbox[:count]
         return count
+
+    def settle(self) -> None:
+        self.inbox += self.held or b""
+        self.held = None
 
     def drain(self, thrown: bytearray | None = None) -> int:
         if thrown is not None:

@@ -160,6 +160,15 @@ class HalfDuplexTransactor:
         if not self._done:
             self.deadline = max(self.deadline + self.slack, latest)
 
+    def settle(self, ids: Sequence[int]) -> None:
+        """Wait for bytes in the kernel where a missed reply of one of `ids` may be among them.
+
+        They are drained before the next request. Else such a reply could pass for that of another register
+        of the same size.
+        """
+        if not self._sensors.issuperset(ids) and not self.late_replies.ids.isdisjoint(ids):
+            self.transport.settle()
+
     def feed(self, now: float) -> bool:
         """Process received bytes; return True when the transaction is complete. Raises PortError."""
         exchange = self.exchange

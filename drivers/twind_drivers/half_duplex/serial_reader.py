@@ -62,6 +62,7 @@ class SerialReader:
     watchdog: HostWatchdog | None = None  # of devices without one of their own
     _requested: Bools  # (m,) devices that the slices of slow registers are made for
     _query: Query | None  # the query of the rare transaction under way
+    _slice: Query | None = None  # the slice of slow registers, or the probe, that is due
 
     @property
     def deadline(self) -> float:
@@ -105,6 +106,8 @@ class SerialReader:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
+        if query is not self._slice:  # values of slow registers are dropped in doubt instead (`_fold`)
+            self.line.settle(query.ids if isinstance(query, ReadRequest) else (query.id,))
         self.line.send(self._transaction(query), now)
         self._query = query
         if isinstance(query, ReadRequest) and self._is_probe(query):
@@ -151,11 +154,12 @@ class SerialReader:
         Or the probe of a parked device, in the end once a second: a read of its cyclic block.
         """
         place = self.cyclic.attendance.due(now)
-        return (
+        self._slice = (
             self.slow.next(narrow=self.cyclic.trouble)
             if place is None
             else ReadRequest((self.ids[place],), *self.block(place))
         )
+        return self._slice
 
     def _is_probe(self, query: ReadRequest) -> bool:
         [id, *others] = query.ids or (-1,)

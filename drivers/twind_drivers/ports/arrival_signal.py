@@ -4,7 +4,8 @@ A kernel worker of normal priority carries the bytes of every serial port and ps
 empty terminal and a read of it wait until that worker has run (`tty_buffer_flush_work` in drivers/tty/n_tty.c
 of Linux 6.18), past any timeout and whatever the caller's priority: beside programs that compute, a loop
 under SCHED_FIFO was stopped for 0.1 to 0.7 s. With O_ASYNC the worker sends a signal once bytes can be read,
-and a signalfd is polled without waiting for any worker.
+and a signalfd is polled without waiting for any worker. What remains: a read of bytes whose signal comes
+later leaves that signal, and the read that follows it finds nothing and may wait for the worker.
 """
 
 import ctypes
@@ -15,12 +16,10 @@ import threading
 from collections.abc import Iterable
 
 F_SETSIG, F_SETOWN_EX, F_OWNER_TID = 10, 15, 0  # asm-generic/fcntl.h, the same on x86 and ARM
-RECORD = 128  # bytes of struct signalfd_siginfo
+RECORD = 128  # bytes of struct signalfd_siginfo; it begins with the number of the signal, 4 bytes
 MOST = 32  # records of one read
-# Reads in a row without a signal, after which the terminal is read all the same: a hang-up sends none.
-UNANNOUNCED = 100
 
-_used: set[int] = set()  # signal numbers of this process
+_live: set["ArrivalSignal"] = set()  # of this process
 
 
 class ArrivalSignal:
@@ -28,50 +27,56 @@ class ArrivalSignal:
 
     def __init__(self, terminal: int) -> None:
         """Take a free real-time signal. Raises OSError where none is left, or the kernel refuses."""
-        free = set(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) - _used
+        free = set(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) - {each.number for each in _live}
         if not free:
             raise OSError("all real-time signals of this process are in use")
-        self._number = max(free)
-        self._silent = 0
+        self.number: int = max(free)
+        self._due = True  # to be read though no signal came: of bytes that came before
         # The kernel sends SIGIO, which ends a process, where the user's queue of signals is full.
-        both = {self._number, signal.SIGIO}
+        both = {self.number, signal.SIGIO}
         signal.pthread_sigmask(signal.SIG_BLOCK, both)
         self.fd = _signalfd(both)
-        _used.add(self._number)
         try:
             owner = (ctypes.c_int * 2)(F_OWNER_TID, threading.get_native_id())
             fcntl.fcntl(terminal, F_SETOWN_EX, bytes(owner))
-            fcntl.fcntl(terminal, F_SETSIG, self._number)
+            fcntl.fcntl(terminal, F_SETSIG, self.number)
             fcntl.fcntl(terminal, fcntl.F_SETFL, fcntl.fcntl(terminal, fcntl.F_GETFL) | os.O_ASYNC)
-            self.repeat()  # for bytes that came before
         except OSError:
-            self.close()
+            os.close(self.fd)
             raise
+        _live.add(self)
 
     def take(self) -> bool:
         """Return True if bytes may have come since the last call; then the terminal must be read."""
-        self._silent += 1
+        announced = self._due
+        self._due = False
         try:
-            while count := len(os.read(self.fd, MOST * RECORD)):
-                self._silent = UNANNOUNCED
-                if count < MOST * RECORD:
+            while records := os.read(self.fd, MOST * RECORD):
+                announced = True
+                numbers = [
+                    int.from_bytes(records[at : at + 4], "little") for at in range(0, len(records), RECORD)
+                ]
+                if signal.SIGIO in numbers:  # it names no terminal
+                    for each in _live - {self}:
+                        each._due = True
+                if len(records) < MOST * RECORD:
                     break
         except BlockingIOError:
             pass
-        if self._silent < UNANNOUNCED:
-            return False
-        self._silent = 0
-        return True
+        return announced
 
     def repeat(self) -> None:
         """Announce again: not all bytes were read."""
-        signal.pthread_kill(threading.get_ident(), self._number)
+        try:
+            signal.pthread_kill(threading.get_ident(), self.number)
+        except OSError:  # the queue is full; SIGIO needs no place in it
+            signal.pthread_kill(threading.get_ident(), signal.SIGIO)
 
     def close(self) -> None:
         """Release the signal, which stays blocked. The terminal must be closed by then."""
         self.take()
         os.close(self.fd)
-        _used.discard(self._number)
+        _live.discard(self)
 
 
 def _signalfd(signals: Iterable[int]) -> int:

@@ -8,6 +8,7 @@ import errno
 import fcntl
 import grp
 import os
+import select
 import stat
 import struct
 import sys
@@ -24,6 +25,7 @@ from twind_drivers.ports.arrival_signal import ArrivalSignal
 from twind_drivers.ports.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
+UNANNOUNCED = 10  # reads in a row without an announcement, after which a port is asked whether it is there
 SCRATCH = 4096  # bytes discarded per read while draining
 TCGETS2 = 0x802C542A  # x86 and ARM; reads the speed that the kernel set, in bit/s
 SPEED_AT = 40  # bytes into struct termios2: 4 flags, line, 19 control characters, input and output speed
@@ -41,7 +43,8 @@ class SerialTransport:
         """Open `path`. Raises PortError with cause and remedy.
 
         `by_signal`: waits for bytes end in time whatever else the machine computes (`ArrivalSignal`). Then
-        only the thread that opened the port may use it, and a hang-up shows at the next write.
+        only the thread that opened the port may use it, and a hang-up ends no wait: the next call that is no
+        read reports it, or one of the next `UNANNOUNCED` reads.
         """
         self.name = path
         self.baud = baud
@@ -56,9 +59,7 @@ class SerialTransport:
         self._waiting = bytearray(4)  # result of FIONREAD and TIOCOUTQ
         self._scratch = memoryview(bytearray(SCRATCH))
         self._arrivals: ArrivalSignal | None = None
-        if by_signal:
-            with suppress(OSError):  # none is left: more than 30 ports
-                self._arrivals = ArrivalSignal(self._fd)
+        self._unannounced = 0  # reads in a row
         try:
             self._check_speed(baud)
         except PortError:
@@ -66,6 +67,12 @@ class SerialTransport:
             raise
         self.latency_ms = self._lower_latency()
         self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
+        if by_signal:
+            try:
+                self._arrivals = ArrivalSignal(self._fd)
+            except OSError as error:
+                told = f"waits for its bytes may last longer beside programs that compute: no signal: {error}"
+                self.warning = "; ".join(filter(None, (self.warning, told)))
 
     def fileno(self) -> int:
         """Return the descriptor to poll; -1 once closed."""
@@ -94,8 +101,13 @@ class SerialTransport:
 
     def read_into(self, buffer: memoryview) -> int:
         """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
+        if not len(buffer):
+            return 0
         arrivals = self._arrivals
         if arrivals is not None and self._fd >= 0 and not arrivals.take():
+            self._unannounced += 1
+            if self._unannounced % UNANNOUNCED == 0:
+                self.backlog()
             return 0
         try:
             count = os.readv(self._fd, (buffer,))
@@ -103,9 +115,9 @@ class SerialTransport:
             return 0
         except OSError as error:
             raise self._make_lost_error("read", error) from error
-        if count == 0 and len(buffer):  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
+        if count == 0:  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
             raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortErrorCause.LOST)
-        if arrivals is not None and 0 < count == len(buffer):
+        if arrivals is not None and count == len(buffer):
             arrivals.repeat()
         return count
 
@@ -146,6 +158,13 @@ class SerialTransport:
             if total > 64 * SCRATCH:  # a babbling line never runs dry
                 break
         return total
+
+    def settle(self) -> None:
+        """Wait until what the kernel has received can be read, however long its worker takes."""
+        if self._arrivals is not None and self._fd >= 0:
+            poll = select.poll()
+            poll.register(self._fd, select.POLLIN)
+            poll.poll(0)
 
     def close(self) -> None:
         """Release the port. May be called twice."""

@@ -62,6 +62,9 @@ class Loopback:
         self._check()
         return self._bus.backlog
 
+    def settle(self) -> None:
+        """Do nothing: no kernel is in between."""
+
     def flush(self) -> None:
         """Throw those away. Raises PortError of kind LOST."""
         self._check()

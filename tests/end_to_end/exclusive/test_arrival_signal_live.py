@@ -14,18 +14,20 @@ from twind_drivers.clock import MonotonicClock
 from twind_drivers.ports.serial_port import SerialTransport
 
 LOOP, DEVICE, BUSY = 40, 60, 10  # priorities
-SECONDS = 6.0
+SECONDS = 3.0
+PERIOD = 0.005  # s
 REPLY = 400  # bytes
-# Computes for 0.1 of each 0.25 s on the core of its number: the kernel's worker cannot run meanwhile.
+# Computes for every second half of a second, all of them at once: the kernel's worker cannot run meanwhile.
 COMPUTING = """
 import os, sys, time
-os.sched_setaffinity(0, {int(sys.argv[1])})
-os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(sys.argv[2])))
-while os.getppid() == int(sys.argv[3]):
-    end = time.monotonic() + 0.1
+core, priority, parent = map(int, sys.argv[1:])
+os.sched_setaffinity(0, {core})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+while os.getppid() == parent:
+    time.sleep(1.0 - time.monotonic() % 1.0)
+    end = time.monotonic() + 0.5
     while time.monotonic() < end:
         pass
-    time.sleep(0.15)
 """
 ANSWERING = """
 import os, sys, time
@@ -59,10 +61,10 @@ def real_time() -> Iterator[None]:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def test_a_wait_ends_in_time_while_the_worker_that_carries_the_bytes_cannot_run(real_time: None) -> None:
-    """Without signals waits last some 0.1 s too long here."""
+def longest_cycle(*, by_signal: bool) -> float:
+    """Longest cycle (s) of requests and replies; each waits for 4 ms at most."""
     terminal = Terminal()
-    port = SerialTransport(terminal.path, 1_000_000, by_signal=True)
+    port = SerialTransport(terminal.path, 1_000_000, by_signal=by_signal)
     clock = MonotonicClock()
     buffer = memoryview(bytearray(4096))
     longest = 0.0
@@ -76,15 +78,24 @@ def test_a_wait_ends_in_time_while_the_worker_that_carries_the_bytes_cannot_run(
             begun = time.monotonic()
             port.drain()
             port.write(b"request")
-            deadline = time.monotonic() + 0.006
+            deadline = begun + 0.004
             got = 0
             while got < REPLY and time.monotonic() < deadline:
                 if clock.wait([port], deadline):
                     got += port.read_into(buffer)
             longest = max(longest, time.monotonic() - begun)
             whole += got == REPLY
-            time.sleep(max(0.0, begun + 0.01 - time.monotonic()))
+            time.sleep(max(0.0, begun + PERIOD - time.monotonic()))
     port.close()
     terminal.unplug()
-    assert whole > 100, "nothing was measured"
-    assert longest < 0.05
+    assert whole > 50, "nothing was measured"
+    return longest
+
+
+def test_a_wait_ends_in_time_while_the_worker_that_carries_the_bytes_cannot_run(real_time: None) -> None:
+    usual = 0.0
+    for _ in range(3):  # whether the worker has bytes to carry when the others begin to compute is chance
+        usual = max(usual, longest_cycle(by_signal=False)) if usual < 0.2 else usual
+    if usual < 0.2:
+        pytest.skip(f"the worker was not delayed here: the longest cycle took {usual:.3f} s without signals")
+    assert longest_cycle(by_signal=True) < 0.05

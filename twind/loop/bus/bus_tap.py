@@ -175,6 +175,7 @@ class TappedTransport(_Tapped[ByteTransport]):
         super().__init__(inside, tape)
         self.holds = inside.holds
         self.backlog = inside.backlog
+        self.settle = inside.settle
         self.flush = inside.flush
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
