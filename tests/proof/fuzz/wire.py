@@ -68,7 +68,8 @@ def _noise(rng: Random) -> None:
     for each in found:
         assert each.intact
         assert status is None or (each.instruction == p.STATUS) is status
-    used = sum(len(p.instruction(each.id, each.instruction, each.params)) for each in found)
+    # Without stuffing: noise with a right CRC may lack it where twind would have sent it.
+    used = sum(len(p.instruction(each.id, each.instruction)) + len(each.params) for each in found)
     assert used + framer.discarded + len(framer) <= len(stream)
     last = p.ping(9) if status is False else p.status(9, 0, b"\x01")
     told = framer.feed(last)
