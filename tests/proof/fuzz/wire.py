@@ -68,9 +68,10 @@ def _noise(rng: Random) -> None:
     for each in found:
         assert each.intact
         assert status is None or (each.instruction == p.STATUS) is status
-    # Without stuffing: noise with a right CRC may lack it where twind would have sent it.
-    used = sum(len(p.instruction(each.id, each.instruction)) + len(each.params) for each in found)
-    assert used + framer.discarded + len(framer) <= len(stream)
+    # Noise with a right CRC may lack stuffing where twind would have sent it.
+    bare = sum(len(p.instruction(each.id, each.instruction)) + len(each.params) for each in found)
+    stuffed = sum(len(p.instruction(each.id, each.instruction, each.params)) for each in found)
+    assert bare <= len(stream) - framer.discarded - len(framer) <= stuffed
     last = p.ping(9) if status is False else p.status(9, 0, b"\x01")
     told = framer.feed(last)
     if told and told[-1].id != 9:  # what had been cut off took its missing bytes from this one
