@@ -26,9 +26,7 @@ from twind_drivers.dynamixel.packet import (
 
 ROOM = 4096
 READING = bytes.fromhex("10 00 20 00 00 00 00 08 00 00")  # current 16, velocity 32, position 2048
-REGISTERS = (
-    bytes(126) + READING + bytes(ROOM)
-)  # X series: these begin at Present Current (126); others are zero
+REGISTERS = bytes(126) + READING + bytes(ROOM)  # X series: Present Current is 126; all others are zero
 MODEL = bytes.fromhex("FC 03 2F")  # XM430-W350, firmware 47
 IDLE = 60.0  # s without a packet: whoever started us is gone
 

@@ -122,9 +122,8 @@ class Wire:
         self.chunk: int | None = None  # bytes a read returns at most
         self.writes: list[bytes] = []
         self.inbox = bytearray()
-        self.held: bytearray | None = (
-            None  # if empty, the next reply: no read finds it before the next write, or `settle`
-        )
+        # Empty: no read finds the next reply before the next write, or `settle`.
+        self.held: bytearray | None = None
 
     def fileno(self) -> int:
         return -1
