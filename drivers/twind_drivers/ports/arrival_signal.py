@@ -16,30 +16,33 @@ import threading
 from collections.abc import Iterable
 
 F_SETSIG, F_SETOWN_EX, F_OWNER_TID = 10, 15, 0  # asm-generic/fcntl.h, the same on x86 and ARM
-RECORD = 128  # bytes of struct signalfd_siginfo; it begins with the number of the signal, 4 bytes
+RECORD = 128  # bytes of struct signalfd_siginfo; the first is the number of the signal (little-endian)
 MOST = 32  # records of one read
 
 _live: set["ArrivalSignal"] = set()  # of this process
 
 
 class ArrivalSignal:
-    """Announces bytes of the terminal `terminal` to the thread that made this object; no other may use it."""
+    """Announces bytes of the terminal `terminal` to the thread that made this object; no other may use it.
+
+    `fd`: descriptor to poll.
+    """
 
     def __init__(self, terminal: int) -> None:
         """Take a free real-time signal. Raises OSError where none is left, or the kernel refuses."""
-        free = set(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) - {each.number for each in _live}
+        free = set(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) - {each._number for each in _live}
         if not free:
             raise OSError("all real-time signals of this process are in use")
-        self.number: int = max(free)
+        self._number: int = max(free)
         self._due = True  # to be read though no signal came: of bytes that came before
         # The kernel sends SIGIO, which ends a process, where the user's queue of signals is full.
-        both = {self.number, signal.SIGIO}
+        both = {self._number, signal.SIGIO}
         signal.pthread_sigmask(signal.SIG_BLOCK, both)
         self.fd = _signalfd(both)
         try:
             owner = (ctypes.c_int * 2)(F_OWNER_TID, threading.get_native_id())
             fcntl.fcntl(terminal, F_SETOWN_EX, bytes(owner))
-            fcntl.fcntl(terminal, F_SETSIG, self.number)
+            fcntl.fcntl(terminal, F_SETSIG, self._number)
             fcntl.fcntl(terminal, fcntl.F_SETFL, fcntl.fcntl(terminal, fcntl.F_GETFL) | os.O_ASYNC)
         except OSError:
             os.close(self.fd)
@@ -53,10 +56,7 @@ class ArrivalSignal:
         try:
             while records := os.read(self.fd, MOST * RECORD):
                 announced = True
-                numbers = [
-                    int.from_bytes(records[at : at + 4], "little") for at in range(0, len(records), RECORD)
-                ]
-                if signal.SIGIO in numbers:  # it names no terminal
+                if signal.SIGIO in records[::RECORD]:  # it names no terminal
                     for each in _live - {self}:
                         each._due = True
                 if len(records) < MOST * RECORD:
@@ -68,7 +68,7 @@ class ArrivalSignal:
     def repeat(self) -> None:
         """Announce again: not all bytes were read."""
         try:
-            signal.pthread_kill(threading.get_ident(), self.number)
+            signal.pthread_kill(threading.get_ident(), self._number)
         except OSError:  # the queue is full; SIGIO needs no place in it
             signal.pthread_kill(threading.get_ident(), signal.SIGIO)
 

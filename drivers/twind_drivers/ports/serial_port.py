@@ -76,7 +76,7 @@ class SerialTransport:
 
     def fileno(self) -> int:
         """Return the descriptor to poll; -1 once closed."""
-        return self._fd if self._arrivals is None or self._fd < 0 else self._arrivals.fd
+        return self._fd if self._arrivals is None else self._arrivals.fd
 
     def arrival(self) -> float:
         """Return `inf` (unknown): `poll` reports arrivals."""
@@ -104,11 +104,13 @@ class SerialTransport:
         if not len(buffer):
             return 0
         arrivals = self._arrivals
-        if arrivals is not None and self._fd >= 0 and not arrivals.take():
+        if arrivals is not None and not arrivals.take():
             self._unannounced += 1
-            if self._unannounced % UNANNOUNCED == 0:
+            if self._unannounced >= UNANNOUNCED:
+                self._unannounced = 0
                 self.backlog()
             return 0
+        self._unannounced = 0
         try:
             count = os.readv(self._fd, (buffer,))
         except BlockingIOError:
@@ -161,7 +163,7 @@ class SerialTransport:
 
     def settle(self) -> None:
         """Wait until what the kernel has received can be read, however long its worker takes."""
-        if self._arrivals is not None and self._fd >= 0:
+        if self._arrivals is not None:  # else each wait does
             poll = select.poll()
             poll.register(self._fd, select.POLLIN)
             poll.poll(0)
@@ -173,6 +175,7 @@ class SerialTransport:
             self._port.close()
             if self._arrivals is not None:
                 self._arrivals.close()
+                self._arrivals = None
 
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"
