@@ -108,6 +108,20 @@ def test_a_hang_up_shows_at_the_next_write_and_without_one_after_some_reads(term
         port.read_into(buffer)
 
 
+def test_a_port_that_answers_is_never_asked_whether_it_is_there(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = opened(terminal)
+    asked = []
+    monkeypatch.setattr(port, "backlog", lambda: asked.append(1))
+    for _ in range(3 * UNANNOUNCED):
+        port.drain()
+        os.write(terminal.master, b"reply")
+        assert taken(port, 5, 16) == b"reply"
+    assert not asked
+    port.close()
+
+
 def test_signals_are_given_back(terminal: Terminal) -> None:
     begun = len(os.listdir("/proc/self/fd"))
     for _ in range(100):
