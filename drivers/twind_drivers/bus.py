@@ -281,8 +281,11 @@ class BusReader(Protocol):
     def finish(self, now: float) -> BusSample:
         """End the cyclic reading with the received replies. Never raises for a silent device."""
 
-    def begin(self, query: Query, now: float) -> None:
-        """Begin one rare-path transaction. Accepts queries only: a reader cannot write."""
+    def begin(self, query: Query, now: float, latest: float = -inf) -> None:
+        """Begin one rare-path transaction. Accepts queries only: a reader cannot write.
+
+        `latest`: as of `request`.
+        """
 
     def answer(self, now: float) -> RequestReply:
         """End the transaction. Never raises for a silent device. Status registers read go to `registers`."""

@@ -252,9 +252,9 @@ def test_at_500_hz_at_most_one_bus_of_five_ticks_is_asked_beside_its_cyclic_read
         reader = port.reader
         assert reader is not None
 
-        def counted(query: Any, now: float, name: str = port.name, begin: Any = reader.begin) -> None:
+        def counted(*query: Any, name: str = port.name, begin: Any = reader.begin) -> None:
             asked.append(name)
-            begin(query, now)
+            begin(*query)
 
         reader.begin = counted  # type: ignore[method-assign]
     most = 0

@@ -153,8 +153,8 @@ class CanReader:
 
     # --------------------------------------------------------------------------- the rare path
 
-    def begin(self, query: Query, now: float) -> None:
-        """Begin one query. Raises PortError; TypeError for anything that writes."""
+    def begin(self, query: Query, now: float, latest: float = -inf) -> None:
+        """Begin one query. Raises PortError; TypeError for anything that writes. `latest` is not used."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         self.start(query, self._transaction(query, now), now)

@@ -102,13 +102,13 @@ class SerialReader:
 
     # --------------------------------------------------------------------------- the rare path
 
-    def begin(self, query: Query, now: float) -> None:
+    def begin(self, query: Query, now: float, latest: float = -inf) -> None:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         if query is not self._slice:  # values of slow registers are dropped in doubt instead (`_fold`)
             self.line.settle(query.ids if isinstance(query, ReadRequest) else (query.id,))
-        self.line.send(self._transaction(query), now)
+        self.line.send(self._transaction(query), now, latest=latest)
         self._query = query
         if isinstance(query, ReadRequest) and self._is_probe(query):
             self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)

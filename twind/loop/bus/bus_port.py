@@ -131,7 +131,7 @@ class BusPort:
     tasks: list[ScriptRun[Any]] = field(default_factory=list)
     identification: ScriptRun[tuple[IdentifiedDevice, ...]] | None = None
     patient: bool = False  # identification waits for the slowest return delay
-    _holed: bool = False  # in the last cyclic reading a device did not reply
+    holed: bool = False  # in the last cyclic reading a device did not reply
     _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
@@ -193,7 +193,7 @@ class BusPort:
         if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
             return False
         identification = self.identification
-        no_reply = self.patient or (self._holed and not self.devices)
+        no_reply = self.patient or (self.holed and not self.devices)
         return self.reader.lags or (no_reply and identification is not None and not identification.done)
 
     @property
@@ -250,7 +250,7 @@ class BusPort:
             self.reader.transport.close()
             self.tape.record_close(str(error))
         self.reader = self.writer = None
-        self.holding = self._holed = False
+        self.holding = self.holed = False
         self.link = PortState.CLOSED
         self.devices = ()
         self.beside = ""
@@ -297,8 +297,8 @@ class BusPort:
         """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
 
         `upkeep`: a new slice may come up in this tick. `last`: s, when the tick ends. Neither waits longer
-        than
-        `PATIENCE` ticks for room, and a slice that waits stays the next one.
+        than `PATIENCE` ticks for room, and a slice that waits stays the next one. A reply may come until
+        `until`: other programs delay replies by milliseconds.
         """
         reader = self.reader
         if reader is None:
@@ -322,7 +322,7 @@ class BusPort:
             self.due_upkeep = None
             self._waited = 0
             self._current = None
-            return self._send_query(due, now)
+            return self._send_query(due, now, until)
         self._waited += due is not None
         if task is None or task.request is None:
             return False
@@ -335,7 +335,7 @@ class BusPort:
         self._current = task
         self._upkeep = due is not None
         if isinstance(task.request, PingRequest | ReadRequest):
-            return self._send_query(task.request, now)
+            return self._send_query(task.request, now, until)
         self.querying = False
         return self._send_order(task.request, task, now)
 
@@ -346,10 +346,10 @@ class BusPort:
             return True
         return waited >= SOON and now + self._span + self._late <= last
 
-    def _send_query(self, query: Query, now: float) -> bool:
+    def _send_query(self, query: Query, now: float, latest: float) -> bool:
         self.querying = True
         if self.reader is not None:
-            self.reader.begin(query, now)
+            self.reader.begin(query, now, latest)
         return True
 
     def _send_order(self, order: Order, task: ScriptRun[Any], now: float) -> bool:
@@ -387,7 +387,7 @@ class BusPort:
             return None
         sample = self.reader.finish(now)
         self.counts.exchanges += 1
-        self._holed = not every(sample.heard)
+        self.holed = not every(sample.heard)
         self.counts.discarded += sample.discarded
         self.counts.busy = now - sample.sent
         return sample

@@ -283,8 +283,7 @@ class Hardware:
         quiet = now < self.quiet_until
         requested = []
         if not quiet:
-            latest = end - self._rare_time
-            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, latest)]
+            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, end)]
         sent = self.sent = self.clock.now()
         first = collect(requested, self.clock, self._lose)
         fresh: Bools = np.zeros(len(self.joints), np.bool_)
@@ -361,17 +360,18 @@ class Hardware:
             self._handle_port_error(pair, error)
             return False
 
-    def _request(self, pair: Pair, latest: float) -> bool:
+    def _request(self, pair: Pair, end: float) -> bool:
         """Begin the cyclic reading of an open port; False when it was not sent, or the port was lost.
 
-        A reply may come until `latest` (s): other programs delay replies by milliseconds, which costs nothing
-        while readings are fresh. The rare transaction and the start of the next tick are kept free.
+        A reply may come until `end` (s): other programs delay replies by milliseconds, which costs nothing
+        while readings are fresh. Where a device did not reply to the last reading, time for the rare
+        transaction is kept free, as it may not reply again.
         """
-        reader = pair[0].reader
-        if reader is None:
+        port = pair[0]
+        if port.reader is None:
             return False
         try:
-            reader.request(self.clock.now(), latest)
+            port.reader.request(self.clock.now(), end - self._rare_time if port.holed else end)
         except PortError as error:
             self._handle_port_error(pair, error)
             return False

@@ -181,12 +181,12 @@ class LxReader:
 
     # --------------------------------------------------------------------------- the rare path
 
-    def begin(self, query: Query, now: float) -> None:
+    def begin(self, query: Query, now: float, latest: float = -inf) -> None:
         """Begin one query; its address is a command. Raises PortError; TypeError for a write."""
         if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         ids, code, size = self._parts(query)
-        self.line.send(self._exchange(self._due(ids, code, now), code, size), now)
+        self.line.send(self._exchange(self._due(ids, code, now), code, size), now, latest=latest)
         self._code = code
 
     def _parts(self, query: Query) -> tuple[tuple[int, ...], int, int]:
