@@ -373,6 +373,27 @@ def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses,
     assert (task.result, port.strays > before) == ([], True)
 
 
+def test_replies_that_other_programs_delay_count_until_the_tick_ends(world: TwoBuses, port: BusPort) -> None:
+    world.virtual["left"].faults.delay(0.0035)  # s: twice in a tick
+    task = port.run(pings(1, 2, 3))
+    world.tick(count=5)
+    assert task.result == [1, 2, 3]
+    assert (port.counts.errors, port.counts.discarded) == (0, 0)
+    world.virtual["left"].faults.delay(0.007)
+    world.tick(count=5)
+    assert port.counts.errors == 0
+
+
+def test_beside_a_servo_that_does_not_reply_again_time_for_a_rare_transaction_is_kept_free(
+    world: TwoBuses, port: BusPort
+) -> None:
+    world.virtual["left"].faults.silence(2)
+    world.tick()
+    task = port.run(pings(1, 3))
+    world.tick(count=4)
+    assert task.result == [1, 3]
+
+
 def test_a_read_of_an_id_of_another_bus_gets_an_empty_result(world: TwoBuses, port: BusPort) -> None:
     def script() -> Script[dict[int, bytes]]:
         reply = yield ReadRequest((5,), TORQUE, 1)
