@@ -125,6 +125,20 @@ def test_a_silent_servo_in_a_bulk_read_silences_the_others_for_a_few_cycles_only
     assert told.value.ids == gone
 
 
+def test_a_chain_waits_for_its_last_reply_alone_until_the_latest_time() -> None:
+    rig = Dynamixel1Rig([Dynamixel1ServoSpec(id, "AX-18A", QUICK) for id in (1, 2, 3)])
+    for silent in (1, 3):
+        rig.faults.silence(silent)
+        begun = rig.clock.now()
+        rig.reader.request(begun, begun + 0.02)
+        while not rig.reader.feed(rig.clock.now()) and rig.clock.now() < rig.reader.deadline:
+            rig.clock.wait([rig.reader.transport], rig.reader.deadline)
+        sample = rig.reader.finish(rig.clock.now())
+        assert sample.heard.tolist() == [id != silent for id in (1, 2, 3)]
+        assert rig.clock.now() == pytest.approx(begun + 0.02)
+        rig.faults.silence(silent, on=False)
+
+
 def test_a_factory_return_delay_is_found_and_waited_for() -> None:
     servos = [Dynamixel1ServoSpec(id, MX) for id in (1, 2, 3)]
     rig = Dynamixel1Rig(servos)

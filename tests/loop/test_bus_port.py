@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.two_bus_rig import PERIOD, TwoBuses
+from tests.support.two_bus_rig import JOINTS, PERIOD, TwoBuses
 from twind.loop.bus.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
 from twind_drivers.bus import (
     BusError,
@@ -374,14 +374,65 @@ def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses,
 
 
 def test_replies_that_other_programs_delay_count_until_the_tick_ends(world: TwoBuses, port: BusPort) -> None:
-    world.virtual["left"].faults.delay(0.0035)  # s: twice in a tick
-    task = port.run(pings(1, 2, 3))
-    world.tick(count=5)
-    assert task.result == [1, 2, 3]
+    """Slow registers: by 3 ms, in every tick; the cyclic reading: by 7 ms, in one tick."""
+    left = world.virtual["left"].faults
+    left.delay(0.003)
+    world.tick(count=20)
+    assert port.reader is not None
+    assert (world.clock.now() - port.reader.registers.status_time < 0.1).all()
+    left.delay(0.007)
+    world.tick()
+    left.delay(0.0)
+    world.tick(count=2)
     assert (port.counts.errors, port.counts.discarded) == (0, 0)
+
+
+def test_a_bus_that_delays_every_reply_starves_no_other(world: TwoBuses) -> None:
+    world.virtual["left"].faults.delay(0.0065)
+    slow, begun = world.hardware.slow, world.clock.now()
+    world.tick(count=50)
+    right = JOINTS.buses[1].joints
+    assert (slow.status_time[right] > begun + 0.4).all()
+
+
+def exchange_span(world: TwoBuses) -> float:
+    """Seconds that the exchange of the next tick takes."""
+    begun = world.clock.now()
+    world.hardware.exchange(None, begun)
+    span = world.clock.now() - begun
+    world.clock.sleep_until(begun + PERIOD)
+    return span
+
+
+@pytest.mark.parametrize("silent", [(2,), (1, 2, 3)])
+def test_silent_servos_take_the_time_of_a_late_reply_once(world: TwoBuses, silent: tuple[int, ...]) -> None:
+    for id in silent:
+        world.virtual["left"].faults.silence(id)
+    spans = [exchange_span(world) for _ in range(20)]
+    assert spans[0] > 0.8 * PERIOD
+    assert max(spans[1:]) < 0.75 * PERIOD
+
+
+@pytest.mark.parametrize("reason", ["a silent servo", "an urgent script"])
+def test_what_one_bus_needs_time_for_no_late_reply_of_another_takes(world: TwoBuses, reason: str) -> None:
+    if reason == "a silent servo":
+        world.virtual["right"].faults.silence(5)
+        world.tick()
+    else:
+        world.ports[1].run(pings(4), urgent=True)
     world.virtual["left"].faults.delay(0.007)
-    world.tick(count=5)
-    assert port.counts.errors == 0
+    assert exchange_span(world) < 0.75 * PERIOD
+
+
+def test_a_parked_servo_takes_no_time_of_late_replies(world: TwoBuses, port: BusPort) -> None:
+    world.virtual["left"].faults.silence(2)
+    world.tick(count=200)
+    world.virtual["left"].faults.delay(0.007)
+    strays = port.counts.discarded
+    world.tick()
+    world.virtual["left"].faults.delay(0.0)
+    world.tick()
+    assert port.counts.discarded == strays
 
 
 def test_beside_a_servo_that_does_not_reply_again_time_for_a_rare_transaction_is_kept_free(

@@ -94,6 +94,7 @@ class TwoBuses:
         for _ in range(count):
             now = self.clock.now()
             state = self.hardware.exchange(goal, now)
+            assert self.clock.now() - now <= PERIOD, "the exchange lasts longer than a tick"
             self.clock.sleep_until(now + PERIOD)
         return state
 

@@ -81,7 +81,7 @@ class HalfDuplexTransactor:
         self.urgent = b""
         self.goals = b""
         self._leaving = b""  # urgent, written, and not yet known to have left the port
-        self.sent = self.received = self.deadline = -inf  # s
+        self.sent = self.received = self.deadline = self._latest = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; the reader resets it when it reports them
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; reset likewise
@@ -104,7 +104,7 @@ class HalfDuplexTransactor:
     ) -> None:
         """Begin a transaction: drop late bytes of the last one, then send.
 
-        `latest`: s, until when a reply may come at least, beside the slack.
+        `latest`: s, until when a reply may come at least, beside the slack; in a chain the last reply.
         Raises PortError; OutputQueueFull if more than the last packet waits in the port (TX_BACKLOG), or if
         it does not accept all of this one. Then the goals are dropped, since they would be stale; an urgent
         packet (torque off) is sent later.
@@ -158,7 +158,10 @@ class HalfDuplexTransactor:
         else:
             self.deadline = begin + self.span(exchange, len(lead))
         if not self._done:
-            self.deadline = max(self.deadline + self.slack, latest)
+            self._latest = latest
+            self.deadline += self.slack
+            if not exchange.then:
+                self.deadline = max(self.deadline, latest)
 
     def settle(self, ids: Sequence[int]) -> None:
         """Wait for bytes in the kernel where a missed reply of one of `ids` may be among them.
@@ -199,6 +202,8 @@ class HalfDuplexTransactor:
         self._echoed.clear()
         self.transport.write(exchange.then[after][1])
         self.deadline = now + self._step(exchange, after + 1) + self.slack
+        if after + 1 == len(exchange.then):
+            self.deadline = max(self.deadline, self._latest)
 
     def _step(self, exchange: SerialTransaction, place: int) -> float:
         """Return the bus time (s) of one request of a chain and its replies."""

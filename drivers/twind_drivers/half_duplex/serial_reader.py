@@ -108,10 +108,11 @@ class SerialReader:
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         if query is not self._slice:  # values of slow registers are dropped in doubt instead (`_fold`)
             self.line.settle(query.ids if isinstance(query, ReadRequest) else (query.id,))
-        self.line.send(self._transaction(query), now, latest=latest)
+        probed = query.ids[0] if isinstance(query, ReadRequest) and self._is_probe(query) else None
+        self.line.send(self._transaction(query), now, latest=latest if probed is None else -inf)
         self._query = query
-        if isinstance(query, ReadRequest) and self._is_probe(query):
-            self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
+        if probed is not None:
+            self.cyclic.attendance.probed(self.ids.index(probed), now)
 
     def answer(self, now: float) -> RequestReply:
         """End the transaction. Values of slow registers are kept in `registers`, with their time.

@@ -11,7 +11,7 @@ from statistics import quantiles
 from typing import Any, Generic, TypeVar
 
 from twind.loop.bus.bus_tap import BusTap
-from twind.robot.arrays import every
+from twind.robot.arrays import every, some
 from twind_drivers.bus import (
     BusError,
     BusReader,
@@ -131,7 +131,8 @@ class BusPort:
     tasks: list[ScriptRun[Any]] = field(default_factory=list)
     identification: ScriptRun[tuple[IdentifiedDevice, ...]] | None = None
     patient: bool = False  # identification waits for the slowest return delay
-    holed: bool = False  # in the last cyclic reading a device did not reply
+    _holed: bool = False  # in the last cyclic reading a device did not reply ...
+    _missed: bool = False  # ... although it was requested
     _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
@@ -193,7 +194,7 @@ class BusPort:
         if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
             return False
         identification = self.identification
-        no_reply = self.patient or (self.holed and not self.devices)
+        no_reply = self.patient or (self._holed and not self.devices)
         return self.reader.lags or (no_reply and identification is not None and not identification.done)
 
     @property
@@ -250,7 +251,7 @@ class BusPort:
             self.reader.transport.close()
             self.tape.record_close(str(error))
         self.reader = self.writer = None
-        self.holding = self.holed = False
+        self.holding = self._holed = self._missed = False
         self.link = PortState.CLOSED
         self.devices = ()
         self.beside = ""
@@ -283,6 +284,12 @@ class BusPort:
         return any(task.urgent and not task.done for task in self.tasks)
 
     @property
+    def wants_time(self) -> bool:
+        """True when the cyclic reading must leave time: a device may be silent again, or requests wait."""
+        waits = self._waited >= SOON or self._queued >= SOON
+        return waits or self._missed or (bool(self.tasks) and self.hurried)
+
+    @property
     def full(self) -> bool:
         """True when so many scripts wait that another one is refused."""
         return len(self.tasks) >= QUEUE
@@ -297,8 +304,8 @@ class BusPort:
         """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
 
         `upkeep`: a new slice may come up in this tick. `last`: s, when the tick ends. Neither waits longer
-        than `PATIENCE` ticks for room, and a slice that waits stays the next one. A reply may come until
-        `until`: other programs delay replies by milliseconds.
+        than `PATIENCE` ticks for room, and a slice that waits stays the next one. The replies to
+        a slice may come until `until`, as other programs delay them, unless a device was silent just before.
         """
         reader = self.reader
         if reader is None:
@@ -322,7 +329,7 @@ class BusPort:
             self.due_upkeep = None
             self._waited = 0
             self._current = None
-            return self._send_query(due, now, until)
+            return self._send_query(due, now, -inf if self._missed else until)
         self._waited += due is not None
         if task is None or task.request is None:
             return False
@@ -335,7 +342,7 @@ class BusPort:
         self._current = task
         self._upkeep = due is not None
         if isinstance(task.request, PingRequest | ReadRequest):
-            return self._send_query(task.request, now, until)
+            return self._send_query(task.request, now)
         self.querying = False
         return self._send_order(task.request, task, now)
 
@@ -346,7 +353,7 @@ class BusPort:
             return True
         return waited >= SOON and now + self._span + self._late <= last
 
-    def _send_query(self, query: Query, now: float, latest: float) -> bool:
+    def _send_query(self, query: Query, now: float, latest: float = -inf) -> bool:
         self.querying = True
         if self.reader is not None:
             self.reader.begin(query, now, latest)
@@ -387,7 +394,8 @@ class BusPort:
             return None
         sample = self.reader.finish(now)
         self.counts.exchanges += 1
-        self.holed = not every(sample.heard)
+        self._holed = not every(sample.heard)
+        self._missed = self._holed and some(sample.asked & ~sample.heard)
         self.counts.discarded += sample.discarded
         self.counts.busy = now - sample.sent
         return sample

@@ -26,7 +26,7 @@ from twind_drivers.slow_read_rate import upkeep_stride
 T = TypeVar("T")
 # s kept free at the end of a tick: a rare transaction that ran into the next tick would delay its goals ...
 SPARE = 0.0015
-RARE = 0.004  # s kept free for a rare transaction whose reply comes late ...
+RARE = 0.004  # s kept free, while it is wanted, for a rare transaction whose reply comes late ...
 RARE_SHARE = 0.4  # ... at most this share of the period
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
@@ -283,7 +283,13 @@ class Hardware:
         quiet = now < self.quiet_until
         requested = []
         if not quiet:
-            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, end)]
+            # Other programs delay replies by milliseconds, which costs nothing while readings are fresh. Now
+            # and then the rare transactions are left out for that.
+            latest = end
+            for port in self.ports:
+                if port.wants_time:
+                    latest = end - self._rare_time
+            requested = [pair for pair in self.pairs if not pair[0].resting and self._request(pair, latest)]
         sent = self.sent = self.clock.now()
         first = collect(requested, self.clock, self._lose)
         fresh: Bools = np.zeros(len(self.joints), np.bool_)
@@ -360,18 +366,16 @@ class Hardware:
             self._handle_port_error(pair, error)
             return False
 
-    def _request(self, pair: Pair, end: float) -> bool:
+    def _request(self, pair: Pair, latest: float) -> bool:
         """Begin the cyclic reading of an open port; False when it was not sent, or the port was lost.
 
-        A reply may come until `end` (s): other programs delay replies by milliseconds, which costs nothing
-        while readings are fresh. Where a device did not reply to the last reading, time for the rare
-        transaction is kept free, as it may not reply again.
+        A reply may come until `latest` (s).
         """
-        port = pair[0]
-        if port.reader is None:
+        reader = pair[0].reader
+        if reader is None:
             return False
         try:
-            port.reader.request(self.clock.now(), end - self._rare_time if port.holed else end)
+            reader.request(self.clock.now(), latest)
         except PortError as error:
             self._handle_port_error(pair, error)
             return False
