@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from contextlib import suppress
 from typing import Any
 
@@ -44,6 +45,7 @@ class Storm:
         self.wrong = self.ground.wrong
         self.grown: dict[str, Growth] = {}
         self.count: dict[str, int] = {}
+        self.latest: deque[str] = deque(maxlen=12)  # acts, with their time
         self.joints: list[str] = []
         self._hand = False  # one has moved a joint since the robot was armed last
         self._second = 0.0
@@ -73,6 +75,9 @@ class Storm:
                 self._note("refused")
             self._note(act.__name__)
             self.weigh()
+        if self.wrong:
+            log = ground.running.log.read_text(errors="replace")[-4000:]
+            self.wrong += [f"acts before: {', '.join(self.latest)}", f"end of the daemon's log:\n{log}"]
         self.wrong += [each for grown in self.grown.values() for each in grown.wrong()]
         self.wrong += self.companions.end()
         if ground.running.end() != 0:
@@ -91,6 +96,7 @@ class Storm:
 
     def _note(self, what: str) -> None:
         self.count[what] = self.count.get(what, 0) + 1
+        self.latest.append(f"{time.monotonic() - self.begun:.1f} s {what}")
 
     # ------------------------------------------------------------------------------------ weighing
 
