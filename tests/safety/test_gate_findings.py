@@ -76,7 +76,7 @@ def test_a_retimed_path_reports_its_factor_against_one() -> None:
 
 
 def test_a_retimed_path_names_the_joint_that_slows_it_and_both_durations() -> None:
-    quick = w.path([0.05, 0.1], [[0.0, 0.05], [0.0, 0.0]])
+    quick = w.path([0.05, 0.1], [[0.04, 0.05], [0.0, 0.0]])
     [told] = check(quick, w.snapshot(2), w.limits(), TrajectoryRequest("retime"), w.TH).verdict.changes
     assert told.joint == 1 and told.value is not None
     assert f"to {0.1 * told.value:.2f} s instead of 0.10 s, for ACC_LIMIT" in told.message
@@ -122,7 +122,9 @@ def test_an_unknown_reference_gives_only_a_start_jump_finding(unknown: str) -> N
     before = replace(w.at_rest([0.1, 0.0]), **{unknown: np.full(2, nan)})
     for rates in (None, [[0.0, 0.0]] * 2):
         path = w.path([0.01, 5.0], [[0.1, 0.0], [1.0, 0.0]], rates)
-        assert codes(w.ask(path, w.limits(), before).verdict) == [ReasonCode.START_JUMP] * 2
+        refusals = w.ask(path, w.limits(), before).verdict.refusals
+        found = [(each.code, each.joint, each.point, each.time) for each in refusals]
+        assert found == [(ReasonCode.START_JUMP, joint, 0, 0.01) for joint in (0, 1)]
 
 
 def test_a_jump_at_the_start_is_reported_for_the_first_point() -> None:
@@ -135,3 +137,44 @@ def test_a_jump_at_the_start_is_reported_for_the_first_point() -> None:
     ]
     assert (told.joint, told.point, told.time, told.value) == (0, 0, 0.5, 1.9)
     assert told.bound == pytest.approx(0.05 + 0.5)
+
+
+@pytest.mark.parametrize(
+    ("state", "text"), [(RobotState.FAULT, "state is fault"), (RobotState.CONNECTED, "connected")]
+)
+def test_not_armed_repeats_no_steps_that_a_latch_names(state: RobotState, text: str) -> None:
+    [finding] = [
+        f for f in admit(w.snapshot(state=state), BOTH, w.TH).refusals if f.code is ReasonCode.NOT_ARMED
+    ]
+    assert text in finding.message
+    assert ("arm" in finding.message) is (state is RobotState.CONNECTED)
+
+
+def test_a_commanded_joint_that_stays_limp_is_refused_by_name() -> None:
+    limp = np.array([True, False])
+    found = admit(w.snapshot(limp=limp), BOTH, w.TH).refusals
+    assert [(each.code, each.joint) for each in found] == [(ReasonCode.JOINT_LIMP, 0)]
+    assert admit(w.snapshot(limp=limp), ~limp, w.TH).accepted
+
+
+@pytest.mark.parametrize(("speed", "where"), [(5.0, ""), (0.0, "on the way to this point")])
+def test_a_finding_before_the_first_point_says_whether_it_is_on_the_way_there(
+    speed: float, where: str
+) -> None:
+    """A start that is too fast, at once; a way to the first point that is too fast later."""
+    before = replace(w.at_rest([0.0, 0.0]), velocity=np.array([speed, 0.0]))
+    path = w.path([0.3, 9.0], [[0.0 if speed else 0.9, 0.0]] * 2, [[0.0, 0.0]] * 2)
+    [told] = [f for f in w.ask(path, w.limits(), before).verdict.refusals if f.code is ReasonCode.VEL_LIMIT]
+    assert (told.joint, told.point) == (0, 0)
+    assert (told.time == 0.0) is (where == "")
+    assert told.message.startswith(where) and ("way" in told.message) is bool(where)
+
+
+@pytest.mark.parametrize("rate", ["velocity", "acceleration"])
+def test_no_time_is_named_where_a_joint_moves_at_the_start(rate: str) -> None:
+    path = w.path([0.5, 0.6], [[0.0, 0.0], [0.7, 0.1]])  # 7 rad/s, at most 4
+    for moving, text in ((0.0, True), (0.01, False)):
+        before = replace(w.at_rest([0.0, 0.0]), **{rate: np.array([0.0, moving])})
+        refusals = w.ask(path, w.limits(), before).verdict.refusals
+        assert refusals[0].code is ReasonCode.VEL_LIMIT
+        assert ("the whole path needs" in refusals[0].message) is text

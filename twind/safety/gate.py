@@ -270,7 +270,7 @@ def _with_needed_time(findings: list[Finding], path: Trajectory, before: Referen
     """Return the findings with the duration (s) at which the path would pass, where it begins at rest."""
     moving = before.velocity[path.commanded].any() or before.acceleration[path.commanded].any()
     seconds = float(path.time[-1]) * retime.needed(findings)
-    if moving or not 0.0 < seconds < inf:
+    if moving or not seconds < inf:  # NaN too
         return findings
     text = f"the whole path needs {ceil(seconds * 100.0) / 100.0:.2f} s"
     return [replace(each, message=f"{each.message}; {text}" if each.message else text) for each in findings]

@@ -71,6 +71,7 @@ ROOMS = (
             "tests/safety/test_gate_edges.py",
             "tests/safety/test_trajectory_validation_edges.py",
             "tests/safety/test_curve_rules.py",
+            "tests/safety/test_bernstein_curve.py",
             "tests/safety/test_polynomial_bounds.py",
             "tests/safety/test_trajectory_validation.py",
             "tests/safety/test_retime.py",
