@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.guard_rig import FINE, PERIOD, codes, judge
+from tests.support.guard_rig import FINE, LIMITS, PERIOD, codes, facts, judge
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.guard import MOVING, REACTING, Reaction
+from twind.safety.guard import MOVING, REACTING, Guard, Reaction
 from twind.safety.guard_types import ClearanceAhead
 
 BLOCK = 0.002
@@ -80,6 +80,12 @@ def test_lookahead_collision_without_bounds_only_what_touches_is_held_and_now() 
     found = judge(outlook=ClearanceAhead(-0.01))
     assert found.reaction is Reaction.HOLD
     assert [(one.time, one.bound) for one in found.findings] == [(0.0, 0.0)]
+
+
+def test_lookahead_collision_a_hold_of_one_motion_prevents_no_other() -> None:
+    guard = Guard(LIMITS)
+    assert guard.judge(facts(outlook=outlook(BLOCK))).reaction is Reaction.HOLD
+    assert guard.holding(0, PERIOD) == ()
 
 
 def test_lookahead_collision_without_a_look_ahead_gives_no_finding() -> None:

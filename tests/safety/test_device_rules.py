@@ -111,6 +111,28 @@ def test_servo_alert_a_leg_that_shut_itself_down_damps_what_stands_on_it(
     assert judgement.reaction is reaction
 
 
+def test_servo_alert_a_leg_that_is_limp_by_request_has_not_shut_itself_down() -> None:
+    legs = replace(ActuatorRatings.unknown(N), leg=np.ones(N, np.bool_))
+    judge = Guard(LIMITS, support="free", ratings=legs)
+    alert = {"alerts": at(0, 128), "torque": at(0, 0, 1, np.int8)}
+    assert judge.judge(facts(limp=at(0, True, False, np.bool_), **alert)).reaction is Reaction.SETTLE
+    assert judge.judge(facts(limp=at(1, True, False, np.bool_), **alert)).reaction is Reaction.DAMP
+
+
+@pytest.mark.parametrize(("bits", "servo", "on_can"), [
+    (-1, False, False), (0, False, False), (1, True, True), (32, True, True), (128, True, True),
+    (actuator_family.SILENCE, True, False), (actuator_family.SILENCE | actuator_family.VOLTAGE, True, True),
+])  # fmt: skip
+def test_on_can_a_lost_master_alone_is_no_hardware_error_and_only_there_an_error_is_kept(
+    bits: int, servo: bool, on_can: bool
+) -> None:
+    """Arming clears a tripped watchdog. Errors are kept where no reading shows that they have gone."""
+    rules = Guard(LIMITS, buses=("arm",), can={"arm": [0, 2]}).devices
+    fault = np.full(N, bits, np.int16)
+    assert rules.faulty(fault).tolist() == [on_can, servo, on_can]
+    assert rules.kept_errors(fault).tolist() == [on_can, False, on_can]
+
+
 @pytest.mark.parametrize("torque", [0, 1])
 def test_servo_alert_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
     legs = replace(ActuatorRatings.unknown(N), leg=np.ones(N, np.bool_))
@@ -345,6 +367,23 @@ def test_torque_mismatch_counts_from_the_last_time_that_all_was_right(between: d
         for count, row in enumerate(rows)
     ]
     assert [one.latches for one in found] == [False, False, False, True]
+
+
+@pytest.mark.parametrize(("limp", "torque", "bound", "words"), [
+    (True, 0, None, ""), (True, 1, 0.0, "in a limp joint"), (True, -1, 0.0, "in a limp joint"),
+    (False, 1, None, ""), (False, 0, 1.0, "off (0)"), (False, -1, 1.0, "off (0)"),
+])  # fmt: skip
+def test_torque_mismatch_a_limp_joint_must_read_off_and_any_other_on(
+    limp: bool, torque: int, bound: float | None, words: str
+) -> None:
+    judge = guard()
+    over = {"limp": at(1, limp, False, np.bool_), "torque": at(1, torque, 1, np.int8)}
+    assert judge.judge(facts(**over)) == FINE  # one reading may be older than the command
+    found = judge.judge(facts(now=10.01, status_time=np.full(N, 10.0), **over))
+    assert found.latches == (bound is not None)
+    stated = [(one.code, one.joint, one.value, one.bound) for one in found.findings]
+    assert stated == [(ReasonCode.TORQUE_MISMATCH, 1, float(torque), bound)] * found.latches
+    assert all(words in one.message for one in found.findings)
 
 
 def test_torque_mismatch_readings_during_a_procedure_count_as_no_restart() -> None:

@@ -396,12 +396,14 @@ def test_voltage_a_worse_level_is_reported_again_and_a_better_one_ends_it() -> N
     assert [len(one.findings) for one in told[:2]] == [0, 1]
 
 
-def test_voltage_what_lasts_is_reacted_to_in_every_tick() -> None:
+@pytest.mark.parametrize("dt", [PERIOD, 0.5])
+def test_voltage_what_lasts_is_reacted_to_in_every_tick(dt: float) -> None:
+    """Also when it is not read for 5 s: no newer reading says otherwise."""
     watch = Supply()
     for _ in range(3):
         watch.volts(10.4, 12.0, 12.0)
     same = {"voltage": joints(10.4, 12.0, 12.0), "health_time": np.full(N, watch.now)}
-    assert {watch.tick(**same).reaction for _ in range(10)} == {SETTLE}
+    assert {watch.tick(dt, **same).reaction for _ in range(10)} == {SETTLE}
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"mode": Mode.SIM}])
@@ -439,6 +441,14 @@ def test_voltage_old_readings_are_reported(age: float, reported: bool) -> None:
     found = watch.tick(0.2, health_time=read, voltage=joints(12.0, 12.0, 12.0))
     assert [one.joint for one in found.findings] == ([1] if reported else [])
     assert found.reaction is NONE
+
+
+def test_voltage_while_all_is_well_the_age_of_the_readings_is_checked_once_in_a_look() -> None:
+    """Times that are exact in binary: a look is four ticks, and two seconds are 128."""
+    watch = Supply(health_time=np.full(N, 10.0))
+    watch.guard = Guard(LIMITS, GuardThresholds(look=1 / 16), support="gantry", ratings=RATED)
+    found = [codes(watch.tick(1 / 64)) for _ in range(140)]
+    assert found == [[]] * 132 + [[ReasonCode.VOLTAGE]] + [[]] * 7  # at 128 it is not yet too old
 
 
 def test_voltage_what_was_not_read_before_the_arming_has_two_seconds_to_be_read() -> None:

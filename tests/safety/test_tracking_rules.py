@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -260,6 +261,26 @@ def test_follow_err_a_joint_without_a_goal_has_no_error(over: dict[str, object])
     if over.get("previous", 0) is None:  # and what was before it does not count afterwards
         watch.usual = {}
         assert watch.tick([0.3, 0.0, 0.0]) == FINE
+
+
+@pytest.mark.parametrize(
+    ("over", "ticks"), [({"place": [0.3, 0.0, 0.0]}, 10), ({"simulated": reading([0.1, 0.0, 0.0])}, 40)]
+)
+def test_follow_err_and_mirror_drift_count_from_the_last_arming_however_many_there_were(
+    over: dict[str, Any], ticks: int
+) -> None:
+    watch = Watch()
+    for _ in range(4):
+        assert all(watch.tick(**over) == FINE for _ in range(ticks))
+        watch.tick(**over, torque_expected=False)
+
+
+@pytest.mark.parametrize("missing", [{"measured": None}, {"previous": None}], ids=["reading", "goal"])
+def test_follow_err_counts_from_the_last_tick_without_a_reading_or_a_goal(missing: dict[str, Any]) -> None:
+    watch = Watch()
+    for place, ticks in (([0.0] * N, 1), ([0.3, 0.0, 0.0], 10), ([0.3, 0.0, 0.0], 10)):
+        assert all(watch.tick(place) == FINE for _ in range(ticks))
+        assert ReasonCode.FOLLOW_ERR not in codes(watch.tick(place, **missing))
 
 
 @pytest.mark.parametrize(
@@ -580,6 +601,17 @@ def test_mirror_drift_at_a_thousand_looks_a_second_it_is_half_a_second_too() -> 
     watch = Watch()
     found = [watch.tick(dt=0.001, simulated=reading([0.1, 0.0, 0.0])) for _ in range(560)]
     assert [count for count, one in enumerate(found) if one.findings] == [500]
+
+
+def test_mirror_drift_is_checked_once_in_a_look_also_while_a_joint_is_off_its_goal() -> None:
+    """The first look is that of tick 0. Joint 1 drifts from tick 2 on, which the look of tick 5 shows."""
+    watch = Watch(ratings=replace(ActuatorRatings.unknown(N), follow_for=np.full(N, 5.0)))
+    off = [0.3, 0.0, 0.0]
+    found = [
+        watch.tick(off, simulated=reading([0.3, 0.1 if tick >= 2 else 0.0, 0.0])).findings
+        for tick in range(60)
+    ]
+    assert [(tick, one.joint) for tick, told in enumerate(found) for one in told] == [(55, 1)]
 
 
 def test_mirror_drift_what_comes_together_again_counts_anew() -> None:

@@ -22,14 +22,19 @@ LAWS = [
     LinkageTable([AXIS, AXIS], [[0.5 * a + 0.5 * b, 0.5 * a - 0.45 * b] for a in AXIS for b in AXIS]),
 ]
 PACE = np.array([0.5, 0.3])  # rad/s, of the actuators
+ALIKE = np.array([0.4, 0.4])  # rad/s: joint 2 hardly turns
+
+
+def watching(law: Transmission) -> Guard:
+    """A guard of a robot whose joints 0 and 2 are turned by two actuators."""
+    away = np.full(2, np.inf)
+    return Guard(LIMITS, support="gantry", linked=[MappedTransmission(np.array([0, 2]), law, -away, away)])
 
 
 def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 40) -> list[Finding]:
     """Actuators of joints 0 and 2 go at `speeds` (rad/s), and say so; `read` is the share of their way that
     their encoders show."""
-    away = np.full(2, np.inf)
-    linked = MappedTransmission(np.array([0, 2]), law, -away, away)
-    guard = Guard(LIMITS, support="gantry", linked=[linked])
+    guard = watching(law)
     told = []
     guard.limit(LIMITS, ActuatorRatings.unknown(len(LIMITS.lower)))
     for tick in range(ticks):
@@ -49,12 +54,24 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
 
 @pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
 @pytest.mark.parametrize("stuck", [0, 1])
+@pytest.mark.parametrize("pace", [PACE, ALIKE])
 def test_sense_frozen_a_still_encoder_of_a_turning_motor_is_reported_by_its_joint(
-    law: Transmission, stuck: int
+    law: Transmission, pace: np.ndarray, stuck: int
 ) -> None:
     read = np.ones(2)
     read[stuck] = 0.0
-    assert [one.joint for one in found(law, PACE, read)][:1] == [[0, 2][stuck]]
+    assert [one.joint for one in found(law, pace, read)][:1] == [[0, 2][stuck]]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
+def test_sense_frozen_leaves_readings_and_goals_of_the_joints_as_they_are(law: Transmission) -> None:
+    guard = watching(law)
+    place, speed, goal = np.array([[0.3, 0.0, 0.1], [0.4, 0.0, 0.2], [0.35, 0.0, 0.15]])
+    measured = replace(reading(place.tolist()), velocity=speed)
+    guard.judge(facts(measured=measured, previous=goal))
+    assert measured.position.tolist() == [0.3, 0.0, 0.1]
+    assert measured.velocity.tolist() == [0.4, 0.0, 0.2]
+    assert goal.tolist() == [0.35, 0.0, 0.15]
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
