@@ -74,9 +74,8 @@ class BusRules:
 
     def judge(self, facts: GuardInput) -> Sequence[RuleResult]:
         """Return the faults of the buses. `facts.traffic` is in the order of their names."""
-        traffic = facts.traffic
-        if not facts.discarded and len(traffic) == len(self._records):
-            for record, each in zip(self._records, traffic, strict=True):
+        if not facts.discarded:
+            for record, each in zip(self._records, facts.traffic, strict=True):
                 if each.bad or each.foreign or each.full or record.blemished:
                     break
             else:
