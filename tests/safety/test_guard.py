@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from tests.support.gate_rig import at_rest
 from tests.support.guard_rig import FINE, LIMITS, PERIOD, STEP, TINY, N, codes, facts, joints, judge, reading
 from twind.robot.arrays import Floats
-from twind.robot.finding import ReasonCode
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.contact_rules import ContactRules
 from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecision, GuardThresholds, Reaction
+from twind.safety.guard_types import RuleResult
 
 # --------------------------------------------------------------------------------------------- all well
 
@@ -45,6 +47,26 @@ def test_a_hold_at_the_last_goal_is_refused_only_where_nothing_may_be_written(
 def test_other_parts_of_the_loop_read_the_thresholds_of_the_guard() -> None:
     bounds = GuardThresholds(follow=0.123)
     assert Guard(LIMITS, bounds, support="gantry").bounds is bounds
+
+
+def test_other_parts_of_the_loop_read_the_follow_bounds_of_the_guard() -> None:
+    assert Guard(LIMITS, GuardThresholds(follow=0.123)).follow.tolist() == [0.123] * N
+
+
+def test_other_parts_of_the_loop_read_the_contact_rules_of_the_guard() -> None:
+    contact = ContactRules(np.full(N, 1.0), ["arm"] * N)
+    assert Guard(LIMITS, contact=contact).contact is contact
+    assert Guard(LIMITS).contact is None
+
+
+@pytest.mark.parametrize(
+    "fenced", [GuardDecision(), RuleResult(Finding(ReasonCode.LEAD_LIMIT, 1))], ids=["decision", "result"]
+)
+def test_decisions_and_results_with_a_fence_can_be_compared(fenced: GuardDecision | RuleResult) -> None:
+    """Two arrays have no single truth value; the finding states what the fence is about."""
+    here = replace(fenced, fence=(np.full(N, -1.0), np.full(N, 1.0)))
+    there = replace(fenced, fence=(np.full(N, -2.0), np.full(N, 2.0)))
+    assert here == there
 
 
 def test_nothing_to_write_is_always_fine() -> None:
@@ -113,6 +135,18 @@ def test_loop_late_two_missed_ticks_are_reported_and_five_hold(
     assert [finding.bound for finding in judgement.findings] == ([] if bound is None else [bound])
 
 
+def test_loop_late_exactly_two_milliseconds_are_in_time_beside_another_finding() -> None:
+    assert codes(judge(lateness=0.002, lease_ok=False)) == [ReasonCode.LEASE_LOST]
+    late = judge(lateness=0.002 + 1e-9, lease_ok=False)
+    assert codes(late) == [ReasonCode.LOOP_LATE, ReasonCode.LEASE_LOST]
+
+
+@pytest.mark.parametrize(("mode", "reaction"), [(Mode.LIVE, Reaction.HOLD), (Mode.SIM, Reaction.NONE)])
+def test_loop_late_missed_ticks_hold_a_robot_and_no_simulation(mode: Mode, reaction: Reaction) -> None:
+    judgement = judge(mode=mode, missed_in_a_row=5)
+    assert (judgement.reaction, codes(judgement)) == (reaction, [ReasonCode.LOOP_LATE])
+
+
 def test_a_motion_that_begins_now_would_be_held_for_what_holds_now() -> None:
     guard = Guard(LIMITS)
     guard.judge(facts(measured=reading(age=[0.0, 0.2, 0.0])))
@@ -125,6 +159,53 @@ def test_a_motion_that_begins_now_would_be_held_for_what_holds_now() -> None:
     assert guard.holding(4, PERIOD) == ()
     [late] = guard.holding(5, PERIOD)
     assert (late.code, late.value, late.bound) == (ReasonCode.LOOP_LATE, 5.0, 5.0)
+
+
+def test_what_held_in_an_earlier_tick_holds_no_motion_that_begins_now() -> None:
+    guard = Guard(LIMITS)
+    guard.judge(facts(measured=reading(age=[0.0, 0.2, 0.0])))
+    assert guard.holding(0, PERIOD) != ()
+    assert guard.judge(facts()) == FINE
+    assert guard.holding(0, PERIOD) == ()
+
+
+STREAM = {"motion": Motion.STREAMING, "setpoint_age": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("code", "over"),
+    [
+        (ReasonCode.LOOP_LATE, {"missed_in_a_row": 5}),
+        (ReasonCode.ESTOP, {**STREAM, "state": RobotState.ESTOP}),
+        (ReasonCode.FAULT_LATCHED, {**STREAM, "state": RobotState.FAULT}),
+        (ReasonCode.STREAM_STALE, {**STREAM, "setpoint_age": 0.2}),
+        (ReasonCode.LEASE_LOST, {"lease_ok": False}),
+        (ReasonCode.NONFINITE, {"goal": at_rest([nan, 0.0, 0.0])}),
+        (ReasonCode.STEP_LIMIT, {"goal": at_rest([1.0, 0.0, 0.0])}),
+        (ReasonCode.OUT_OF_LIMIT, {"previous": None, "goal": at_rest([2.5, 0.0, 0.0])}),
+        (
+            ReasonCode.OUT_OF_LIMIT,
+            {
+                "measured": reading([2.01, 0.0, 0.0]),
+                "previous": joints(2.01, 0.0, 0.0),
+                "goal": at_rest([2.02, 0.0, 0.0]),
+            },
+        ),
+    ],
+)
+def test_what_holds_the_motion_that_runs_keeps_no_other_from_beginning(
+    code: ReasonCode, over: dict[str, object]
+) -> None:
+    guard = Guard(LIMITS)
+    judgement = guard.judge(facts(**over))
+    assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [code])
+    assert guard.holding(0, PERIOD) == ()
+
+
+def test_a_warning_keeps_no_motion_from_beginning() -> None:
+    guard = Guard(LIMITS)
+    assert codes(guard.judge(facts(lateness=0.01))) == [ReasonCode.LOOP_LATE]
+    assert guard.holding(0, PERIOD) == ()
 
 
 # -------------------------------------------------------------------------------- LEASE_LOST and STREAM_STALE
@@ -358,6 +439,51 @@ def test_out_of_limit_past_its_limit_a_joint_may_only_be_moved_inwards(
         assert (finding.code, finding.joint, finding.bound) == (ReasonCode.OUT_OF_LIMIT, 0, side * 2.0)
     else:  # above all: a stop that still rolls outwards is never refused
         assert judgement == FINE
+
+
+LIMP = [
+    (None, True),
+    ([False, False, False], True),
+    ([True, True, False], False),
+    ([False, False, True], True),
+]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("limp", "held"), LIMP)
+def test_out_of_limit_past_its_limit_a_held_joint_is_moved_inwards_and_a_limp_one_is_free(
+    side: float, limp: list[bool] | None, held: bool
+) -> None:
+    judgement = judge(
+        limp=None if limp is None else np.array(limp),
+        measured=reading([0.0, side * 2.01, 0.0]),
+        previous=side * joints(0.0, 2.01, 0.0),
+        goal=at_rest([0.0, side * 2.02, 0.0]),
+    )
+    assert (judgement.reaction, judgement.goal_refused) == (
+        (Reaction.HOLD, True) if held else (Reaction.NONE, False)
+    )
+    assert [(finding.code, finding.joint) for finding in judgement.findings] == (
+        [(ReasonCode.OUT_OF_LIMIT, 1)] if held else []
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("limp", "held"), LIMP)
+def test_out_of_limit_past_its_hard_limit_a_held_joint_is_a_fault_and_a_limp_one_is_reported(
+    side: float, limp: list[bool] | None, held: bool
+) -> None:
+    there = side * joints(0.0, 2.1, 0.0)
+    judgement = judge(
+        limp=None if limp is None else np.array(limp),
+        measured=reading(list(there)),
+        previous=there,
+        goal=at_rest(there),
+    )
+    assert (judgement.reaction, judgement.latches) == (
+        (Reaction.HOLD, True) if held else (Reaction.NONE, False)
+    )
+    assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.OUT_OF_LIMIT, 1)]
 
 
 def test_out_of_limit_before_anything_was_written_there_is_no_outwards() -> None:

@@ -187,3 +187,10 @@ def test_replaced_limits_apply_from_the_next_tick_and_reported_conditions_are_ke
     step = facts(goal=at_rest([0.0, 0.75 * STEP, 0.0]))
     assert ReasonCode.STEP_LIMIT in codes(guard.judge(step))
     assert judge(goal=at_rest([0.0, 0.75 * STEP, 0.0])) == FINE, "by the limits of before"
+
+
+def test_missed_ticks_hold_a_motion_after_new_limits_too() -> None:
+    guard = Guard(LIMITS)
+    guard.limit(LIMITS, ActuatorRatings.unknown(N))
+    assert guard.holding(4, PERIOD) == ()
+    assert [finding.code for finding in guard.holding(5, PERIOD)] == [ReasonCode.LOOP_LATE]

@@ -245,9 +245,10 @@ def test_overtemp_what_lasts_is_reacted_to_in_every_tick() -> None:
         assert watch.read(30.0, 80.0, 30.0, dt=PERIOD, health_time=same).reaction is SETTLE
 
 
-def test_overtemp_what_is_read_oftener_is_counted_five_times_a_second() -> None:
+@pytest.mark.parametrize("before", [30.0, 62.0], ids=["cool", "warm"])
+def test_overtemp_what_is_read_oftener_is_counted_five_times_a_second(before: float) -> None:
     watch = Watch()
-    watch.row(*[30.0] * 5)
+    watch.row(*[before] * 5)
     found = [watch.read(30.0, 80.0, 30.0, dt=PERIOD) for _ in range(60)]
     assert [one.reaction for one in found[:38]] == [NONE] * 38
     assert SETTLE in {one.reaction for one in found}
@@ -269,9 +270,10 @@ def test_overtemp_a_time_that_stands_still_is_one_reading() -> None:
         assert watch.read(30.0, 80.0, 30.0, dt=0.0, period=PERIOD, health_time=stamps) == FINE
 
 
-def test_overtemp_a_look_that_found_nothing_new_puts_off_no_reading() -> None:
+@pytest.mark.parametrize("before", [30.0, 62.0], ids=["cool", "warm"])
+def test_overtemp_a_look_that_found_nothing_new_puts_off_no_reading(before: float) -> None:
     watch = Watch()
-    watch.row(*[30.0] * 5)
+    watch.row(*[before] * 5)
     for count in range(3):
         same = np.full(N, watch.now)
         watch.read(30.0, 30.0, 30.0, dt=0.2, health_time=same)

@@ -272,6 +272,15 @@ def test_a_stream_is_fenced_around_its_joint_and_not_slowed(torque: float, low: 
     assert follow(guard(), SLOWER, motion=Motion.STREAMING, setpoint_age=0.0) == FINE
 
 
+@pytest.mark.parametrize(("lateness", "lease_ok"), [(0.01, True), (0.0, False)], ids=["warned of", "held"])
+def test_a_stream_keeps_its_fence_beside_another_finding(lateness: float, lease_ok: bool) -> None:
+    judged = follow(
+        guard(), 0.15, motion=Motion.STREAMING, setpoint_age=0.0, lateness=lateness, lease_ok=lease_ok
+    )
+    assert judged.fence is not None
+    assert [bound[JOINT] for bound in judged.fence] == [-MOST, MOST]
+
+
 def test_the_goal_of_a_joint_without_a_position_stays() -> None:
     measured = replace(reading(), position=np.array([0.0, nan, 0.0]))
     judged = follow(guard(), 0.15, measured=measured, motion=Motion.STREAMING, setpoint_age=0.0)

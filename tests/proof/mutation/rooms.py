@@ -111,6 +111,9 @@ ROOMS = (
             "tests/safety/test_tracking_rules.py",
             "tests/safety/test_tracking_rules_transmission.py",
             "tests/safety/test_support_rules.py",
+            "tests/safety/test_lead_rules.py",
+            "tests/safety/test_fall_rules.py",
+            "tests/safety/test_contact_rules.py",
         ),
     ),
     Room(
