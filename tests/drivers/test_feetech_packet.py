@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from twind_drivers.feetech.feetech_packet import FeetechInstruction, sync_read
 from twind_drivers.feetech.feetech_registers import map_of_firmware, register_map
 from twind_drivers.half_duplex import checksum_packet as p
-from twind_drivers.half_duplex.checksum_reply import ChecksumReply
+from twind_drivers.half_duplex.checksum_reply import CAPACITY, ChecksumReply
+from twind_drivers.half_duplex.goal_bounds import bounds_of
+from twind_drivers.half_duplex.goal_words import GoalWords
 from twind_drivers.half_duplex.signed_words import from_word, to_word
 
 IDS = st.integers(0, p.LAST_ID)
@@ -50,8 +53,42 @@ def test_sign_and_magnitude_come_back(value: int) -> None:
 def test_minus_zero_is_zero_and_a_number_too_large_is_refused() -> None:
     assert from_word(0x8000, 15) == 0
     assert to_word(-10, 15) == 0x800A
-    with pytest.raises(OverflowError):
-        to_word(2048, 11)
+
+
+@pytest.mark.parametrize(
+    ("sign", "size", "least", "most"), [(11, 2, -2047, 2047), (None, 2, 0, 65535), (None, 1, 0, 255)]
+)
+def test_a_number_too_large_for_its_word_is_refused(
+    sign: int | None, size: int, least: int, most: int
+) -> None:
+    for value in (least, most):
+        assert from_word(to_word(value, sign, size), sign) == value
+    for value in (least - 1, most + 1):
+        with pytest.raises(OverflowError, match=f"{value} does not fit"):
+            to_word(value, sign, size)
+
+
+def test_a_packet_that_is_damaged_or_not_whole_is_not_found() -> None:
+    good = p.instruction(1, 3, b"\x38\x02")
+    damaged = good[:-1] + bytes((good[-1] ^ 1,))
+    assert p.find_packets(damaged) == p.find_packets(good[:-1]) == []
+    assert p.find_packets(damaged + good) == [p.ChecksumPacket(1, 3, b"\x38\x02")]
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+def test_goals_are_words_with_sign_and_magnitude(big_endian: bool) -> None:
+    wide = np.full(2, 1000)
+    words = GoalWords("arm", 42, (1, 2), (big_endian, False), -wide, wide)
+    words.choose(np.array([True, True]))
+    rows = {1: b"\x81\x00" if big_endian else b"\x00\x81", 2: b"\0\0"}
+    assert words.encode(np.array([-0x100, 0])) == p.sync_write(42, rows)
+
+
+@pytest.mark.parametrize("short", ["lower", "upper"])
+def test_bounds_of_another_number_of_devices_are_refused(short: str) -> None:
+    bounds = {"lower": np.zeros(2, np.int64), "upper": np.ones(2, np.int64)}
+    with pytest.raises(ValueError, match="bounds of 2 devices needed"):
+        bounds_of("arm", 2, **(bounds | {short: bounds[short][:1]}))
 
 
 def reply(ids: Sequence[int], size: int, data: bytes, requests: Sequence[bytes] = ()) -> ChecksumReply:
@@ -90,10 +127,26 @@ def test_noise_around_replies_is_counted_and_a_missing_one_reads_zero(
 
 def test_an_echo_is_no_reply_even_where_it_has_the_form_of_one() -> None:
     request = p.read(1, 56, 2)
+    waiting = ChecksumReply((1,), 2, (request,))
+    waiting.receive_buffer()[: len(request)] = request
+    assert not waiting.take(len(request))
     assert not reply((1,), 2, request, (request,)).heard.any()
     made = reply((1,), 2, request + p.instruction(1, 0, b"\x18\x05"), (request,))
     assert made.data[0].tolist() == [0x18, 0x05]
     assert made.unasked == [p.ChecksumPacket(1, 2, b"\x38\x02")]
+
+
+def test_bytes_beyond_the_buffer_are_dropped_and_counted() -> None:
+    made = ChecksumReply((1,), 2)
+    for _ in range(3):
+        room = made.receive_buffer()
+        room[:] = bytes(len(room))
+        made.take(len(room))
+    good = p.instruction(1, 0, b"\x18\x05")
+    made.receive_buffer()[: len(good)] = good
+    assert made.take(len(good))
+    made.end()
+    assert (made.data[0].tolist(), made.strays) == ([0x18, 0x05], 3 * CAPACITY)
 
 
 @given(st.integers(1, 20))

@@ -13,7 +13,7 @@ import pytest
 from tests.support.dynamixel1_rig import QUICK, Dynamixel1Rig
 from tests.support.feetech_rig import FeetechRig
 from tests.support.unwatched_rig import UnwatchedRig
-from twind_drivers.bus import DeviceRefused, PingRequest, ReadRequest, WireRangeError, WriteRequest
+from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, ReadRequest, WireRangeError, WriteRequest
 from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel1.dynamixel1_writer import Dynamixel1Writer
@@ -22,6 +22,8 @@ from twind_drivers.dynamixel2_unwatched.unwatched_packets import PROTOCOL2, plai
 from twind_drivers.dynamixel2_unwatched.unwatched_writer import Protocol2WriteCheck, UnwatchedWriter
 from twind_drivers.feetech.feetech_writer import FeetechWriter
 from twind_drivers.feetech.virtual_feetech_spec import FeetechServoSpec
+from twind_drivers.half_duplex import checksum_packet
+from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 
 COMMON = ("torque_enable", "goal_position", "id", "baud_rate", "status_return_level")
 
@@ -416,6 +418,54 @@ def test_a_number_of_turns_is_no_shape_of_goals(make: Callable[[], Any]) -> None
     for wrong in (np.array([1, 2, 3]), np.array([[1, 2]]), np.array([1.0, 2.0])):
         with pytest.raises(ValueError, match="2 whole ticks needed"):
             rig.writer.goals(wrong)
+
+
+@pytest.mark.parametrize("make", [feetech, mx, xl])
+def test_new_bounds_drop_the_goals_that_wait(make: Callable[[], Any]) -> None:
+    rig = make()
+    here = rig.arm()
+    rig.writer.goals(here)
+    assert rig.reader.line.goals
+    rig.writer.set_goal_limits(rig.lower, rig.upper)
+    assert not rig.reader.line.goals
+
+
+@pytest.mark.parametrize("make", [feetech, mx, xl])
+def test_preparing_names_a_silent_servo_after_the_others_are_prepared(make: Callable[[], Any]) -> None:
+    rig = make()
+    here = rig.positions()
+    rig.faults.silence(2)
+    with pytest.raises(NoReply) as silent:
+        rig.beside(rig.writer.prepare(here))
+    assert silent.value.ids == (2,)
+    rig.faults.silence(2, on=False)
+    rig.beside(rig.writer.write_goals(here))
+    with pytest.raises(DeviceRefused, match="not prepared") as refused:
+        rig.beside(rig.writer.torque(True))
+    assert refused.value.id == 2
+
+
+@pytest.mark.parametrize("make", [feetech, mx])
+def test_the_full_torque_limit_is_read_back_at_the_end(make: Callable[[], Any]) -> None:
+    rig = prepared(make())
+    limit = rig.reader.table(1)["torque_limit"]
+    script, orders, reply = rig.writer.torque(True), [], None
+    with suppress(StopIteration):
+        while True:
+            orders.append(script.send(reply))
+            reply = rig.transact(orders[-1])
+    assert isinstance(orders[-1], ReadRequest)
+    assert limit.address in range(orders[-1].address, orders[-1].address + orders[-1].size)
+    assert not any(isinstance(each, ReadRequest) for each in orders[-4:-1])
+
+
+@pytest.mark.parametrize("code", [0x55, checksum_packet.READ])
+def test_an_unknown_instruction_with_data_is_not_sent(code: int) -> None:
+    rig = feetech()
+    check = RegisterWriteCheck("arm", rig.reader.tables, {1: (0, 9), 2: (0, 9)}, b"")
+    with pytest.raises(WireRangeError, match="address to id") as refused:
+        check.judge(checksum_packet.instruction(1, code, b"\x2a\x01"))
+    assert refused.value.value == checksum_packet.BROADCAST
 
 
 @pytest.mark.parametrize("make", [feetech, mx, xl])

@@ -104,7 +104,7 @@ class ChecksumReply:
         self.data = self._blocks
         self.heard.fill(True)
         self.answered.fill(True)
-        self.strays = 0  # an earlier search counted the part of a packet that had come by then
+        self.strays = self._lost  # an earlier search counted the part of a packet that had come by then
         self.unasked = ()
         self._complete = True
         return True

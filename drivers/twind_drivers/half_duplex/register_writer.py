@@ -115,7 +115,6 @@ class RegisterWriter:
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
         self._dropped: Bools = np.zeros(len(self._ids), np.bool_)  # its torque read off since
         reader.watchdog.watched = self._on
-        self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self.set_goal_limits(lower, upper)
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
@@ -128,7 +127,7 @@ class RegisterWriter:
         self._goals = self._make_goals(least, most)
         bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
         self._check = self._make_check(bounds)
-        self._version = -1
+        self._version = -1  # of the slow registers that the choice of devices for goals rests on
         self._line.goals = b""
 
     # --------------------------------------------------------------------------- every tick
