@@ -303,9 +303,9 @@ class BusPort:
     def begin_rare(self, now: float, until: float, last: float = inf, *, upkeep: bool = True) -> bool:
         """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
 
-        `upkeep`: a new slice may come up in this tick. `last`: s, when the tick ends. Neither waits longer
-        than `PATIENCE` ticks for room, and a slice that waits stays the next one. The replies to
-        a slice may come until `until`, as other programs delay them, unless a device was silent just before.
+        `upkeep`: a new slice may come up in this tick. `last`: s, when the tick ends. Nothing waits longer
+        than `PATIENCE` ticks, and a slice that waits stays the next one. Its replies may come until `until`:
+        other programs delay them. Not so where a device was silent just before.
         """
         reader = self.reader
         if reader is None:
