@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from tests.support.two_bus_rig import JOINTS, PERIOD, TwoBuses
-from twind.loop.bus.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
+from twind.loop.bus.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState
+from twind.loop.bus.script_run import ScriptRun
 from twind_drivers.bus import (
     BusError,
     PingRequest,

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from twind.loop.bus.bus_port import ScriptRun
 from twind.loop.bus.bus_wait import all_of
+from twind.loop.bus.script_run import ScriptRun
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.procedure_runner import (
     Priority,

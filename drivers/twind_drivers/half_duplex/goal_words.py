@@ -4,6 +4,7 @@ Plain loops: for up to some 24 devices they are faster than numpy calls. Pure.
 """
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +14,23 @@ from twind_drivers.half_duplex.checksum_packet import sync_write
 
 FIRST = 7  # where the first row begins
 SIGN = 0x8000
+
+
+class GoalEncoder(Protocol):
+    """Packet of the goals of m devices, of which some get one. `places`: those, in order."""
+
+    lower: Ints
+    upper: Ints
+    places: list[int]
+
+    def choose(self, among: Bools) -> None:
+        """Send goals to these devices (m,) alone."""
+
+    def check(self, ticks: Ints) -> None:
+        """Raise WireRangeError for the first goal (m,) out of range, ValueError for another shape."""
+
+    def encode(self, ticks: Ints) -> bytes:
+        """Return the packet of goals (m,); empty: no device gets any. Raises as `check`."""
 
 
 class GoalWords:

@@ -1,7 +1,7 @@
 """Restart of one serial servo that has torque and error in registers. Scripts."""
 
 from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, RebootRequest, Script
-from twind_drivers.half_duplex.register_writer import RegisterReader
+from twind_drivers.half_duplex.register_reader import RegisterReader
 
 BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz
 

@@ -6,7 +6,7 @@ a servo is prepared, how registers that survive power-off are written, and how i
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,72 +20,21 @@ from twind_drivers.bus import (
     Order,
     RebootRequest,
     Script,
-    SlowRegisterValues,
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress
 from twind_drivers.flags import some
 from twind_drivers.half_duplex.goal_bounds import bounds_of
-from twind_drivers.half_duplex.goal_words import GoalWords
-from twind_drivers.half_duplex.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
-from twind_drivers.half_duplex.host_watchdog import HostWatchdog
-from twind_drivers.half_duplex.line_codec import LineCodec
-from twind_drivers.half_duplex.register_table import MappedRegister, RegisterTable, spans_of
+from twind_drivers.half_duplex.goal_words import GoalEncoder, GoalWords
+from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
+from twind_drivers.half_duplex.register_reader import RegisterReader
+from twind_drivers.half_duplex.register_table import MappedRegister, spans_of
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
-from twind_drivers.half_duplex.slow_register_slices import SlowRegisterSlices
 from twind_drivers.single_device import SingleDeviceControl
 
 RAMP = (0.5, 0.75, 1.0)  # of the full torque limit, after torque on
 SHARE = 0.3  # of the full torque limit: at torque on, and what damping leaves
 Row = tuple[int, str, int]  # id, register, value
-
-
-class RegisterReader(Protocol):
-    """Reader as its writer uses it."""
-
-    name: str
-    ids: tuple[int, ...]
-    line: HalfDuplexTransactor
-    registers: SlowRegisterValues
-    watchdog: HostWatchdog
-    codec: LineCodec
-
-    @property
-    def slow(self) -> SlowRegisterSlices:
-        """Slow registers and their schedule."""
-
-    @property
-    def tables(self) -> Mapping[int, RegisterTable]:
-        """Register table by id."""
-
-    def table(self, id: int) -> RegisterTable:
-        """Return the register table of a device. Raises KeyError."""
-
-    def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
-        """Read one block of several devices. Raises NoReply, DeviceRefused."""
-
-    def values(self, ids: Sequence[int], address: int, size: int) -> Script[dict[int, Mapping[str, int]]]:
-        """Read one block of several devices; return its registers by id. Raises NoReply."""
-
-    def read(self, id: int, name: str) -> Script[RegisterAddress]:
-        """Read one register by its name."""
-
-
-class GoalEncoder(Protocol):
-    """Packet of the goals of m devices, of which some get one. `places`: those, in order."""
-
-    lower: Ints
-    upper: Ints
-    places: list[int]
-
-    def choose(self, among: Bools) -> None:
-        """Send goals to these devices (m,) alone."""
-
-    def check(self, ticks: Ints) -> None:
-        """Raise WireRangeError for the first goal (m,) out of range, ValueError for another shape."""
-
-    def encode(self, ticks: Ints) -> bytes:
-        """Return the packet of goals (m,); empty: no device gets any. Raises as `check`."""
 
 
 class RegisterWriter:

@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from math import inf
 from typing import Any
 
-from twind.loop.bus.bus_port import BusPort, ScriptRun
+from twind.loop.bus.bus_port import BusPort
+from twind.loop.bus.script_run import ScriptRun
 from twind.robot.joint_map import JointBusMap
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import Clock

@@ -10,11 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from twind.loop.bus.bus_port import BusPort, PortLost, PortState, ScriptRun
+from twind.loop.bus.bus_port import BusPort, PortLost, PortState
 from twind.loop.bus.bus_wait import Pair, all_of, collect
 from twind.loop.bus.exchange_measurements import ExchangeMeasurements
 from twind.loop.bus.imu_poller import ImuPoller
 from twind.loop.bus.joint_readings import JointReadings, radians, reach, resolution, ticks
+from twind.loop.bus.script_run import ScriptRun
 from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.joint_map import JointBusMap, JointMap
 from twind.robot.joint_state import JointState

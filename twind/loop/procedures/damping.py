@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind.loop.bus.bus_port import ScriptRun
+from twind.loop.bus.script_run import ScriptRun
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
 from twind.robot.event_codes import EventCode

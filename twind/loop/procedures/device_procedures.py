@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 from twind import link
 from twind.exceptions import InvalidInput
-from twind.loop.bus.bus_port import BusPort, ScriptRun
+from twind.loop.bus.bus_port import BusPort
 from twind.loop.bus.bus_wait import all_of
+from twind.loop.bus.script_run import ScriptRun
 from twind.loop.ipc.call_outcome import CallFailure, CallOutcome, CallReply
 from twind.loop.procedures.calibrating_state import CalibratingState
 from twind.loop.procedures.homing_procedure import HomingProcedure
