@@ -16,7 +16,7 @@ from tests.support.golden_captures import HERE, LARGEST, cut, expected, expected
 from tests.support.replay_rig import Replay, flight, recording, unlike
 from twind import link
 from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, load
-from twind.observe.replaying.replay_bus import ReplayBus
+from twind.observe.replaying.replay_bus import ROUND, ReplayBus, reach
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
     RunOutcome,
@@ -61,6 +61,21 @@ def test_without_the_recorded_bytes_a_golden_capture_does_not_come_out(
     monkeypatch.setattr(ReplayBus, "_find", lambda *_: None)
     noise = golden("noise", tmp_path)
     assert [each.split()[0] for each in noise] == ["verbatim", "errors"], noise
+
+
+@pytest.mark.parametrize(
+    ("times", "far"),
+    [
+        ([1.00, 1.01, 1.02], 0.006),  # of every tick: no reply of another tick
+        ([1.00, 1.10, 1.30], 0.045),  # of a slow register: nearer to this one than to the next
+        ([1.00, 2.00, 3.00], ROUND),
+        ([2.00], ROUND),
+    ],
+)
+def test_a_question_asked_seldom_is_found_further_from_its_recorded_time(
+    times: list[float], far: float
+) -> None:
+    assert reach(times, len(times) // 2, 0.006) == pytest.approx(far)
 
 
 # ------------------------------------------------------------------------------------------- broken ones

@@ -7,8 +7,8 @@ noise, cuts and delays. Servos with the recorded registers answer all other requ
 import heapq
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable
-from itertools import count
+from collections.abc import Callable, Sequence
+from itertools import count, pairwise
 from math import inf
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,12 @@ from twind_drivers.virtual.half_duplex_wire import BITS
 from twind_drivers.virtual.shown_position_log import ShownPositionLog
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
-NEAR = 0.6  # of a period of the loop: a question so far from where it was asked is still the same one
+NEAR = 0.6  # of a period of the loop: a question so far from where it was asked is still the same one.
+# A question that is asked seldom may be further away: a reply that was late once delays all slow reads behind
+# it. At most this part of the time between two equal questions, and one round of the registers that report
+# lost torque.
+APART = 0.45
+ROUND = 0.06  # s
 USUAL = 0.5  # s after the beginning in which is looked for what is asked in every tick
 WOKEN = 0.001  # s, half of what a driver waits beyond the time on the wire
 PATIENCE = 1.0  # s after which the replay begins with another question than the one it should begin with
@@ -232,7 +237,7 @@ class ReplayBus:
         at = bisect_left(times, moment, lo=used)
         if at == len(times) or (at > used and moment - times[at - 1] < times[at] - moment):
             at -= 1
-        if at < used or abs(times[at] - moment) > self._near:
+        if at < used or abs(times[at] - moment) > reach(times, at, self._near):
             return None
         self._used[question] = at + 1
         return self._recorded[question][at]
@@ -259,6 +264,16 @@ class ReplayBus:
         moment = self._passage.moment(self._now())
         after = [at for at, _ in self._story.plugs if at > moment]
         return after[0] + self._passage.shift if after else inf
+
+
+def reach(times: Sequence[float], at: int, near: float) -> float:
+    """Return how far (s) from `times[at]` a question is still that one, `near` at least.
+
+    `times`: s, ascending, when equal questions were asked.
+    """
+    beside = times[max(0, at - 1) : at + 2]
+    gap = min((after - before for before, after in pairwise(beside)), default=inf)
+    return max(near, min(ROUND, APART * gap))
 
 
 AGO = 0.1  # s since its last read: for so long it repeats the values, then it is silent
