@@ -27,8 +27,6 @@ from twind.observe.replaying.replay_script import score
 from twind.robot.modes import Mode
 from twind_drivers.dynamixel import packet
 
-ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
-
 
 def played(recorded: LoadedFlight, folder: Path) -> RunOutcome:
     with closing(Replay(recorded, folder)) as replay:

@@ -26,7 +26,7 @@ NEAR = 0.6  # of a period of the loop: a question so far from where it was asked
 # it. At most this part of the time between two equal questions, and one round of the registers that report
 # lost torque.
 APART = 0.45
-ROUND = 0.06  # s
+ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
 USUAL = 0.5  # s after the beginning in which is looked for what is asked in every tick
 WOKEN = 0.001  # s, half of what a driver waits beyond the time on the wire
 PATIENCE = 1.0  # s after which the replay begins with another question than the one it should begin with
