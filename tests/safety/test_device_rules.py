@@ -355,6 +355,15 @@ def test_a_watchdog_read_before_the_arming_gives_no_servo_rebooted_though_torque
     assert judge.judge(facts(now=10.02, watchdog=watchdog, status_time=np.full(N, 10.01))).latches
 
 
+def test_watchdog_tripped_before_an_arming_counts_no_more_after_it() -> None:
+    """Between the two it was cleared, and its register may be read again only later."""
+    judge = guard()
+    tripped = {"watchdog": at(0, 255, 5, np.int16), "status_time": np.full(N, 9.9)}
+    assert codes(judge.judge(facts(now=10.0, **tripped))) == [ReasonCode.WATCHDOG_TRIPPED]
+    judge.judge(facts(now=10.01, **tripped, **DISARMED))
+    assert judge.judge(facts(now=10.02, **tripped)) == FINE
+
+
 @pytest.mark.parametrize("between", [DISARMED, {"torque": np.ones(N, np.int8)}])
 def test_torque_mismatch_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
     judge = guard()
