@@ -59,7 +59,7 @@ class RegisterWriter:
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
         self._gains: dict[int, dict[str, int]] = {}  # ... and gains
         self._aimed: set[int] = set()  # ids with a goal since they were prepared
-        self._soft: list[int] = []  # ids that damping has softened since
+        self._soft: set[int] = set()  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
         self._dropped: Bools = np.zeros(len(self._ids), np.bool_)  # its torque read off since
@@ -158,7 +158,7 @@ class RegisterWriter:
                 yield from self._take_over(holding)
                 self._aimed |= holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
-                self._soft = [id for id in self._soft if id not in there]
+                self._soft.difference_update(there)
                 break
             except NoReply as error:
                 silent = silent or error
@@ -206,7 +206,7 @@ class RegisterWriter:
                 where = f"torque enable ({self.TORQUE})"
                 raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
         self._mark_energised(ids, on)
-        if self._soft and not on:
+        if not on:
             yield from self._restore_gains()
         for share in RAMP if on else ():
             yield from self._set(self._limits(ids, share), verify=share == RAMP[-1])
@@ -220,7 +220,7 @@ class RegisterWriter:
         ids = [id for id in self._ids if id in self._full and id not in limp]
         rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
         bad = set(self._ids).difference(ids, limp)
-        self._soft = ids
+        self._soft.update(ids)
         while True:
             try:
                 yield from self._set([row for row in rows if row[0] not in bad])
@@ -267,8 +267,9 @@ class RegisterWriter:
     def _restore_gains(self) -> Script[None]:
         """Undo damping where torque is off: the next writer would take soft gains for the servo's own."""
         with suppress(NoReply, DeviceRefused):  # torque off does not depend on it
-            yield from self._set([(id, *gain) for id in self._soft for gain in self._gains[id].items()])
-            self._soft = []
+            soft = [id for id in self._ids if id in self._soft]
+            yield from self._set([(id, *gain) for id in soft for gain in self._gains[id].items()])
+            self._soft.clear()
 
     def _led_ids(self) -> list[int]:
         """Return the ids of the devices that `prepare` chose."""
