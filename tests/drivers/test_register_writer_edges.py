@@ -162,6 +162,16 @@ def test_pending_goals_are_dropped_with_the_end_of_a_drive_of_one_device(make: C
     assert goals(rig) == here.tolist()
 
 
+@MAKERS
+def test_goals_of_scripts_are_checked_before_anything_is_sent(make: Callable[[], Any]) -> None:
+    rig = make()
+    for script in (rig.writer.prepare, rig.writer.write_goals):
+        with pytest.raises(ValueError, match="2 whole ticks needed"):
+            next(script(np.array([500, 500, 500])))
+        with pytest.raises(WireRangeError, match="id 2: goal 1099511627776 outside"):
+            next(script(np.array([500, 1 << 40])))
+
+
 # ------------------------------------------------------------------------------- preparing
 
 

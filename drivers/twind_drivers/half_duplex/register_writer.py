@@ -76,7 +76,8 @@ class RegisterWriter:
         self._goals = self._make_goals(least, most)
         bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
         self._check = self._make_check(bounds)
-        self._version = -1  # of the slow registers that the choice of devices for goals rests on
+        # Of the slow registers that the choice of devices for goals rests on; None: they are chosen anew.
+        self._version: int | None = None
         self._line.goals = b""
 
     # --------------------------------------------------------------------------- every tick
@@ -146,7 +147,7 @@ class RegisterWriter:
         writer holds and that refuses is left out like a silent one: the others can be lowered.
         """
         self._led = np.ones(len(self._ids), np.bool_) if among is None else among.copy()
-        self._version = -1
+        self._version = None
         self.clear()
         self._goals.check(ticks)
         there = self._led_ids()
@@ -279,7 +280,7 @@ class RegisterWriter:
         """Note whether this writer has switched torque of `ids` on: goals leave for no others."""
         self._on[places := [self._index[id] for id in ids]] = on
         self._dropped[places] = False
-        self._version = -1
+        self._version = None
 
     def _goal_row(self, id: int, ticks: Ints) -> Row:
         """Return the goal of a device; `ticks` (m,): of all."""
