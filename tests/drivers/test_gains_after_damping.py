@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.servos_without_watchdog import MAKERS, contents, ignores_writes, mx, xl
+from twind_drivers.bus import DeviceRefused, NoReply
 
 GAIN = "position_p_gain"
 
@@ -103,6 +104,31 @@ def test_of_damped_servos_those_that_are_not_prepared_stay_soft_until_torque_is_
     assert gains(rig) == [own[0], soft[1]]
     rig.beside(rig.writer.torque(False))
     assert gains(rig) == own
+
+
+@MAKERS
+@pytest.mark.parametrize("silent", [True, False])
+def test_gains_return_where_torque_is_off_although_another_servo_does_not_confirm_it(
+    make: Callable[[], Any], silent: bool
+) -> None:
+    """Else a servo that stays dead leaves soft gains in all others, and the next writer takes them over."""
+    rig = make()
+    rig.arm()
+    own = gains(rig)
+    rig.beside(rig.writer.damp())
+    soft = gains(rig)
+    if silent:
+        rig.faults.silence(2)
+    else:
+        ignores_writes(rig, 1, of="torque_enable")
+    for _ in range(2):
+        with pytest.raises(NoReply if silent else DeviceRefused, match="2"):
+            rig.beside(rig.writer.torque(False))
+        assert gains(rig) == [own[0], soft[1]]
+    rig.beside(rig.writer.write(1, GAIN, 17))
+    with pytest.raises(NoReply if silent else DeviceRefused):
+        rig.beside(rig.writer.torque(False))
+    assert gains(rig) == [17, soft[1]]
 
 
 # ------------------------------------------------------------------------------- whom damping reaches

@@ -201,14 +201,19 @@ class RegisterWriter:
         self._mark_energised(self._ids, False)
         order = WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE)
         yield GroupWriteBatch((order,) if on else (order, order, order))
-        found = yield from self._bus.collect(ids, self.TORQUE, 1)
-        for id in ids:
-            if found[id] != bytes((on,)):
-                where = f"torque enable ({self.TORQUE})"
-                raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
+        try:
+            found = yield from self._bus.collect(ids, self.TORQUE, 1)
+            for id in ids:
+                if found[id] != bytes((on,)):
+                    where = f"torque enable ({self.TORQUE})"
+                    raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
+        except (NoReply, DeviceRefused):
+            if not on:
+                yield from self._restore_gains(self._limp_ids())
+            raise
         self._mark_energised(ids, on)
         if not on:
-            yield from self._restore_gains()
+            yield from self._restore_gains(ids)
         for share in RAMP if on else ():
             yield from self._set(self._limits(ids, share), verify=share == RAMP[-1])
 
@@ -217,7 +222,7 @@ class RegisterWriter:
 
         A servo without torque is left alone: a torque limit may switch on one that its alarm has shut down.
         """
-        limp = {id for id, on in zip(self._ids, self._bus.registers.torque.tolist(), strict=True) if on == 0}
+        limp = self._limp_ids()
         ids = [id for id in self._ids if id in self._full and id not in limp]
         rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
         bad = set(self._ids).difference(ids, limp)
@@ -265,12 +270,16 @@ class RegisterWriter:
         self._gains[id] = {**found, **(self._gains[id] if id in self._soft else {}), **wanted}
         return [(id, name, value) for name, value in self._gains[id].items()]
 
-    def _restore_gains(self) -> Script[None]:
-        """Undo damping where torque is off: the next writer would take soft gains for the servo's own."""
+    def _restore_gains(self, limp: Collection[int]) -> Script[None]:
+        """Undo damping of servos without torque: the next writer would take soft gains for their own."""
         with suppress(NoReply, DeviceRefused):  # torque off does not depend on it
-            soft = [id for id in self._ids if id in self._soft]
+            soft = [id for id in limp if id in self._soft]
             yield from self._set([(id, *gain) for id in soft for gain in self._gains[id].items()])
-            self._soft.clear()
+            self._soft.difference_update(soft)
+
+    def _limp_ids(self) -> list[int]:
+        """Return the ids of the devices whose torque reads off."""
+        return [id for id, on in zip(self._ids, self._bus.registers.torque.tolist(), strict=True) if on == 0]
 
     def _led_ids(self) -> list[int]:
         """Return the ids of the devices that `prepare` chose."""
