@@ -59,7 +59,7 @@ class RegisterWriter:
         self._full: dict[int, int] = {}  # by id, of each prepared servo: torque limit ...
         self._gains: dict[int, dict[str, int]] = {}  # ... and gains
         self._aimed: set[int] = set()  # ids with a goal since they were prepared
-        self._soft: list[int] = []  # ids that damping has softened since
+        self._soft: set[int] = set()  # ids that damping has softened since
         self._led: Bools = np.ones(len(self._ids), np.bool_)
         self._on: Bools = np.zeros(len(self._ids), np.bool_)  # torque switched on by this writer
         self._dropped: Bools = np.zeros(len(self._ids), np.bool_)  # its torque read off since
@@ -76,7 +76,8 @@ class RegisterWriter:
         self._goals = self._make_goals(least, most)
         bounds = dict(zip(self._ids, zip(least.tolist(), most.tolist(), strict=True), strict=True))
         self._check = self._make_check(bounds)
-        self._version = -1  # of the slow registers that the choice of devices for goals rests on
+        # Of the slow registers that the choice of devices for goals rests on; None: they are chosen anew.
+        self._version: int | None = None
         self._line.goals = b""
 
     # --------------------------------------------------------------------------- every tick
@@ -146,7 +147,7 @@ class RegisterWriter:
         writer holds and that refuses is left out like a silent one: the others can be lowered.
         """
         self._led = np.ones(len(self._ids), np.bool_) if among is None else among.copy()
-        self._version = -1
+        self._version = None
         self.clear()
         self._goals.check(ticks)
         there = self._led_ids()
@@ -158,7 +159,7 @@ class RegisterWriter:
                 yield from self._take_over(holding)
                 self._aimed |= holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
-                self._soft = [id for id in self._soft if id not in there]
+                self._soft.difference_update(there)
                 break
             except NoReply as error:
                 silent = silent or error
@@ -200,14 +201,19 @@ class RegisterWriter:
         self._mark_energised(self._ids, False)
         order = WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE)
         yield GroupWriteBatch((order,) if on else (order, order, order))
-        found = yield from self._bus.collect(ids, self.TORQUE, 1)
-        for id in ids:
-            if found[id] != bytes((on,)):
-                where = f"torque enable ({self.TORQUE})"
-                raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
+        try:
+            found = yield from self._bus.collect(ids, self.TORQUE, 1)
+            for id in ids:
+                if found[id] != bytes((on,)):
+                    where = f"torque enable ({self.TORQUE})"
+                    raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
+        except (NoReply, DeviceRefused):
+            if not on:
+                yield from self._restore_gains(self._limp_ids())
+            raise
         self._mark_energised(ids, on)
-        if self._soft and not on:
-            yield from self._restore_gains()
+        if not on:
+            yield from self._restore_gains(ids)
         for share in RAMP if on else ():
             yield from self._set(self._limits(ids, share), verify=share == RAMP[-1])
 
@@ -216,11 +222,11 @@ class RegisterWriter:
 
         A servo without torque is left alone: a torque limit may switch on one that its alarm has shut down.
         """
-        limp = {id for id, on in zip(self._ids, self._bus.registers.torque.tolist(), strict=True) if on == 0}
+        limp = self._limp_ids()
         ids = [id for id in self._ids if id in self._full and id not in limp]
         rows = [*self._limits(ids, SHARE), *(row for id in ids for row in self._soft_gains(id))]
         bad = set(self._ids).difference(ids, limp)
-        self._soft = ids
+        self._soft.update(ids)
         while True:
             try:
                 yield from self._set([row for row in rows if row[0] not in bad])
@@ -264,11 +270,16 @@ class RegisterWriter:
         self._gains[id] = {**found, **(self._gains[id] if id in self._soft else {}), **wanted}
         return [(id, name, value) for name, value in self._gains[id].items()]
 
-    def _restore_gains(self) -> Script[None]:
-        """Undo damping where torque is off: the next writer would take soft gains for the servo's own."""
+    def _restore_gains(self, limp: Collection[int]) -> Script[None]:
+        """Undo damping of servos without torque: the next writer would take soft gains for their own."""
         with suppress(NoReply, DeviceRefused):  # torque off does not depend on it
-            yield from self._set([(id, *gain) for id in self._soft for gain in self._gains[id].items()])
-            self._soft = []
+            soft = [id for id in limp if id in self._soft]
+            yield from self._set([(id, *gain) for id in soft for gain in self._gains[id].items()])
+            self._soft.difference_update(soft)
+
+    def _limp_ids(self) -> list[int]:
+        """Return the ids of the devices whose torque reads off."""
+        return [id for id, on in zip(self._ids, self._bus.registers.torque.tolist(), strict=True) if on == 0]
 
     def _led_ids(self) -> list[int]:
         """Return the ids of the devices that `prepare` chose."""
@@ -278,7 +289,7 @@ class RegisterWriter:
         """Note whether this writer has switched torque of `ids` on: goals leave for no others."""
         self._on[places := [self._index[id] for id in ids]] = on
         self._dropped[places] = False
-        self._version = -1
+        self._version = None
 
     def _goal_row(self, id: int, ticks: Ints) -> Row:
         """Return the goal of a device; `ticks` (m,): of all."""

@@ -157,6 +157,8 @@ ROOMS = (
             "tests/drivers/test_dynamixel1_bus.py",
             "tests/drivers/test_unwatched_bus.py",
             "tests/drivers/test_register_writers.py",
+            "tests/drivers/test_register_writer_edges.py",
+            "tests/drivers/test_gains_after_damping.py",
             "tests/drivers/test_driver_contract.py",
         ),
     ),
