@@ -247,6 +247,19 @@ def test_an_actuator_that_answers_only_commands_is_polled_again_after_a_cut() ->
     assert {int(frame["id"]) for frame in polls(rig)} == {1, 2}
 
 
+def test_after_a_failed_torque_on_the_actuator_without_torque_is_polled_and_one_that_holds_is_not() -> None:
+    rig = CanRig(("AK70-10", "AK70-10"))
+    here = rig.arm()
+    rig.ticks(110, here)
+    rig.faults.silence(2)
+    rig.ticks(20, here)
+    with pytest.raises(NoReply):
+        rig.beside(rig.writer.torque(True))
+    rig.faults.silence(2, False)
+    rig.ticks(3)
+    assert {int(frame["id"]) for frame in polls(rig)} == {2}
+
+
 # ------------------------------------------------------------------------------------- codecs with a defect
 
 

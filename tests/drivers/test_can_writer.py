@@ -1,5 +1,6 @@
 """Scripts of the CAN writer: what each requests, what it takes for an answer, and when it gives up."""
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.can.actuator_family import ValuelessCommand
+from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.can_writer import CanWriter
 from twind_drivers.can.register_access import ADDRESS, COMMAND, STATE, state
 from twind_drivers.device_registers import RestartResult
@@ -122,6 +124,22 @@ def test_goals_are_ordered_again_of_those_alone_that_have_not_acknowledged_them(
     rig = CanRig(DM)
     requests, _ = ended(rig.writer.write_goals(np.zeros(3, np.int64)), report(3), report(), report(1, 2))
     assert [commanded(each) for each in requests] == [[1, 2, 3], [1, 2], [1, 2]]
+
+
+def test_a_goal_is_ordered_with_the_gains_and_without_speed_and_torque() -> None:
+    rig = CanRig(DM)
+    [write] = next(rig.writer.write_goals(np.array([0, 500, 0]))).writes
+    assert struct.unpack("<5d", write.data[2]) == pytest.approx((500 * COUNT, 0.0, 40.0, 1.0, 0.0))
+
+
+def test_torque_holds_the_goals_that_were_written_last() -> None:
+    rig = CanRig(DM)
+    here = rig.positions()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.write_goals(here + 100))
+    rig.beside(rig.writer.torque(True))
+    rig.ticks(30)
+    assert abs(rig.places() - here - 100).max() < 10
 
 
 def test_a_barred_actuator_is_ordered_no_goal_and_none_is_missed_of_it() -> None:
