@@ -50,6 +50,10 @@ def test_gains_may_lie_on_the_ends_of_their_fields() -> None:
     written(kp=np.array([0.0, 500.0, 1.0]), kd=np.array([0.0, 5.0, 1.0]))
 
 
+def test_the_bounds_of_an_actuator_may_meet() -> None:
+    written(lower=np.array([5, -9, 0]), upper=np.array([5, 9, 0])).goals(np.array([5, 0, 0]))
+
+
 def test_registers_that_other_paths_own_are_written_there_alone() -> None:
     rig = CanRig(("DM4310", "RS01"))
     rig.positions()

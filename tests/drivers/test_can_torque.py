@@ -28,6 +28,34 @@ def test_armed_actuators_keep_torque_when_another_does_not_reply(models: Sequenc
     assert rig.energised()[[0, 2]].all()
 
 
+@pytest.mark.parametrize("models", [("AK70-10", "DM4310"), ("DM4310", "DM4310"), ("DM4310", "ODrive")])
+def test_an_actuator_that_holds_keeps_its_stiffness_while_another_is_enabled(models: Sequence[str]) -> None:
+    """It may carry a load, which would sink. That too where the other does not reply."""
+    rig = CanRig(models)
+    here = rig.arm()
+    rig.ticks(100, here)
+    rig.beside(rig.writer.reboot(2, shut_down=True)) if models[1] == "ODrive" else rig.faults.silence(2)
+    rig.ticks(20, here)
+    rig.faults.silence(2, False)
+    rig.ticks(20, here)
+    assert rig.energised().tolist() == [True, False]
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.write_goals(here))
+    rig.channel.trains.clear()
+    rig.faults.silence(2)
+    with pytest.raises(NoReply, match=r"\[2\]"):
+        rig.beside(rig.writer.torque(True))
+    rig.ticks(20)
+    commands = [
+        frame["data"]
+        for train in rig.channel.trains
+        for frame in train
+        if frame["id"] == 1 and frame["data"].tobytes()[:7] != b"\xff" * 7
+    ]
+    assert len(commands) > 4
+    assert all(data[3] & 15 or data[4] for data in commands), "a command without stiffness"
+
+
 def test_limp_actuators_are_disabled_again_when_another_does_not_reply() -> None:
     rig = CanRig(("DM4310",) * 3)
     here = rig.positions()

@@ -44,18 +44,17 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     wanted = ~own.cyclic.barred
     limp = wanted & (state.torque != 1)
     before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, own.aim * COUNT)
-    own.hold(own.aim, soft=bool(limp.any()))
+    own.hold(own.aim, soft=limp)
     own.reader.slow.doubt(wanted)
     own.cyclic.energise(wanted, own.line.sent)
     yield GroupWriteBatch(
         (
             own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
-            own.order(own.aim, limp, soft=True),
-            own.order(own.aim, wanted & ~limp),
+            own.order(own.aim, wanted, soft=limp),
         )
     )
     try:
-        yield from _wait_for_torque_state(own, True, wanted, before)
+        yield from _wait_for_torque_state(own, True, wanted, before, limp)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # actuators that had torque before keep it: they may carry a load
         yield GroupWriteBatch(
@@ -81,13 +80,16 @@ def release(own: CanCommandEncoder) -> Script[None]:
             own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
         )
     )
-    yield from _wait_for_torque_state(own, False, every_row, None)
+    yield from _wait_for_torque_state(own, False, every_row, None, every_row)
 
 
 def _wait_for_torque_state(
-    own: CanCommandEncoder, on: bool, among: Bools, before: Floats | None
+    own: CanCommandEncoder, on: bool, among: Bools, before: Floats | None, soft: Bools
 ) -> Script[None]:
-    """Wait until all `among` (m,) report that their torque is `on`; `before` (m,): earlier positions, rad."""
+    """Wait until all `among` (m,) report that their torque is `on`; `before` (m,): earlier positions, rad.
+
+    `soft` (m,): those that are commanded without stiffness until then.
+    """
     state = own.reader.registers
     answering = own.fleet.replies
     mute = own.fleet.answers == 0
@@ -101,7 +103,7 @@ def _wait_for_torque_state(
             return
         pending = wrong & answering
         if pending.any() and look < TRIES:
-            again = own.order(own.aim, pending, soft=True) if on and own.aim is not None else None
+            again = own.order(own.aim, pending, soft=soft) if on and own.aim is not None else None
             yield GroupWriteBatch((again,) if again is not None else _off(own, pending))
         elif (wrong & ~answering).any():
             yield ReadRequest(tuple(own.by_id(wrong & ~answering)), STATE, 3)

@@ -119,8 +119,7 @@ class CanCommandEncoder:
         self.line.goals = None
         self._require(ticks)
         if self._given_in != self.cyclic.cycle:
-            follows = self._given is not None and self._given_in == self.cyclic.cycle - 1
-            self._before = self._given if follows else None
+            self._before = self._given if self._given_in == self.cyclic.cycle - 1 else None
         before = ticks if self._before is None else self._before
         speed: Floats = np.asarray((ticks - before) * COUNT * self.reader.rate_hz, np.float64)
         speed[np.abs(speed) > self.fleet.ranges.velocity] = 0.0
@@ -139,13 +138,16 @@ class CanCommandEncoder:
             bounds = float(self.lower[row]), float(self.upper[row])
             raise WireRangeError(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
 
-    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
-        """Encode frames to `rows` (m,), None: all, and check them. Raises WireRangeError."""
+    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: Bools | bool = False) -> Frames:
+        """Encode frames to `rows` (m,), None: all, and check them; `soft` (m,): those without stiffness.
+
+        Raises WireRangeError.
+        """
         frames = self.fleet.command(self._values(ticks, speed, soft=soft), rows)
         self.check.judge(frames)
         return frames
 
-    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
+    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: Bools | bool = False) -> Floats:
         """Return position, velocity, kp, kd, torque (5, m) of a command, SI."""
         values = np.zeros((5, len(self.lower)))
         values[0] = ticks * COUNT
@@ -153,13 +155,10 @@ class CanCommandEncoder:
         values[3] = self.kd
         if speed is not None:
             values[1] = speed
-        if soft:
-            values[1] = 0.0
-            values[2] = 0.0
-            values[3] = self.damping
-        elif self.soft.any():
-            values[1:3, self.soft] = 0.0
-            values[3, self.soft] = self.damping[self.soft]
+        weak = self.soft | soft
+        if weak.any():
+            values[3, weak] = self.damping[weak]
+            values[1:3, weak] = 0.0
         return values
 
     @property
@@ -170,8 +169,11 @@ class CanCommandEncoder:
 
     # --------------------------------------------------------------------------- scripts' parts
 
-    def hold(self, ticks: Ints, *, soft: bool = False) -> None:
-        """Command `ticks` (m,) in each request until goals come, half a second. Raises WireRangeError."""
+    def hold(self, ticks: Ints, *, soft: Bools | bool = False) -> None:
+        """Command `ticks` (m,) in each request until goals come, half a second.
+
+        `soft` (m,), or for all: without stiffness. Raises WireRangeError.
+        """
         self._require(ticks)
         rows = ~self.cyclic.barred
         until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
@@ -179,7 +181,7 @@ class CanCommandEncoder:
         frames = self.encode(ticks, still, rows, soft=soft)
         self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
 
-    def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> WriteRequest:
+    def order(self, ticks: Ints, rows: Bools, *, soft: Bools | bool = False) -> WriteRequest:
         """Make the same command as an order to `rows` (m,). Raises WireRangeError."""
         self._require(ticks)
         values = self._values(ticks, soft=soft)
@@ -203,7 +205,7 @@ class CanCommandEncoder:
 
     def gains(self, rows: Bools) -> WriteRequest:
         """Make the order of gains to those of `rows` (m,) whose commands do not carry them."""
-        values = self._values(np.clip(0, self.lower, self.upper))[2:4]
+        values = self._values(self.lower)[2:4]
         return WriteRequest(
             {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS
         )
@@ -216,15 +218,16 @@ class CanCommandEncoder:
     def cut(self, rows: Bools | None = None) -> None:
         """Order torque off for all, or for `rows` (m,), twice, in the next send.
 
-        From then on none of them counts as energised.
+        From then on none of them counts as energised; the others do as before.
         """
         self.line.goals = None
         if rows is None:
             self.line.urgent = self._off
+            self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
         else:  # a waiting cut of all actuators stays
             own = self._off[rows[self.fleet.commanded_rows(self._off)]]
             self.line.urgent = joined([self.line.urgent, own])
-        self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
+            self.cyclic.energised = self.cyclic.energised & ~rows
 
     def by_id(self, rows: Bools) -> list[int]:
         """Return the ids of `rows` (m,)."""

@@ -240,6 +240,9 @@ ROOMS = (
         ),
         (
             "tests/drivers/test_can_commands.py",
+            "tests/drivers/test_can_command_frames.py",
+            "tests/drivers/test_command_frame_check.py",
+            "tests/drivers/test_can_writer.py",
             "tests/drivers/test_can_torque.py",
             "tests/drivers/test_can_bus.py",
             "tests/drivers/test_driver_contract.py",
