@@ -381,3 +381,14 @@ def test_protocol_1_sends_no_restart() -> None:
     with pytest.raises(TypeError, match="these servos have no restart"):
         rig.writer.begin(RebootRequest(1), rig.clock.now())
     assert rig.sent() == before
+
+
+@pytest.mark.parametrize("make", [feetech, xl])
+def test_a_restarted_servo_counts_as_limp_and_one_that_then_refuses_is_named(make: Callable[[], Any]) -> None:
+    """Preparation leaves out a servo that holds and refuses; one without torque must not be left out."""
+    rig, here = armed(make)
+    rig.servos.write(1, rig.reader.table(2)["torque_enable"].address, b"\0")
+    rig.beside(rig.writer.reboot(2))
+    ignores_writes(rig, 1)
+    with pytest.raises(DeviceRefused, match="id 2"):
+        rig.beside(rig.writer.prepare(here))

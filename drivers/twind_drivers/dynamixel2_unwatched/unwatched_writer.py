@@ -16,7 +16,6 @@ from twind_drivers.bus import (
     Script,
     WireRangeError,
 )
-from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.command_packet_check import written_rows
 from twind_drivers.dynamixel.device_layout import RegisterBlock
@@ -26,7 +25,6 @@ from twind_drivers.dynamixel2_unwatched.unwatched_identification import derived,
 from twind_drivers.dynamixel2_unwatched.unwatched_reader import UnwatchedReader
 from twind_drivers.flags import some
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
-from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.register_writer import SHARE, RegisterWriter, Row
@@ -184,16 +182,3 @@ class UnwatchedWriter(RegisterWriter):
 
     def _restart(self, order: RebootRequest) -> SerialTransaction:
         return SerialTransaction(packet.reboot(order.id), StatusReply((order.id,), 0), 1)
-
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one device, wait for its reply. All its RAM is default then: it must be prepared anew.
-
-        Refused while torque enable reads on: the device may carry a load. `shut_down`: an error, which must
-        read non-zero, has unloaded it. Raises NoReply, KeyError, DeviceRefused.
-        """
-        yield from require_unloaded(self._bus, id, shut_down=shut_down)
-        self._full.pop(id, None)
-        self._on[self._index[id]] = False
-        yield from restart(self._bus, id)
-        yield from self._write(id, self._bus.table(id)["torque_enable"], 0)
-        return RestartResult()

@@ -8,14 +8,12 @@ settings are checked before torque, and EPROM is written with torque off: unlock
 from collections.abc import Mapping, Sequence
 
 from twind_drivers.bus import DeviceRefused, Ints, RebootRequest, Script
-from twind_drivers.device_registers import RestartResult
 from twind_drivers.feetech.feetech_identification import BLOCKS, objections
 from twind_drivers.feetech.feetech_packet import FeetechInstruction
 from twind_drivers.feetech.feetech_reader import FeetechReader
 from twind_drivers.feetech.feetech_registers import GOAL, map_of_firmware
 from twind_drivers.half_duplex import checksum_packet as packet
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
-from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.half_duplex.register_writer import RegisterWriter, Row
@@ -139,16 +137,3 @@ class FeetechWriter(RegisterWriter):
             # A script that is closed here leaves the lock open; `prepare` closes it before torque.
         yield from self._write(id, lock, 1)
         yield from self._verify([(id, field.name, value)])
-
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
-        """Restart one device, wait for its reply. All its RAM is default then: it must be prepared anew.
-
-        Refused while torque enable reads on: the device may carry a load. `shut_down`: the device has
-        unloaded by an error, which must read non-zero. Raises NoReply, KeyError, DeviceRefused.
-        """
-        yield from require_unloaded(self._reader, id, shut_down=shut_down)
-        self._full.pop(id, None)
-        self._on[self._index[id]] = False
-        yield from restart(self._reader, id)
-        yield from self._write(id, self._reader.maps[id]["torque_enable"], 0)
-        return RestartResult()

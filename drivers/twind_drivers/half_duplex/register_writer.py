@@ -22,12 +22,13 @@ from twind_drivers.bus import (
     Script,
     WriteRequest,
 )
-from twind_drivers.device_registers import RegisterAddress
+from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.flags import some
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalEncoder, GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.register_reader import RegisterReader
+from twind_drivers.half_duplex.register_restart import require_unloaded, restart
 from twind_drivers.half_duplex.register_table import MappedRegister, spans_of
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.single_device import SingleDeviceControl
@@ -243,6 +244,19 @@ class RegisterWriter:
     def end_single_device(self) -> None:
         """Drop pending goals; no device is ever driven alone."""
         self.clear()
+
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
+        """Restart one device, wait for its reply. All its RAM is default then: it must be prepared anew.
+
+        Refused while torque enable reads on: the device may carry a load. `shut_down`: the device has
+        unloaded by an error, which must read non-zero. Raises NoReply, KeyError, DeviceRefused.
+        """
+        yield from require_unloaded(self._bus, id, shut_down=shut_down)
+        self._full.pop(id, None)
+        self._on[self._index[id]] = False
+        yield from restart(self._bus, id)
+        yield from self._write(id, self._bus.table(id)["torque_enable"], 0)
+        return RestartResult()
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
         """Write one register by name and read it back. EEPROM only while that device's torque is off.
