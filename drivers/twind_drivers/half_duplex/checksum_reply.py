@@ -50,7 +50,7 @@ class ChecksumReply:
         self.answered = np.zeros(len(self.ids), np.bool_) if self._refusals else self.heard
         self.error: Octets = np.zeros(len(self.ids), np.uint8)
         self.data: Octets = self._spare
-        self.unasked: Sequence[ChecksumPacket] = ()
+        self.unasked: Sequence[ChecksumPacket]
         self.start()
 
     def start(self) -> None:
@@ -75,7 +75,7 @@ class ChecksumReply:
         self._got += count
         if self._got < self.expected and not self._chained:
             return False
-        if self._got == self.expected and self._is_complete():
+        if self._got == self.expected and not self._requests and self._is_complete():
             return True
         self._search()
         self._complete = bool(self.heard.all())
@@ -90,7 +90,7 @@ class ChecksumReply:
             self.first = bytes(self._view[: self._got])
 
     def _is_complete(self) -> bool:
-        """Return True if all rows are there, in order and intact, and nothing else."""
+        """Return True if all rows are there, in order and intact, and nothing else; none may be an echo."""
         data = self._bytes
         stride = self._stride
         at = 0
@@ -98,13 +98,11 @@ class ChecksumReply:
             if not data.startswith(head, at) or not is_sound(data, at, at + stride):
                 return False
             at += stride
-        if self._requests and bytes(data[: self._got]) in self._requests:
-            return False
         self.error = self._errors.copy()
         self.data = self._blocks
         self.heard.fill(True)
         self.answered.fill(True)
-        self.strays = self._lost  # an earlier search counted the part of a packet that had come by then
+        self.strays = self._lost  # an earlier search of a buffer that is dropped left its statuses out
         self.unasked = ()
         self._complete = True
         return True
@@ -122,18 +120,20 @@ class ChecksumReply:
         while 0 <= at <= self._got - self._stride:
             end = at + self._stride
             place = self._index.get(data[at + 2])
-            fits = place is not None and data[at + 3] == self.size + 2 and is_sound(data, at, end)
+            fits = data[at + 3] == self.size + 2 and is_sound(data, at, end)
             if place is None or not fits or self.heard[place] or bytes(data[at:end]) in self._requests:
                 at = data.find(HEADER, at + 1, self._got)
                 continue
             self.heard[place] = True
             self.error[place] = data[at + 4]
             self._spare[place] = np.frombuffer(data, np.uint8, self.size, at + 5)
-            unasked += find_packets(self._view[rest:at])
+            if at > rest:
+                unasked += find_packets(self._view[rest:at])
             used += self._stride
             rest = end
             at = data.find(HEADER, end, self._got)
-        unasked += find_packets(self._view[rest : self._got])
+        if self._got > rest:
+            unasked += find_packets(self._view[rest : self._got])
         self.unasked = self._take_refusals(unasked) if self._refusals else unasked
         self.strays = self._got - used + self._lost - OVERHEAD * (len(unasked) - len(self.unasked))
 

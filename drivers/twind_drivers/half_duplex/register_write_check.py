@@ -72,13 +72,13 @@ class RegisterWriteCheck:
             raise WireRangeError(self._name, id, value, least, most, field.name.replace("_", " "))
 
     def _rows(self, found: ChecksumPacket) -> list[tuple[int, int, bytes]]:
-        """Return (id, address, data) of each write; an unknown instruction counts as one to all ids."""
+        """Return (id, address, data) of each write; what is no permitted form of one counts as one to all."""
         data = found.data
         if found.code in self._bare and not data:
             return [(found.id, 0, b"")]
         if found.code == packet.WRITE and data:
             return [(found.id, data[0], data[1:])]
-        if found.code != packet.SYNC_WRITE or len(data) < 2:
+        if found.code != packet.SYNC_WRITE or len(data) < 2 or (len(data) - 2) % (data[1] + 1):
             return [(packet.BROADCAST, 0, data)]
         size = data[1] + 1
         return [(data[at], data[0], data[at + 1 : at + size]) for at in range(2, len(data), size)]

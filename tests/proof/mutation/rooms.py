@@ -151,6 +151,8 @@ ROOMS = (
             "drivers/twind_drivers/half_duplex/signed_words.py",
         ),
         (
+            "tests/drivers/test_checksum_reply.py",
+            "tests/drivers/test_register_write_check.py",
             "tests/drivers/test_feetech_packet.py",
             "tests/drivers/test_feetech_bus.py",
             "tests/drivers/test_driver_contract.py",
