@@ -46,7 +46,7 @@ class CommandPacketCheck:
 def written_rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
     """Return (id, address, data) of each write in a packet; a restart has an id and no data.
 
-    An instruction that no order makes counts as a write to all ids, which is refused.
+    An instruction that no order makes, or a row cut short, counts as a write to all ids, which is refused.
     """
     params = found.params
     code = found.instruction
@@ -55,8 +55,8 @@ def written_rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
     address = int.from_bytes(params[:2], "little")
     if code == packet.Instruction.WRITE:
         return [(found.id, address, params[2:])]
-    if code != packet.Instruction.SYNC_WRITE:
-        return [(packet.BROADCAST, address, params[2:])]
     size = int.from_bytes(params[2:4], "little") + 1
+    if code != packet.Instruction.SYNC_WRITE or len(params) < 4 or (len(params) - 4) % size:
+        return [(packet.BROADCAST, address, params[2:])]
     rows = [params[at : at + size] for at in range(4, len(params), size)]
     return [(row[0], address, row[1:]) for row in rows]

@@ -43,12 +43,14 @@ ROOMS = (
             "drivers/twind_drivers/dynamixel/packet.py",
             "drivers/twind_drivers/dynamixel/crc.py",
             "drivers/twind_drivers/dynamixel/goal_packets.py",
+            "drivers/twind_drivers/dynamixel/command_packet_check.py",
         ),
         (
             "tests/drivers/test_packet.py",
             "tests/drivers/test_packet_framer.py",
             "tests/drivers/test_crc.py",
             "tests/drivers/test_goal_packets.py",
+            "tests/drivers/test_command_packet_check.py",
         ),
     ),
     Room(
@@ -155,7 +157,6 @@ ROOMS = (
             "tests/drivers/test_register_write_check.py",
             "tests/drivers/test_feetech_packet.py",
             "tests/drivers/test_feetech_bus.py",
-            "tests/drivers/test_driver_contract.py",
             "tests/drivers/test_dynamixel1_bus.py",
             "tests/drivers/test_unwatched_bus.py",
             "tests/drivers/test_register_writers.py",
