@@ -328,3 +328,16 @@ def test_register_replies_and_feedback_are_separated_at_the_documented_values(
     data: str, traffic: bool
 ) -> None:
     assert damiao().feedback(frame(0x12, data))[1].all() != traffic
+
+
+@given(st.sets(st.integers(1, 0x1F), min_size=1, max_size=8))
+@examples(50)
+def test_actuators_with_a_master_id_each_never_appear_alike(ids: set[int]) -> None:
+    own = sorted(ids)
+    motors = DamiaoCodec("can0", own, ranges(len(own)), [0x100 + id for id in own])
+    heard = [motors.feedback(frame(0x100 + id, bytes((id & 0xF,)) + bytes(7)))[1].any() for id in own]
+    assert all(heard)
+
+
+def test_actuators_whose_low_bits_differ_by_8_do_not_appear_alike() -> None:
+    DamiaoCodec("can0", (1, 9), ranges(2), (0x11, 0x19))

@@ -162,6 +162,12 @@ def test_estimates_heartbeats_and_supplies_among_foreign_frames_are_found() -> N
 def test_all_commands_of_its_nodes_are_those_of_an_axis() -> None:
     assert axes().claims == {*range(0x60, 0x80), *range(0x7E0, 0x800)}
     assert axes().answers == 1
+    assert ODriveCodec("can0", (2,), ranges(1), [True]).claims == {*range(0x40, 0x60)}
+
+
+def test_the_ranges_are_those_that_were_given() -> None:
+    given = ranges(2)
+    assert ODriveCodec("can0", IDS, given, [False, True]).ranges is given
 
 
 @pytest.mark.parametrize(("ids", "fine"), [((0, 0x3F), True), ((-1, 2), False), ((1, 0x40), False)])
@@ -255,6 +261,10 @@ def test_a_later_board_is_not_asked_for_unknown_parameters(name: str) -> None:
         axes().read(1, PARAMETERS[name])
 
 
+def test_a_later_board_is_asked_for_its_supply() -> None:
+    assert axes().read(1, PARAMETERS["bus_voltage"])["id"] == 0x7F7 | REMOTE
+
+
 def test_nothing_can_be_written_and_no_watchdog_read() -> None:
     with pytest.raises(ValueError, match="bus_voltage"):
         axes().write(0, PARAMETERS["bus_voltage"], bytes(4))
@@ -287,6 +297,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     made = axis.command(column(1.0, -599.0), zero, zero, zero, zero)
     assert list(axis.commanded_rows(made)) == [0, 1]
     assert axis.decode_commanded_position(made) == pytest.approx([1.0, -599.0], rel=1e-6)
+    assert np.isnan(axis.decode_commanded_position(frame(0x08C, bytes(8)))).all()  # node 4
     assert list(axis.commanded_rows(axis.gains(column(1, 1), column(1, 1)))) == [0, 1] * 3
     for row in range(2):
         for what in ValuelessCommand:
@@ -307,5 +318,6 @@ def test_every_command_number_counts_as_a_command_unless_it_only_reports() -> No
             for made in (frame(3 << 5 | number | REMOTE), frame(3 << 5 | number, bytes(8)))
         )
         assert (remote == -1) == (data == -1) == (number in telling or number == 0x04)
-    assert axes().commanded_rows(frame(0x3F << 5 | 4, bytes(8)))[0] == 1  # writes an endpoint on later boards
+    for size in (1, 8):  # writes an endpoint on later boards
+        assert axes().commanded_rows(frame(0x3F << 5 | 4, bytes(size)))[0] == 1
     assert axes().commanded_rows(frame(0x3F << 5 | 4 | REMOTE))[0] == -1
