@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.servos_without_watchdog import MAKERS, contents, ignores_writes, mx, xl
-from twind_drivers.bus import DeviceRefused, NoReply
+from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, xl
+from twind_drivers.bus import DeviceRefused, GroupWriteBatch, NoReply, WriteRequest
 
 GAIN = "position_p_gain"
 
@@ -187,3 +187,67 @@ def test_damping_names_silent_servos_and_those_that_keep_their_stiffness_and_dam
     assert after[2] < before[2]
     assert [after[row] for row in (0, 1, 3)] == [before[row] for row in (0, 1, 3)]
     assert rig.energised().all()
+
+
+# ------------------------------------------------------------------------------- what restoring must not do
+
+
+@MAKERS
+def test_a_servo_that_does_not_confirm_torque_off_gets_the_order_again_with_the_gains_of_the_others(
+    make: Callable[[], Any],
+) -> None:
+    """They take several transactions, and the caller repeats the order only after them."""
+    rig = make()
+    rig.arm()
+    rig.beside(rig.writer.damp())
+    ignores_writes(rig, 1, of="torque_enable")
+    batches = []
+    transact = rig.transact
+
+    def recorded(order: Any) -> Any:
+        if isinstance(order, GroupWriteBatch):
+            batches.append(order.writes)
+        return transact(order)
+
+    rig.transact = recorded
+    with pytest.raises(DeviceRefused):
+        rig.beside(rig.writer.torque(False))
+    off = WriteRequest({1: b"\0", 2: b"\0"}, rig.writer.TORQUE)
+    assert [writes[:3] for writes in batches] == [(off,) * 3] * 2
+    assert len(batches[1]) > 3
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_no_gain_reaches_the_eprom_of_a_feetech_servo_whose_lock_is_open(damped: bool) -> None:
+    rig = feetech()
+    rig.arm()
+    rig.servos.eprom[1][rig.reader.table(2)[GAIN].address] = 31
+    kept = [bytes(each) for each in rig.servos.eprom]
+    if damped:
+        rig.beside(rig.writer.damp())
+    rig.servos.put(1, "lock", 0)
+    rig.beside(rig.writer.torque(False) if damped else rig.writer.damp())
+    assert [bytes(each) for each in rig.servos.eprom] == kept
+    assert gains(rig)[1] == (32 if damped else 4)
+
+
+@pytest.mark.parametrize("make", [mx, xl])
+def test_a_gain_written_to_a_damped_servo_is_the_one_it_has_after_torque_off(make: Callable[[], Any]) -> None:
+    rig = make()
+    rig.arm()
+    rig.beside(rig.writer.damp())
+    rig.beside(rig.writer.write(2, GAIN, 17))
+    rig.beside(rig.writer.torque(False))
+    assert gains(rig)[1] == 17
+
+
+@pytest.mark.parametrize("make", [feetech, xl])
+def test_a_damped_servo_that_was_restarted_keeps_what_is_written_to_it(make: Callable[[], Any]) -> None:
+    rig = make()
+    rig.arm()
+    rig.beside(rig.writer.damp())
+    rig.servos.put(1, "torque_enable", 0)
+    rig.beside(rig.writer.reboot(2))
+    rig.beside(rig.writer.write(2, GAIN, 17))
+    rig.beside(rig.writer.torque(False))
+    assert gains(rig)[1] == 17

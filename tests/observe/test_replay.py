@@ -16,7 +16,7 @@ from tests.support.golden_captures import HERE, LARGEST, cut, expected, expected
 from tests.support.replay_rig import Replay, flight, recording, unlike
 from twind import link
 from twind.flight import EntryKind, FlightContents, FlightEntry, LoadedFlight, load
-from twind.observe.replaying.replay_bus import ROUND, ReplayBus, reach
+from twind.observe.replaying.replay_bus import ReplayBus, reach
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
     RunOutcome,
@@ -26,6 +26,8 @@ from twind.observe.replaying.replay_outcome import (
 from twind.observe.replaying.replay_script import score
 from twind.robot.modes import Mode
 from twind_drivers.dynamixel import packet
+
+ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
 
 
 def played(recorded: LoadedFlight, folder: Path) -> RunOutcome:

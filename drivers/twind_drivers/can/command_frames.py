@@ -155,7 +155,7 @@ class CanCommandEncoder:
         values[3] = self.kd
         if speed is not None:
             values[1] = speed
-        weak = self.soft | soft
+        weak = self.soft if soft is False else self.soft | soft
         if weak.any():
             values[3, weak] = self.damping[weak]
             values[1:3, weak] = 0.0

@@ -121,6 +121,10 @@ class FeetechWriter(RegisterWriter):
                 raise DeviceRefused(self._name, id, "arming", "; ".join(reasons))
         return state
 
+    def _before_gains(self, ids: Sequence[int]) -> list[Row]:
+        """Close the lock: a restarted servo, or an EPROM write that was ended, may have left it open."""
+        return [(id, "lock", 1) for id in ids]
+
     def _soft_gains(self, id: int) -> list[Row]:
         p, d, i = GAINS
         gains = self._gains[id]

@@ -114,8 +114,6 @@ class RegisterWriter:
         """Drop pending goals. A pending cut stays: torque off is never refused."""
         self._line.goals = b""
 
-    # --------------------------------------------------------------------------- the rare path
-
     def begin(self, order: Order, now: float) -> None:
         """Begin one order; the reader's `answer` ends it. Raises PortError, WireRangeError; TypeError."""
         exchange = self._exchange(order)
@@ -157,7 +155,8 @@ class RegisterWriter:
         while there:
             try:
                 holding = yield from self._prepare(there, ticks)
-                yield from self._take_over(holding)
+                yield from self._set(self._limits(holding, 1.0))
+                self._mark_energised(holding, True)
                 self._aimed |= holding
                 self._bus.watchdog.clear(np.isin(self._ids, there))
                 self._soft.difference_update(there)
@@ -200,8 +199,8 @@ class RegisterWriter:
                 raise DeviceRefused(self._name, id, "torque", "it got no goal since it was prepared")
         self._bus.registers.expire_torque(slice(None))
         self._mark_energised(self._ids, False)
-        order = WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE)
-        yield GroupWriteBatch((order,) if on else (order, order, order))
+        order = (WriteRequest({id: bytes((on,)) for id in ids}, self.TORQUE),) * (1 if on else 3)
+        yield GroupWriteBatch(order)
         try:
             found = yield from self._bus.collect(ids, self.TORQUE, 1)
             for id in ids:
@@ -209,8 +208,8 @@ class RegisterWriter:
                     where = f"torque enable ({self.TORQUE})"
                     raise DeviceRefused(self._name, id, where, f"reads {found[id][0]}, not {on:d}")
         except (NoReply, DeviceRefused):
-            if not on:
-                yield from self._restore_gains(self._limp_ids())
+            if not on:  # the order goes again at once: restoring gains takes time until the caller repeats it
+                yield from self._restore_gains(self._limp_ids(), order)
             raise
         self._mark_energised(ids, on)
         if not on:
@@ -230,7 +229,8 @@ class RegisterWriter:
         self._soft.update(ids)
         while True:
             try:
-                yield from self._set([row for row in rows if row[0] not in bad])
+                before = self._writes(self._before_gains([id for id in ids if id not in bad]))
+                yield from self._set([row for row in rows if row[0] not in bad], before)
                 return tuple(sorted(bad))
             except NoReply as error:
                 bad |= set(error.ids)
@@ -253,6 +253,7 @@ class RegisterWriter:
         """
         yield from require_unloaded(self._bus, id, shut_down=shut_down)
         self._full.pop(id, None)
+        self._soft.discard(id)
         self._on[self._index[id]] = False
         yield from restart(self._bus, id)
         yield from self._write(id, self._bus.table(id)["torque_enable"], 0)
@@ -275,6 +276,8 @@ class RegisterWriter:
                 reason = "is EEPROM, written only while torque is off: disarm first"
                 raise DeviceRefused(self._name, id, field.name, reason)
             yield from self._write_kept(id, field, value)
+        if id in self._soft and field.name in self._gains[id]:
+            self._gains[id][field.name] = value  # what torque off restores
         return RegisterAddress(field.name, field.address, field.size, value, field.kept)
 
     # --------------------------------------------------------------------------- parts
@@ -284,11 +287,15 @@ class RegisterWriter:
         self._gains[id] = {**found, **(self._gains[id] if id in self._soft else {}), **wanted}
         return [(id, name, value) for name, value in self._gains[id].items()]
 
-    def _restore_gains(self, limp: Collection[int]) -> Script[None]:
-        """Undo damping of servos without torque: the next writer would take soft gains for their own."""
+    def _restore_gains(self, limp: Collection[int], before: Sequence[WriteRequest] = ()) -> Script[None]:
+        """Undo damping of servos without torque: the next writer would take soft gains for their own.
+
+        `before`: orders that go out first, where there is anything to undo.
+        """
         with suppress(NoReply, DeviceRefused):  # torque off does not depend on it
             soft = [id for id in limp if id in self._soft]
-            yield from self._set([(id, *gain) for id in soft for gain in self._gains[id].items()])
+            rows = [(id, *gain) for id in soft for gain in self._gains[id].items()]
+            yield from self._set(rows, (*before, *self._writes(self._before_gains(soft))))
             self._soft.difference_update(soft)
 
     def _limp_ids(self) -> list[int]:
@@ -309,11 +316,6 @@ class RegisterWriter:
         """Return the goal of a device; `ticks` (m,): of all."""
         return (id, "goal_position", int(ticks[self._index[id]]))
 
-    def _take_over(self, holding: Collection[int]) -> Script[None]:
-        """Give devices that have torque their full limit; their goals leave from now on."""
-        yield from self._set(self._limits(holding, 1.0))
-        self._mark_energised(holding, True)
-
     def _limits(self, ids: Iterable[int], share: float) -> list[Row]:
         own = [id for id in ids if self.LIMIT in self._bus.tables[id]]
         return [(id, self.LIMIT, int(self._full[id] * share)) for id in own]
@@ -324,17 +326,23 @@ class RegisterWriter:
             raise NoReply(self._name, (id,), reply.waited, f"write of {field.name}")
         yield from self._verify([(id, field.name, value)])
 
-    def _set(self, rows: Sequence[Row], *, verify: bool = True) -> Script[None]:
-        """Write rows in one system call and read them back. Raises DeviceRefused, NoReply."""
+    def _set(
+        self, rows: Sequence[Row], before: Sequence[WriteRequest] = (), *, verify: bool = True
+    ) -> Script[None]:
+        """Write rows, after `before`, in one system call; read rows back. Raises DeviceRefused, NoReply."""
         if not rows:
             return
+        yield GroupWriteBatch((*before, *self._writes(rows)))
+        if verify:
+            yield from self._verify(rows)
+
+    def _writes(self, rows: Sequence[Row]) -> list[WriteRequest]:
+        """Return the group writes of rows, one for each register."""
         writes: dict[tuple[int, int], dict[int, bytes]] = {}
         for id, name, value in rows:
             field = self._bus.tables[id][name]
             writes.setdefault((field.address, field.size), {})[id] = field.encode(value)
-        yield GroupWriteBatch(tuple(WriteRequest(data, where) for (where, _), data in writes.items()))
-        if verify:
-            yield from self._verify(rows)
+        return [WriteRequest(data, where) for (where, _), data in writes.items()]
 
     def _verify(self, rows: Sequence[Row]) -> Script[None]:
         """Read each row back, registers of one area of a device together."""
@@ -378,6 +386,10 @@ class RegisterWriter:
     def _soft_gains(self, id: int) -> list[Row]:
         """Return the rows that damp a prepared device."""
         raise NotImplementedError
+
+    def _before_gains(self, ids: Sequence[int]) -> list[Row]:
+        """Return the rows without which gains of `ids` might be written beyond their RAM copies."""
+        return []
 
     def _write_kept(self, id: int, field: MappedRegister, value: int) -> Script[None]:
         """Write a register that survives power-off, of a device without torque, and read it back."""
