@@ -36,9 +36,7 @@ def feedback_frame(id: int, data: str = MIDDLE, faults: int = 0, mode: int = 2, 
 
 
 def answer(id: int, index: int, value: bytes, flag: int = 0) -> Frames:
-    return frame(
-        EXTENDED | 0x11 << 24 | flag << 16 | id << 8 | HOST, index.to_bytes(2, "little") + bytes(2) + value
-    )
+    return frame(EXTENDED | 0x11 << 24 | flag << 16 | id << 8 | HOST, index.to_bytes(4, "little") + value)
 
 
 def test_the_command_carries_its_torque_in_the_id() -> None:
@@ -230,6 +228,17 @@ def test_the_number_of_the_processor_comes_in_two_halves() -> None:
     assert not motors().feedback(made)[1].any()
 
 
+def test_the_number_of_another_processor_among_other_replies_is_ignored() -> None:
+    other = frame(EXTENDED | 3 << 8 | 0xFE, bytes(8))
+    answers, found = motors().decode_register_replies(np.concatenate((other, feedback_frame(1))))
+    assert (answers, found.tolist()) == ([], [False, False])
+
+
+def test_the_number_of_a_parameter_has_two_bytes() -> None:
+    [told], _ = motors().decode_register_replies(answer(1, 0x55_7005, bytes(4)))
+    assert told.address == 0x7005
+
+
 @pytest.mark.parametrize(
     "stranger",
     [
@@ -270,7 +279,8 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
             assert list(motor.commanded_rows(motor.read(row, parameter))) == [-1]
             if parameter.writable:
                 assert list(motor.commanded_rows(motor.write(row, parameter, bytes(4)))) == [row]
-    for kind in (7, 22, 23, 24, 25):  # new id, save, rate, report, another protocol
+    assert np.isnan(motor.decode_commanded_position(frame(EXTENDED | 1 << 24 | 2, bytes(8)))).all()  # id 2
+    for kind in (7, 22, 23, 24, 25, 31):  # new id, save, rate, report, another protocol, unknown
         assert list(motor.commanded_rows(frame(EXTENDED | kind << 24 | HOST << 8 | 1, bytes(8)))) == [1]
     assert (motor.commanded_rows(feedback_frame(1)) == -1).all()
     assert (motor.commanded_rows(frame(1, bytes(8))) == -1).all()
@@ -305,7 +315,15 @@ def test_identity_is_of_the_parameters() -> None:
 
 @pytest.mark.parametrize(
     ("ids", "host", "why"),
-    [((1, 1), HOST, "twice"), ((0, 1), HOST, "outside"), ((0xFD, 1), HOST, "host"), ((1, 2), 0xFE, "host")],
+    [
+        ((1, 1), HOST, "twice"),
+        ((0, 1), HOST, "outside"),
+        ((0xFE, 1), HOST, "outside"),
+        ((0xFD, 1), HOST, "host"),
+        ((1, 2), 0xFE, "host"),
+        ((1, 2), -1, "host"),
+        ((1, 2), 0x100, "host"),
+    ],
 )
 def test_indistinguishable_ids_are_refused(ids: tuple[int, int], host: int, why: str) -> None:
     with pytest.raises(ValueError, match=why):
@@ -317,3 +335,15 @@ def test_another_host_id_is_used_both_ways() -> None:
     assert wire(motor.encode_valueless_command(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
     assert motor.feedback(feedback_frame(1, host=0x1F))[1].all()
     assert not motor.feedback(feedback_frame(1))[1].any()
+
+
+@pytest.mark.parametrize("host", [0, 0xFF])
+def test_the_host_may_have_any_other_byte(host: int) -> None:
+    assert RobStrideCodec("can0", IDS, ranges(2), host).feedback(feedback_frame(1, host=host))[1].all()
+
+
+def test_a_motor_has_no_reboot_and_the_ranges_that_were_given() -> None:
+    with pytest.raises(ValueError, match="id 127: a RobStride has no reboot"):
+        motors().encode_valueless_command(0, ValuelessCommand.REBOOT)
+    given = ranges(2)
+    assert RobStrideCodec("can0", IDS, given).ranges is given
