@@ -8,6 +8,9 @@ actuator reports it.
 Torque is reported by feedback. A CubeMars never reports it: the last acknowledged order counts as its torque.
 """
 
+from collections.abc import Callable
+from itertools import count
+
 import numpy as np
 
 from twind_drivers.bus import (
@@ -17,8 +20,8 @@ from twind_drivers.bus import (
     GroupWriteBatch,
     NoReply,
     ReadRequest,
+    Request,
     Script,
-    WriteRequest,
 )
 from twind_drivers.can.actuator_family import SILENCE, ValuelessCommand
 from twind_drivers.can.can_units import COUNT
@@ -27,6 +30,7 @@ from twind_drivers.can.register_access import STATE
 
 TRIES = 3  # orders before the torque counts as refused or silent
 BEATS = 60  # reads of unrequested reports: ODrive's heartbeat comes only ten times a second
+AGAIN = 12  # reads between two further orders of torque off, more than the time of a heartbeat
 # rad that a position may change at enable; a turn of the motor's encoder is more, behind any gear.
 MOVED = 0.05
 
@@ -36,25 +40,30 @@ def energise(own: CanCommandEncoder) -> Script[None]:
 
     Raises DeviceRefused, NoReply.
     """
-    if own.aim is None:
+    aim = own.aim
+    if aim is None:
         raise DeviceRefused(
             own.reader.name, own.reader.ids[0], "torque", "prepare it and write its aim (goal) first"
         )
     state = own.reader.registers
     wanted = ~own.cyclic.barred
     limp = wanted & (state.torque != 1)
-    before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, own.aim * COUNT)
-    own.hold(own.aim, soft=limp)
+    before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, aim * COUNT)
+    own.hold(aim, soft=limp)
     own.reader.slow.doubt(wanted)
     own.cyclic.energise(wanted, own.line.sent)
-    yield GroupWriteBatch(
-        (
-            own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
-            own.order(own.aim, wanted, soft=limp),
+
+    def enable(rows: Bools) -> GroupWriteBatch:
+        """Both orders to `rows` (m,): of two frames the actuator may have missed the first alone."""
+        return GroupWriteBatch(
+            (
+                own.encode_valueless_command(ValuelessCommand.ENABLE, rows & limp),
+                own.order(aim, rows, soft=limp),
+            )
         )
-    )
+
     try:
-        yield from _wait_for_torque_state(own, True, wanted, before, limp)
+        yield from _order_until_reported(own, True, wanted, before, enable(wanted), enable)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # actuators that had torque before keep it: they may carry a load
         yield GroupWriteBatch(
@@ -64,8 +73,8 @@ def energise(own: CanCommandEncoder) -> Script[None]:
             )
         )
         raise
-    own.hold(own.aim)
-    yield GroupWriteBatch((own.order(own.aim, wanted),))
+    own.hold(aim)
+    yield GroupWriteBatch((own.order(aim, wanted),))
 
 
 def release(own: CanCommandEncoder) -> Script[None]:
@@ -74,43 +83,49 @@ def release(own: CanCommandEncoder) -> Script[None]:
     own.line.goals = None
     own.cyclic.energised = np.zeros(len(own.lower), np.bool_)
     own.reader.slow.doubt(every_row)
-    yield GroupWriteBatch(
-        (
-            own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
-            own.encode_valueless_command(ValuelessCommand.DISABLE, every_row),
-        )
+    off = own.encode_valueless_command(ValuelessCommand.DISABLE, every_row)
+    yield from _order_until_reported(
+        own, False, every_row, None, GroupWriteBatch((off, off)), lambda rows: _off(own, rows)
     )
-    yield from _wait_for_torque_state(own, False, every_row, None, every_row)
 
 
-def _wait_for_torque_state(
-    own: CanCommandEncoder, on: bool, among: Bools, before: Floats | None, soft: Bools
+def _order_until_reported(
+    own: CanCommandEncoder,
+    on: bool,
+    among: Bools,
+    before: Floats | None,
+    first: GroupWriteBatch,
+    again: Callable[[Bools], GroupWriteBatch],
 ) -> Script[None]:
-    """Wait until all `among` (m,) report that their torque is `on`; `before` (m,): earlier positions, rad.
+    """Order torque until all `among` (m,) report that it is `on`; `before` (m,): earlier positions, rad.
 
-    `soft` (m,): those that are commanded without stiffness until then.
+    `again` makes the orders after the `first` one, to those (m,) that do not report it. Actuators that answer
+    no order are read instead; while they are, torque off is ordered again to all that do not report it.
     """
     state = own.reader.registers
     answering = own.fleet.replies
     mute = own.fleet.answers == 0
-    spoke = _acknowledged(own)
-    for look in range(BEATS):
-        own.reader.slow.assume(spoke & mute, on)
+    request: Request = first
+    waited = 0.0
+    for look in count():
+        reply = yield request
+        waited += reply.waited
+        own.reader.slow.assume(_acknowledged(own) & mute, on)
         if before is not None:
             _require_turn(own, among, before)
         wrong = among & (state.torque != on)
-        if not wrong.any():
-            return
         pending = wrong & answering
+        read = wrong & ~answering
         if pending.any() and look < TRIES:
-            again = own.order(own.aim, pending, soft=soft) if on and own.aim is not None else None
-            yield GroupWriteBatch((again,) if again is not None else _off(own, pending))
-        elif (wrong & ~answering).any():
-            yield ReadRequest(tuple(own.by_id(wrong & ~answering)), STATE, 3)
-        else:
+            request = again(pending)
+        elif not read.any() or look == BEATS:
             break
-        spoke = _acknowledged(own)
-    _refuse(own, among & (state.torque != on), on)
+        elif not on and look % AGAIN == AGAIN - 1:
+            request = again(wrong)
+        else:
+            request = ReadRequest(tuple(own.by_id(read)), STATE, 3)
+    if wrong.any():
+        _refuse(own, wrong, on, waited)
 
 
 def _acknowledged(own: CanCommandEncoder) -> Bools:
@@ -123,20 +138,20 @@ def _acknowledged(own: CanCommandEncoder) -> Bools:
     return answered
 
 
-def _off(own: CanCommandEncoder, rows: Bools) -> tuple[WriteRequest, ...]:
+def _off(own: CanCommandEncoder, rows: Bools) -> GroupWriteBatch:
     """Return the requests that order torque off once more.
 
     An actuator that has lost its master reports only that, so this fault is cleared before it reports torque.
     """
     lost = rows & (own.reader.registers.fault == SILENCE)
     off = own.encode_valueless_command(ValuelessCommand.DISABLE, rows)
-    return (off, *own.clear_faults(lost), off)
+    return GroupWriteBatch((off, *own.clear_faults(lost), off))
 
 
-def _refuse(own: CanCommandEncoder, wrong: Bools, on: bool) -> None:
+def _refuse(own: CanCommandEncoder, wrong: Bools, on: bool, waited: float) -> None:
     silent = wrong & (own.reader.registers.torque < 0)
     if silent.any():
-        raise NoReply(own.reader.name, own.by_id(silent), 0.0, f"torque {'on' if on else 'off'}")
+        raise NoReply(own.reader.name, own.by_id(silent), waited, f"torque {'on' if on else 'off'}")
     reason = f"ordered {'on' if on else 'off'}, reads {'off' if on else 'on'}"
     raise DeviceRefused(own.reader.name, own.by_id(wrong)[0], "torque", reason)
 
