@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.can_driver_rig import CanRig
+from tests.support.driver_rig import both
 from twind_drivers.bus import (
     DeviceRefused,
     GroupWriteBatch,
@@ -94,8 +95,7 @@ def test_an_actuator_that_missed_its_first_order_has_torque_when_the_script_ends
     """A CubeMars answers a command without torque just as with it."""
     rig = CanRig((model,) * 2)
     here = rig.positions()
-    rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.write_goals(here))
+    rig.beside(both(rig, here))
     script = rig.stepped(rig.writer.torque(True))
     rig.faults.silence(2)
     next(script)
@@ -125,6 +125,29 @@ def test_a_barred_cubemars_is_not_taken_for_one_that_holds() -> None:
     rig.beside(rig.writer.torque(True))
     assert rig.registers.torque.tolist() == [1, -1]
     assert rig.energised().tolist() == [True, False]
+
+
+def test_a_cubemars_that_was_switched_off_beside_a_silent_one_is_enabled_at_the_next_torque_on() -> None:
+    rig = CanRig(("AK70-10", "AK70-10", "DM4310"))
+    here = rig.positions()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.write_goals(here))
+    rig.faults.silence(3)
+    script = rig.writer.torque(True)
+    request = next(script)
+    for _ in range(4):
+        request = script.send(rig.transact(request))
+    assert rig.energised().tolist() == [True, True, False]
+    rig.faults.drop(1, 2)  # of its answers to the orders off one is missing
+    with pytest.raises(NoReply, match=r"\[3\]"):
+        script.send(rig.transact(request))
+    assert rig.energised().tolist() == [False, False, False]
+    assert rig.registers.torque.tolist() == [0, -1, -1]
+    rig.faults.silence(3, False)
+    rig.ticks(5)
+    rig.beside(both(rig, here))
+    rig.beside(rig.writer.torque(True))
+    assert rig.energised().tolist() == [True, True, True]
 
 
 def test_torque_without_a_goal_is_refused_in_the_name_of_the_first_actuator() -> None:

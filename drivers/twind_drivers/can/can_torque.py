@@ -2,8 +2,8 @@
 
 On: in one send the actuators are enabled and commanded without stiffness. Some Damiao firmwares change the
 turn at enable; with stiffness such an actuator would run towards a position of another turn. Once it reports
-torque and position, it is held. Off: ordered twice, since one frame may be lost, then again until each
-actuator reports it.
+torque and position, it is held. Off: ordered twice, since one frame may be lost. Either is ordered again to
+actuators that do not report it.
 
 Torque is reported by feedback. A CubeMars never reports it: the last acknowledged order counts as its torque.
 """
@@ -66,12 +66,10 @@ def energise(own: CanCommandEncoder) -> Script[None]:
         yield from _order_until_reported(own, True, wanted, before, enable(wanted), enable)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # actuators that had torque before keep it: they may carry a load
-        yield GroupWriteBatch(
-            (
-                own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
-                own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
-            )
-        )
+        own.reader.slow.doubt(limp)  # one that never reports torque must not count as holding
+        off = own.encode_valueless_command(ValuelessCommand.DISABLE, limp)
+        yield GroupWriteBatch((off, off))
+        _assume_ordered(own, False)
         raise
     own.hold(aim)
     yield GroupWriteBatch((own.order(aim, wanted),))
@@ -104,13 +102,12 @@ def _order_until_reported(
     """
     state = own.reader.registers
     answering = own.fleet.replies
-    mute = own.fleet.answers == 0
     request: Request = first
     waited = 0.0
     for look in count():
         reply = yield request
         waited += reply.waited
-        own.reader.slow.assume(_acknowledged(own) & mute, on)
+        _assume_ordered(own, on)
         if before is not None:
             _require_turn(own, among, before)
         wrong = among & (state.torque != on)
@@ -128,14 +125,14 @@ def _order_until_reported(
         _refuse(own, wrong, on, waited)
 
 
-def _acknowledged(own: CanCommandEncoder) -> Bools:
-    """Return which actuators (m,) answered each order of the last transaction.
+def _assume_ordered(own: CanCommandEncoder, on: bool) -> None:
+    """Set the torque of actuators that never report it and answered each order of the last transaction.
 
     A single late answer does not count.
     """
     line = own.line
-    answered: Bools = (line.expect > 0) & (line.heard.count >= line.expect) & own.cyclic.proven
-    return answered
+    answered = (line.expect > 0) & (line.heard.count >= line.expect) & own.cyclic.proven
+    own.reader.slow.assume(answered & (own.fleet.answers == 0), on)
 
 
 def _off(own: CanCommandEncoder, rows: Bools) -> GroupWriteBatch:
