@@ -240,6 +240,7 @@ ROOMS = (
             "drivers/twind_drivers/can/command_frames.py",
             "drivers/twind_drivers/can/command_frame_check.py",
             "drivers/twind_drivers/can/can_writer.py",
+            "drivers/twind_drivers/can/can_torque.py",
         ),
         (
             "tests/drivers/test_can_commands.py",
@@ -247,6 +248,7 @@ ROOMS = (
             "tests/drivers/test_command_frame_check.py",
             "tests/drivers/test_can_writer.py",
             "tests/drivers/test_can_torque.py",
+            "tests/drivers/test_can_torque_orders.py",
             "tests/drivers/test_can_bus.py",
             "tests/drivers/test_driver_contract.py",
         ),
