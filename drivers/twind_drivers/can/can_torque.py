@@ -65,7 +65,7 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     try:
         yield from _order_until_reported(own, True, wanted, before, enable(wanted), enable)
     except (DeviceRefused, NoReply):
-        own.cut(limp)  # actuators that had torque before keep it: they may carry a load
+        own.cut(limp)  # those that had torque before keep it: they may carry a load. The caller commands them
         own.reader.slow.doubt(limp)  # one that never reports torque must not count as holding
         off = own.encode_valueless_command(ValuelessCommand.DISABLE, limp)
         yield GroupWriteBatch((off, off))
