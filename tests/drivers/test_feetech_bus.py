@@ -150,6 +150,17 @@ def test_positions_of_several_turns_are_read_and_commanded() -> None:
     assert abs(sample.position + 3000).max() <= 2
 
 
+@pytest.mark.parametrize(("lower", "upper", "fine"), [(0, 4095, True), (-1, 4095, False), (0, 4096, False)])
+def test_goals_of_more_than_one_turn_need_limits_of_0(lower: int, upper: int, fine: bool) -> None:
+    rig = rig_of()
+    rig.writer.set_goal_limits(np.full(3, lower), np.full(3, upper))
+    if fine:
+        rig.beside(rig.writer.prepare(rig.positions()))
+        return
+    with pytest.raises(DeviceRefused, match=r"limits .* must be 0 for more than one turn"):
+        rig.beside(rig.writer.prepare(rig.positions()))
+
+
 # ---------------------------------------------------------------------------- torque
 
 
