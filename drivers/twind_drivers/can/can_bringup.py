@@ -120,7 +120,7 @@ def _require_modes(own: CanCommandEncoder, there: Bools) -> Script[None]:
 def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[None]:
     state = own.reader.registers
     faulty = there & (state.fault > 0)
-    yield GroupWriteBatch((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
+    yield GroupWriteBatch((own.order(ticks, there), *own.clear_faults(faulty)))
     replied = np.zeros(len(there), np.bool_)
     waited = 0.0
     for _ in range(TRIES):

@@ -138,7 +138,7 @@ class CanCommandEncoder:
             bounds = float(self.lower[row]), float(self.upper[row])
             raise WireRangeError(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
 
-    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: Bools | bool = False) -> Frames:
+    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: Bools | None = None) -> Frames:
         """Encode frames to `rows` (m,), None: all, and check them; `soft` (m,): those without stiffness.
 
         Raises WireRangeError.
@@ -147,7 +147,7 @@ class CanCommandEncoder:
         self.check.judge(frames)
         return frames
 
-    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: Bools | bool = False) -> Floats:
+    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: Bools | None = None) -> Floats:
         """Return position, velocity, kp, kd, torque (5, m) of a command, SI."""
         values = np.zeros((5, len(self.lower)))
         values[0] = ticks * COUNT
@@ -155,7 +155,7 @@ class CanCommandEncoder:
         values[3] = self.kd
         if speed is not None:
             values[1] = speed
-        weak = self.soft if soft is False else self.soft | soft
+        weak = self.soft if soft is None else self.soft | soft
         if weak.any():
             values[3, weak] = self.damping[weak]
             values[1:3, weak] = 0.0
@@ -169,10 +169,10 @@ class CanCommandEncoder:
 
     # --------------------------------------------------------------------------- scripts' parts
 
-    def hold(self, ticks: Ints, *, soft: Bools | bool = False) -> None:
+    def hold(self, ticks: Ints, *, soft: Bools | None = None) -> None:
         """Command `ticks` (m,) in each request until goals come, half a second.
 
-        `soft` (m,), or for all: without stiffness. Raises WireRangeError.
+        `soft` (m,): those without stiffness. Raises WireRangeError.
         """
         self._require(ticks)
         rows = ~self.cyclic.barred
@@ -181,7 +181,7 @@ class CanCommandEncoder:
         frames = self.encode(ticks, still, rows, soft=soft)
         self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
 
-    def order(self, ticks: Ints, rows: Bools, *, soft: Bools | bool = False) -> WriteRequest:
+    def order(self, ticks: Ints, rows: Bools, *, soft: Bools | None = None) -> WriteRequest:
         """Make the same command as an order to `rows` (m,). Raises WireRangeError."""
         self._require(ticks)
         values = self._values(ticks, soft=soft)
