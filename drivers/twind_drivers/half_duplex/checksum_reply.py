@@ -132,8 +132,7 @@ class ChecksumReply:
             used += self._stride
             rest = end
             at = data.find(HEADER, end, self._got)
-        if self._got > rest:
-            unasked += find_packets(self._view[rest : self._got])
+        unasked += find_packets(self._view[rest : self._got])
         self.unasked = self._take_refusals(unasked) if self._refusals else unasked
         self.strays = self._got - used + self._lost - OVERHEAD * (len(unasked) - len(self.unasked))
 
