@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, xl
+from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, run, xl
 from twind_drivers.bus import DeviceRefused, GroupWriteBatch, NoReply, WriteRequest
 
 GAIN = "position_p_gain"
@@ -201,17 +201,10 @@ def test_a_servo_that_does_not_confirm_torque_off_gets_the_order_again_with_the_
     rig.arm()
     rig.beside(rig.writer.damp())
     ignores_writes(rig, 1, of="torque_enable")
-    batches = []
-    transact = rig.transact
-
-    def recorded(order: Any) -> Any:
-        if isinstance(order, GroupWriteBatch):
-            batches.append(order.writes)
-        return transact(order)
-
-    rig.transact = recorded
+    sent: list[Any] = []
     with pytest.raises(DeviceRefused):
-        rig.beside(rig.writer.torque(False))
+        run(rig, rig.writer.torque(False), sent.append)
+    batches = [order.writes for order in sent if isinstance(order, GroupWriteBatch)]
     off = WriteRequest({1: b"\0", 2: b"\0"}, rig.writer.TORQUE)
     assert [writes[:3] for writes in batches] == [(off,) * 3] * 2
     assert len(batches[1]) > 3

@@ -4,14 +4,13 @@ The same claims for Feetech, for Protocol 1.0 and for XL-320.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, xl
+from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, run, xl
 from twind_drivers.bus import DeviceRefused, NoReply, ReadRequest, RebootRequest, WireRangeError, WriteRequest
 
 FIRST = np.array([True, False])
@@ -49,15 +48,6 @@ def recorded(rig: Any) -> bytearray:
 
     rig.port.write = record
     return sent
-
-
-def run(rig: Any, script: Any, meet: Callable[[Any], None]) -> None:
-    """Run a script; `meet` is called with each order before it is sent."""
-    order = next(script)
-    with suppress(StopIteration):
-        while True:
-            meet(order)
-            order = script.send(rig.transact(order))
 
 
 # ------------------------------------------------------------------------------- goals

@@ -1,5 +1,7 @@
 """Buses of serial servos without a watchdog, one of each family, for what their writers have in common."""
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -38,3 +40,12 @@ def ignores_writes(rig: Any, row: int, *, of: str | None = None) -> None:
     rig.servos.write = lambda one, at, data: (
         0 if one == row and address in (None, at) else write(one, at, data)
     )
+
+
+def run(rig: Any, script: Any, meet: Callable[[Any], None]) -> None:
+    """Run a script; `meet` is called with each order before it is sent."""
+    order = next(script)
+    with suppress(StopIteration):
+        while True:
+            meet(order)
+            order = script.send(rig.transact(order))
