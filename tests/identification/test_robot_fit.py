@@ -22,7 +22,7 @@ def _quiet() -> None:
 @pytest.mark.slow
 def test_the_error_of_the_simulation_falls_below_a_twentieth_of_the_motion() -> None:
     hidden = hide(ROBOT, 0)
-    alone = goals_of(hidden.binding, np.zeros(2))[:3300, ::-1]  # pan would be the first
+    alone = goals_of(hidden.binding, np.zeros(2))[:1800, ::-1]  # pan would be the first
     motion = record(hidden, alone)
     found = identify_joints(hidden.binding, [motion], ["tilt"])["tilt"]
     assert found.after.spread < 0.05
@@ -45,8 +45,8 @@ def test_a_joint_that_does_not_move_is_left_out() -> None:
 @pytest.mark.slow
 def test_only_joints_that_were_named_are_reported_as_still() -> None:
     hidden = hide(ROBOT, 1)
-    goals = np.zeros((2400, 2))
-    goals[:, ROBOT.names.index("tilt")] = 0.3 * np.sin(np.arange(2400) * 0.03)
+    goals = np.zeros((1600, 2))
+    goals[:, ROBOT.names.index("tilt")] = 0.3 * np.sin(np.arange(1600) * 0.03)
     motions = [record(hidden, goals)]
     origin = DataOrigin("2026-11-29T10:00:00Z", "test", "hidden")
     steps: list[str] = []

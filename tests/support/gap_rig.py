@@ -141,20 +141,20 @@ class IdentifiedArm:
     heavier: MotionSamples  # of one with links half as heavy again
 
 
-def identified_arm() -> IdentifiedArm:
-    """Excite the joints that lift, identify them, and swing them; a minute or two."""
+def identified_arm(joints: Sequence[str] = LIFTING) -> IdentifiedArm:
+    """Excite joints that lift, identify them, and swing all that lift; half a minute for two joints."""
     robot = load_robot("koch")
     plain = bind(robot, None)
     rig = stretched_arm(1.0)
-    for joint in LIFTING:
+    for joint in joints:
         rig.excite([joint], 0.4)
-    rig.excite(LIFTING, 0.25)
+    rig.excite(joints, 0.25)
     motion = resample(rig.samples(), PERIOD)
     same = _swinging(rig)
     heavier_one = _swinging(stretched_arm(1.5))
     origin = DataOrigin(UNKNOWN, "test", "virtual")
     found = identify_robot(
-        plain, [motion], origin, lambda model: bind(replace(robot, identified=model), None), LIFTING
+        plain, [motion], origin, lambda model: bind(replace(robot, identified=model), None), joints
     )
     return IdentifiedArm(plain, bind(replace(robot, identified=found.model), None), same, heavier_one)
 

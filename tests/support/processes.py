@@ -106,9 +106,14 @@ def go(client: Client, trajectory: dict[str, Any], seconds: float = PATIENCE) ->
         print(f"moved again: {told}, {latched}")
         time.sleep(0.3)
         if latched:
-            client.call("Disarm")
-            client.call("Reset")
-            arm(client)
+            rearm(client)
+
+
+def rearm(client: Client) -> None:
+    """Torque again, after a latched fault."""
+    client.call("Disarm")
+    client.call("Reset")
+    arm(client)
 
 
 class Virtual:

@@ -9,16 +9,11 @@ from typing import Any
 import pytest
 
 from tests.support.browser import browser, missing, opened
-from tests.support.processes import Daemon, Moving, arm, daemon, go, robot, simulated, until
+from tests.support.processes import Daemon, Moving, arm, daemon, rearm, robot, simulated, until
 from tests.support.viewer_process import TRIES, WAIT, press, viewing
 from twind.observe.viewing.operator_lease import ANSWER
 
 pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
-LONG = {
-    "joint_names": ["l_shoulder_roll"],
-    "points": [{"positions": [1.0], "velocities": [0.0], "time_from_start": 12.0}],
-}
-HOME = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [0.0], "time_from_start": 2.0}]}
 
 
 @pytest.fixture(scope="module")
@@ -27,22 +22,33 @@ def chromium() -> Iterator[Any]:
         yield found
 
 
+def swing(place: float) -> dict[str, Any]:
+    """A motion that lasts longer than a press takes to arrive."""
+    point = {"positions": [place], "velocities": [0.0], "time_from_start": 12.0}
+    return {"joint_names": ["l_shoulder_roll"], "points": [point]}
+
+
 def stopped(running: Daemon, page: Any) -> str:
-    """End of a motion when Stop is pressed while it runs; repeated where a busy machine ended it before."""
-    moving = None
-    for _ in range(TRIES):
+    """End of a motion when Stop is pressed while it runs; repeated where a busy machine ended it before.
+
+    A press that arrives late cancels the next motion, which shows the same.
+    """
+    last = ""
+    for at in range(TRIES):
         until(lambda: running.status()["lease"] is None, 5.0, "who armed or moved it is done")
-        if moving is not None:
+        if running.status()["faults"]:
             with running.client() as client:
-                go(client, HOME)
-        moving = Moving(running, LONG)
+                client.call("AcquireLease")
+                rearm(client)
+        moving = Moving(running, swing(float(at % 2 == 0)))
         until(lambda moving=moving: running.status()["motion"] == "active" or moving.last, 10.0, "it moves")
         press(page, "Stop")
         moving.join(10.0)
-        if moving.last == "cancelled":
+        last = moving.last
+        if last == "cancelled":
             break
-        print(f"pressed again: the motion was {moving.last}")
-    return "" if moving is None else moving.last
+        print(f"pressed again: the motion was {last}")
+    return last
 
 
 def libraries(process: int) -> list[str]:

@@ -32,7 +32,7 @@ def test_every_short_history_keeps_the_claims(support: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "depth", [pytest.param(8, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.campaign)]
+    "depth", [pytest.param(7, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.campaign)]
 )
 @pytest.mark.parametrize("support", SUPPORTS)
 def test_every_long_history_keeps_the_claims(support: str, depth: int) -> None:
