@@ -283,6 +283,18 @@ def test_collect_asks_the_silent_once_more_and_names_them_all() -> None:
     assert caught.value.ids == (5, 9)
 
 
+def test_collect_reads_all_others_before_it_reports_one_that_refuses() -> None:
+    """Who switches torque off must know of all whether it is off."""
+    servos = Servos(IDS)
+    servos.error = {2: 7, 4: 7}
+    for id in IDS:
+        servos.put(id, 64, 1, 1)
+    reader, _ = make(servos)
+    with pytest.raises(DeviceRefused, match=r"id 2.*read-only, undefined"):
+        perform(reader, reader.collect(IDS, 64, 1), FakeClock())
+    assert [id for id, on in zip(IDS, reader.registers.torque, strict=True) if on != 1] == [2, 4]
+
+
 def test_slices_of_a_script_are_short_enough_to_fit_beside_a_cycle() -> None:
     servos = Servos(IDS)
     reader, _ = make(servos, return_delay_us=20.0)

@@ -177,22 +177,23 @@ class SerialReader:
     def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
         """Read the same block of several devices, in slices that fit beside a cycle.
 
-        Silent devices get a second request: one lost packet is no missing device. Raises NoReply naming the
-        silent ones, DeviceRefused for the first that reports an error.
+        Silent devices get a second request: one lost packet is no missing device. All are asked before it
+        raises DeviceRefused for the first that reports an error, else NoReply naming the silent ones.
         """
         found: dict[int, bytes] = {}
+        errors: dict[int, int] = {}
         waited = 0.0
         each = wire(self.overhead + size, self.line.baud) + self.line.return_delay_s
         count = max(1, int(self.slice / each))
         for _ in range(2):
-            missing = [id for id in ids if id not in found]
+            missing = [id for id in ids if id not in found and id not in errors]
             for first in range(0, len(missing), count):
                 reply = yield ReadRequest(tuple(missing[first : first + count]), address, size)
                 found.update(reply.data)
                 waited += reply.waited
-                for id, error in reply.error.items():
-                    if id not in reply.data:
-                        raise DeviceRefused(self.name, id, f"read of {address}, {size}", self.explain(error))
+                errors.update({id: error for id, error in reply.error.items() if id not in reply.data})
+        for id, error in errors.items():
+            raise DeviceRefused(self.name, id, f"read of {address}, {size}", self.explain(error))
         silent = [id for id in ids if id not in found]
         if silent:
             raise NoReply(self.name, silent, waited, f"read of {address}, {size} bytes")
