@@ -87,8 +87,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Tests below `end_to_end` use real processes or real time. Those in `concurrent` run two at once, beside
     computation. Those in `wired` use pseudo-terminals, whose bytes a kernel thread carries. Beside
-    computation, these bytes arrive up to 0.8 s late (`.ci/run` has the figures), so a few tests run at once and
-    nothing else. Those in `exclusive` run alone.
+    computation, these bytes arrive up to 0.8 s late (`.ci/run` has the figures), so a few tests run at once
+    and nothing else. Those in `exclusive` run alone.
     """
     _one_life_each(items)
     for item in items:

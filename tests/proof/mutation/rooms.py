@@ -181,6 +181,11 @@ ROOMS = (
         ),
     ),
     Room(
+        "plausibility",
+        ("drivers/twind_drivers/half_duplex/position_plausibility.py",),
+        ("tests/drivers/test_position_plausibility.py",),
+    ),
+    Room(
         "dynamixel1",
         (
             "drivers/twind_drivers/dynamixel1/dynamixel1_packet.py",
