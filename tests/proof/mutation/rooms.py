@@ -186,6 +186,16 @@ ROOMS = (
         ("tests/drivers/test_position_plausibility.py",),
     ),
     Room(
+        "readings",
+        ("twind/loop/bus/joint_readings.py",),
+        (
+            "tests/loop/test_linked_readings.py",
+            "tests/loop/test_joint_readings.py",
+            "tests/loop/test_multiturn_counts.py",
+            "tests/twin/test_transmission_binding.py",
+        ),
+    ),
+    Room(
         "dynamixel1",
         (
             "drivers/twind_drivers/dynamixel1/dynamixel1_packet.py",
