@@ -249,6 +249,63 @@ def test_a_state_is_a_copy_that_nobody_can_change_and_tells_ages() -> None:
         assert np.array_equal(old, new, equal_nan=True)
 
 
+@pytest.mark.parametrize("told", [None, [True, False, True]])
+def test_each_reading_in_a_row_replaces_all_values(told: list[bool] | None) -> None:
+    load = np.array([0.001, 0.002, 0.01])
+    readings = JointReadings(replace(JOINTS, buses=(replace(LEFT, load_scale=load), JOINTS.buses[1])), PERIOD)
+    for step in range(4):
+        given = replace(
+            reply(LEFT.zero + step, at=AT + step * PERIOD),
+            velocity=np.array([1, 2, 3]) + step,
+            effort=np.array([-10, 20, -30]) * (1 + step),
+            effort_told=None if told is None else np.array(told),
+        )
+        assert readings.take(0, given).all()
+        effort = np.where(told or [True] * 3, given.effort, np.nan)
+        assert readings.position[LEFT.joints] == pytest.approx(step * LEFT.scale)
+        assert readings.velocity[LEFT.joints] == pytest.approx(given.velocity * LEFT.velocity_scale)
+        assert readings.effort[LEFT.joints] == pytest.approx(effort * LEFT.effort_scale, nan_ok=True)
+        assert readings.load[LEFT.joints] == pytest.approx(np.abs(effort) * load, nan_ok=True)
+        assert readings.heard_at[LEFT.joints].tolist() == [AT + step * PERIOD + 0.002] * 3
+
+
+def test_a_device_that_is_silent_near_its_count_of_zero_is_not_read() -> None:
+    readings = JointReadings(JOINTS, PERIOD)
+    for step in range(3):
+        assert readings.take(0, reply(np.full(3, 2), at=AT + step * PERIOD)).all()
+    accepted = readings.take(0, reply(np.full(3, 2), [True, False, True], AT + 3 * PERIOD))
+    assert accepted.tolist() == [True, False, True]
+    assert readings.heard_at[LEFT.joints[1]] == AT + 2 * PERIOD + 0.002
+
+
+def test_an_error_that_is_gone_is_named_again_when_it_returns() -> None:
+    readings = JointReadings(JOINTS, PERIOD)
+    fault = replace(reply(LEFT.zero), error=np.array([0x80, 0, 0x80], np.uint8))
+    assert readings.alert(0, fault) == [0, 2]
+    assert readings.alerts[LEFT.joints].tolist() == [0x80, 0, 0x80]
+    partly = replace(fault, heard=np.array([True, True, False]))
+    assert readings.alert(0, partly) == []
+    assert readings.alerts[LEFT.joints].tolist() == [0x80, 0, 0]
+    assert readings.alert(0, reply(LEFT.zero)) == []
+    assert readings.alerts.tolist() == [0] * 6
+    assert readings.alert(0, fault) == [0, 2]
+    readings.forget(0)
+    assert readings.alerts.tolist() == [0] * 6
+
+
+def test_loads_of_joints_that_were_not_heard_with_the_others_are_unknown_after_half_a_second() -> None:
+    both = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in JOINTS.buses)
+    readings = JointReadings(replace(JOINTS, buses=both), PERIOD)
+    for number in (0, 1):
+        readings.take(number, replace(reply(both[number].zero), received=AT))
+    readings.state(np.ones(6, np.bool_), AT, 0.0)
+    readings.take(0, replace(reply(both[0].zero), received=AT + 0.5))
+    readings.state(np.isin(np.arange(6), LEFT.joints), AT + 0.5, 0.0)
+    assert np.isfinite(readings.loads(AT + 0.5)).all(), "half a second is not too old"
+    later = readings.loads(AT + 0.5 + 2**-10)
+    assert np.isnan(later).tolist() == (~np.isin(np.arange(6), LEFT.joints)).tolist()
+
+
 def test_loads_are_known_for_half_a_second_after_a_tick_in_which_all_were_heard() -> None:
     both = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in JOINTS.buses)
     readings = JointReadings(replace(JOINTS, buses=both), PERIOD)

@@ -76,7 +76,6 @@ class Hardware:
     def rejoin(self, joints: JointMap) -> None:
         """Take over new goal ranges (WIRE_CLAMP); counts per rad, zeros, turns and devices stay."""
         self.joints = joints
-        self.readings.rejoin(joints)
         maps = [bus.turned(turns) for bus, turns in zip(joints.buses, self._turns, strict=True)]
         self.pairs = tuple(zip(self.ports, maps, strict=True))
         for _, bus in self.pairs:

@@ -223,18 +223,13 @@ class JointReadings:
         """
         places = self.places[number]
         moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
-        self._shift(number, shift)
+        self.shift[places] = shift
+        self._buses[number] = self._maps[number].turned(shift)
         anew = radians(self._buses[number], self.raw.ticks[places])
         for each in self._maps[number].linked:  # positions of a transmission do not add up
             complete = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
             moved[each.rows] = anew[each.rows] if complete else nan
         self.position[places] = moved
-
-    def rejoin(self, joints: JointMap) -> None:
-        """Take over the same joints with other ranges; zeros and devices stay."""
-        self._maps = joints.buses
-        for number, places in enumerate(self.places):
-            self._shift(number, self.shift[places])
 
     def alert(self, number: int, sample: BusSample) -> list[int]:
         """Keep the error bytes; return the places on the bus that begin to report an error (SERVO_ALERT)."""
@@ -293,10 +288,6 @@ class JointReadings:
         for array in (position, velocity, effort, age, fresh):
             array.setflags(write=False)
         return JointState(time, position, velocity, effort, age, fresh, trip, imu)
-
-    def _shift(self, number: int, shift: Ints) -> None:
-        self.shift[self.places[number]] = shift
-        self._buses[number] = self._maps[number].turned(shift)
 
     def _believe(self, number: int, sample: BusSample) -> Bools:
         """Drop impossible positions; without torque a hand may move a joint faster than its motor."""
