@@ -8,9 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.config.calibration_file import turn_band
-from twind.robot.finding import ReasonCode
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.measured_travel import MeasuredTravel
-from twind.safety.multiturn import StatedPlace, chosen, expected, inside, outside_travel, unfit
+from twind.safety.multiturn import (
+    STATED_NEAR,
+    StatedPlace,
+    chosen,
+    expected,
+    inside,
+    outside_travel,
+    unfit,
+)
 
 WHOLE = 4096
 FIRST = 1500
@@ -39,13 +47,25 @@ def turns(
     return MeasuredTravel(known=np.array([True]), falls=np.array([falls]), **arrays)
 
 
-def refusal_message(raw: int, of: MeasuredTravel, *, on: bool = False) -> str:
-    """Return the message about that reading; empty: none."""
+def refusal(raw: int, of: MeasuredTravel, *, on: bool = False) -> Finding | None:
+    """Return the finding about that reading, if there is one."""
     shift = chosen(np.array([raw]), of)
     found = unfit(np.array([raw]), shift, of, np.array([on]))
     assert all(each.code is ReasonCode.CALIB_MISMATCH and each.joint == 0 for each in found)
     assert len(found) < 2
-    return found[0].message if found else ""
+    return found[0] if found else None
+
+
+def refusal_message(raw: int, of: MeasuredTravel, *, on: bool = False) -> str:
+    """Return the message about that reading; empty: none."""
+    found = refusal(raw, of, on=on)
+    return found.message if found else ""
+
+
+def numbers(raw: int, of: MeasuredTravel) -> tuple[float | None, float | None] | None:
+    """Return value and bound of the finding about that reading, if there is one."""
+    found = refusal(raw, of)
+    return None if found is None else (found.value, found.bound)
 
 
 @given(st.integers(FIRST - SLACK, LAST + SLACK), st.integers(-200, 200))
@@ -137,6 +157,35 @@ def test_a_waist_of_one_and_a_half_turns_is_known_in_its_middle_alone() -> None:
         assert "both fit its travel -1105..5200" in refusal_message(raw, of)
 
 
+@pytest.mark.parametrize(
+    ("raw", "other"),
+    [
+        (1000, 5096),
+        (3200, -896),
+        (2991, -1105),
+        (2990, 7086),
+        (2065, 6161),
+        (2064, None),
+        (2031, None),
+        (2030, 6126),
+    ],
+)
+def test_the_other_turn_that_fits_is_named(raw: int, other: int | None) -> None:
+    """Both ends of a travel of -1007..5102 are 1024 further for a joint whose turn is chosen."""
+    of = turns(-1007, 5102)
+    assert numbers(raw, of) == (None if other is None else (raw, other))
+
+
+@pytest.mark.parametrize(("span", "known_there"), [(6142, True), (6143, False)])
+def test_the_remedy_names_the_middle_only_where_the_turn_is_known_there(span: int, known_there: bool) -> None:
+    of = turns(-1007, -1007 + span)
+    middle = refusal_message(-1007 + span // 2, of)
+    assert (middle == "") == known_there
+    end = refusal_message(-1007, of)
+    assert ("move it to its middle by hand" in end) == known_there
+    assert "`twindctl calibrate turn`" in end
+
+
 def test_a_position_near_both_ends_of_a_travel_of_nearly_a_turn_is_ambiguous() -> None:
     of = turns(0, 4050)
     assert refusal_message(2000, of) == ""
@@ -153,6 +202,44 @@ def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: boo
     if not fine:
         assert "reads -6192, +2 turns from where it was calibrated" in message
         assert "its goals there, -6672..-5612, are outside -4096..8191" in message
+
+
+@pytest.mark.parametrize(
+    ("raw", "least", "most", "expected"),
+    [
+        (2000 - 2 * WHOLE, -6672, MANY, None),
+        (2000 - 2 * WHOLE, -6671, MANY, (-6672, -6671)),
+        (2000 + 2 * WHOLE, -MANY, 10772, None),
+        (2000 + 2 * WHOLE, -MANY, 10771, (10772, 10771)),
+        (2000, 1520, 2579, (2580, 2579)),
+        (2000, 1521, 2579, (1520, 1521)),
+    ],
+)
+def test_a_goal_that_cannot_be_sent_is_named_with_the_end_of_its_register(
+    raw: int, least: int, most: int, expected: tuple[int, int] | None
+) -> None:
+    assert numbers(raw, replace(turns(), least=np.array([least]), most=np.array([most]))) == expected
+
+
+def test_a_position_outside_its_travel_is_named_with_the_nearer_end() -> None:
+    assert numbers(FIRST - SLACK - 1, turns()) == (FIRST - SLACK - 1, FIRST - SLACK)
+    assert numbers(LAST + SLACK + 1, turns()) == (LAST + SLACK + 1, LAST + SLACK)
+    assert numbers(0, turns(1500, 1500 + WHOLE, falls=True)) == (WHOLE + 2 * SLACK, WHOLE)
+
+
+@pytest.mark.parametrize("wound", [-2, 0, 3])
+def test_a_stated_place_is_believed_within_an_eighth_of_a_turn_on_any_turn(wound: int) -> None:
+    near = WHOLE // STATED_NEAR
+    assert near == 512
+    place = StatedPlace(2000, near, "an operator")
+    for off in (-near, near):
+        assert place.contradiction(3, 2000 + off + wound * WHOLE, WHOLE) is None
+    for off in (-near - 1, near + 1):
+        found = place.contradiction(3, 2000 + off + wound * WHOLE, WHOLE)
+        assert found is not None
+        assert (found.code, found.joint) == (ReasonCode.CALIB_MISMATCH, 3)
+        assert (found.value, found.bound) == (2000 + off, 2000)
+        assert "where an operator puts it" in found.message
 
 
 def test_position_mode_a_turn_off_is_refused_before_torque_and_with_it() -> None:
@@ -187,6 +274,8 @@ def test_a_joint_that_leaves_its_travel_is_reported_and_keeps_its_turn() -> None
     [finding] = outside_travel(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)
     assert (finding.value, finding.bound) == (FIRST - SLACK - 1, FIRST - SLACK)
     assert "out of its travel 1402..2698, in which it was identified" in finding.message
+    [finding] = outside_travel(np.array([LAST + SLACK + 1 - 4096]), shift, turns(), told)
+    assert (finding.value, finding.bound) == (LAST + SLACK + 1, LAST + SLACK)
 
 
 def test_a_joint_without_a_measured_travel_is_not_checked_and_keeps_its_count() -> None:

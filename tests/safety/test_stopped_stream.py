@@ -32,6 +32,11 @@ def test_a_stream_that_is_late_at_the_stop_is_stopped_too(after: float, refused:
     assert (stopped(OTHER, after).refusal(STREAMER, 10.01) is not None) == refused
 
 
+def test_half_a_second_without_a_setpoint_ends_the_refusal() -> None:
+    assert stopped(by=OTHER).refusal(STREAMER, 10.5) is None
+    assert stopped(by=OTHER).refusal(STREAMER, 10.499) is not None
+
+
 def test_another_client_may_stream_at_once() -> None:
     assert stopped(by=OTHER).refusal(OTHER, 10.01) is None
 
@@ -59,3 +64,4 @@ def test_a_stop_before_any_stream_bans_no_one() -> None:
     stream = StoppedStream()
     stream.stop(OTHER, 10.0)
     assert stream.refusal(STREAMER, 10.01) is None
+    assert stream.refusal(0, 10.01) is None

@@ -187,13 +187,24 @@ ROOMS = (
     ),
     Room(
         "readings",
-        ("twind/loop/bus/joint_readings.py",),
+        ("twind/loop/bus/joint_readings.py", "twind/loop/bus/raw_counts.py"),
         (
             "tests/loop/test_linked_readings.py",
+            "tests/loop/test_raw_counts.py",
             "tests/loop/test_joint_readings.py",
             "tests/loop/test_multiturn_counts.py",
             "tests/twin/test_transmission_binding.py",
         ),
+    ),
+    Room(
+        "turns",
+        ("twind/safety/multiturn.py",),
+        ("tests/safety/test_multiturn.py",),
+    ),
+    Room(
+        "stopped",
+        ("twind/safety/stopped_stream.py",),
+        ("tests/safety/test_stopped_stream.py",),
     ),
     Room(
         "dynamixel1",
