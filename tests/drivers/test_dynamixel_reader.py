@@ -284,7 +284,7 @@ def test_collect_asks_the_silent_once_more_and_names_them_all() -> None:
 
 
 def test_collect_reads_all_others_before_it_reports_one_that_refuses() -> None:
-    """Who switches torque off must know of all whether it is off."""
+    """Torque off needs the state of every servo."""
     servos = Servos(IDS)
     servos.error = {2: 7, 4: 7}
     for id in IDS:

@@ -1,4 +1,4 @@
-"""Which positions are believed behind a weak checksum, at the exact bounds."""
+"""Acceptance of positions behind a weak checksum, at the exact bounds."""
 
 from collections.abc import Sequence
 

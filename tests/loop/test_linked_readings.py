@@ -30,8 +30,8 @@ def rows(bus: JointBusMap) -> list[int]:
     return found
 
 
-def reply(position: np.ndarray, heard: list[bool] | None = None, at: float = AT) -> BusSample:
-    ears = np.ones(len(position), np.bool_) if heard is None else np.array(heard)
+def reply(position: np.ndarray, replied: list[bool] | None = None, at: float = AT) -> BusSample:
+    ears = np.ones(len(position), np.bool_) if replied is None else np.array(replied)
     return BusSample(
         sent=at,
         received=at + 0.002,
@@ -234,7 +234,7 @@ def test_the_position_of_a_joint_that_is_not_placed_is_unknown() -> None:
     assert np.isfinite(readings.where()).all()
 
 
-def test_a_state_is_a_copy_that_nobody_can_change_and_tells_ages() -> None:
+def test_a_state_is_a_read_only_copy_with_ages() -> None:
     readings = read()
     fresh = np.isin(np.arange(6), LEFT.joints)
     state = readings.state(fresh, AT + 0.5, 0.004)
@@ -249,8 +249,8 @@ def test_a_state_is_a_copy_that_nobody_can_change_and_tells_ages() -> None:
         assert np.array_equal(old, new, equal_nan=True)
 
 
-@pytest.mark.parametrize("told", [None, [True, False, True]])
-def test_each_reading_in_a_row_replaces_all_values(told: list[bool] | None) -> None:
+@pytest.mark.parametrize("reported", [None, [True, False, True]])
+def test_each_reading_in_a_row_replaces_all_values(reported: list[bool] | None) -> None:
     load = np.array([0.001, 0.002, 0.01])
     readings = JointReadings(replace(JOINTS, buses=(replace(LEFT, load_scale=load), JOINTS.buses[1])), PERIOD)
     for step in range(4):
@@ -258,10 +258,10 @@ def test_each_reading_in_a_row_replaces_all_values(told: list[bool] | None) -> N
             reply(LEFT.zero + step, at=AT + step * PERIOD),
             velocity=np.array([1, 2, 3]) + step,
             effort=np.array([-10, 20, -30]) * (1 + step),
-            effort_told=None if told is None else np.array(told),
+            effort_told=None if reported is None else np.array(reported),
         )
         assert readings.take(0, given).all()
-        effort = np.where(told or [True] * 3, given.effort, np.nan)
+        effort = np.where(reported or [True] * 3, given.effort, np.nan)
         assert readings.position[LEFT.joints] == pytest.approx(step * LEFT.scale)
         assert readings.velocity[LEFT.joints] == pytest.approx(given.velocity * LEFT.velocity_scale)
         assert readings.effort[LEFT.joints] == pytest.approx(effort * LEFT.effort_scale, nan_ok=True)
@@ -293,7 +293,7 @@ def test_an_error_that_is_gone_is_named_again_when_it_returns() -> None:
     assert readings.alerts.tolist() == [0] * 6
 
 
-def test_loads_of_joints_that_were_not_heard_with_the_others_are_unknown_after_half_a_second() -> None:
+def test_loads_of_joints_that_did_not_reply_with_the_others_are_unknown_after_half_a_second() -> None:
     both = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in JOINTS.buses)
     readings = JointReadings(replace(JOINTS, buses=both), PERIOD)
     for number in (0, 1):
@@ -306,7 +306,7 @@ def test_loads_of_joints_that_were_not_heard_with_the_others_are_unknown_after_h
     assert np.isnan(later).tolist() == (~np.isin(np.arange(6), LEFT.joints)).tolist()
 
 
-def test_loads_are_known_for_half_a_second_after_a_tick_in_which_all_were_heard() -> None:
+def test_loads_are_known_for_half_a_second_after_a_tick_in_which_all_replied() -> None:
     both = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in JOINTS.buses)
     readings = JointReadings(replace(JOINTS, buses=both), PERIOD)
     for number in (0, 1):
