@@ -132,14 +132,28 @@ def test_a_servo_with_torque_is_not_restarted() -> None:
     assert bus.servos.get(HERE, 84, 2) == 640
 
 
-def test_a_restart_as_shut_down_is_refused_without_a_hardware_error() -> None:
-    # e-manual, Shutdown (63): torque is cleared and only a reboot restores it
+@pytest.mark.parametrize(("error", "shutdown"), [(0, 0x34), (0x01, 0x34), (0x20, 0x14), (0x20, 0)])
+def test_a_restart_as_shut_down_is_refused_without_an_error_that_shuts_down(
+    error: int, shutdown: int
+) -> None:
+    # e-manual, Shutdown (63): only an error that is set there clears torque; then only a reboot restores it
     bus = bench()
     bus.servos.put(HERE, 64, 1, 1)
-    with pytest.raises(DeviceRefused, match=r"hardware error \(70\) is 0: nothing has shut it down"):
+    bus.servos.put(HERE, 63, shutdown, 1)
+    bus.servos.put(HERE, 70, error, 1)
+    words = (
+        rf"id 2: reboot: its torque is on and its hardware error \(70\) is {error}: nothing has shut it down"
+    )
+    with pytest.raises(DeviceRefused, match=words):
         reboot(bus, shut_down=True)
-    assert Instruction.REBOOT not in [each.instruction for each in bus.servos.seen]
-    bus.servos.put(HERE, 70, 0x20, 1)
+    assert bus.servos.count(Instruction.REBOOT) == 0
+
+
+def test_a_restart_as_shut_down_is_done_for_one_error_of_those_that_shut_down() -> None:
+    bus = bench()
+    bus.servos.put(HERE, 64, 1, 1)
+    bus.servos.put(HERE, 63, 0x34, 1)
+    bus.servos.put(HERE, 70, 0x21, 1)
     reboot(bus, shut_down=True)
     assert (bus.servos.get(HERE, 64, 1), bus.servos.get(HERE, 70, 1)) == (0, 0)
 
@@ -171,6 +185,15 @@ def test_a_register_that_is_not_restored_is_reported_with_both_values() -> None:
     found = reboot(bus)
     assert [(each.name, each.value, was) for each, was in found.differing] == [("Position P Gain", 800, 640)]
     assert [(each.name, each.value) for each in found.restored] == [("LED", 1)]
+
+
+@pytest.mark.parametrize("changed", [{}, {84: 640}, {84: 640, 65: 1}])
+def test_only_the_registers_that_a_restart_changed_are_written(changed: dict[int, int]) -> None:
+    bus = bench()
+    for address, value in changed.items():
+        bus.servos.put(HERE, address, value, 1 if address == 65 else 2)
+    assert {each.address for each in reboot(bus).restored} == set(changed)
+    assert bus.servos.count(Instruction.WRITE) == len(changed)
 
 
 def test_a_current_that_is_a_goal_is_not_given_back() -> None:

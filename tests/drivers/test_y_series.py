@@ -139,6 +139,16 @@ def test_a_restart_gives_back_gains_profile_times_and_status_level(level: int) -
     assert not rig.energised().any()
 
 
+def test_a_servo_that_cannot_ignore_an_error_is_restarted_as_shut_down_by_any() -> None:
+    rig = YRig([R099])
+    rig.host.servos.registers.put("torque_enable", 1)
+    with pytest.raises(DeviceRefused, match="nothing has shut it down"):
+        rig.beside(rig.writer.reboot(1, shut_down=True))
+    rig.host.servos.registers.put("hardware_error_status", 5)
+    rig.beside(rig.writer.reboot(1, shut_down=True))
+    assert not rig.energised().any()
+
+
 def test_a_wrong_mode_is_refused() -> None:
     rig = YRig([R099])
     rig.host.servos.registers.put("operating_mode", 1)

@@ -47,12 +47,12 @@ def restart(
     """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
 
     `shut_down`: torque enable reads on, but the hardware error (70) has switched the output off. Refused if
-    that error reads 0: a restart would then drop the load.
+    that error reads 0, or if Shutdown (63) ignores it: a restart would then drop the load.
     """
     fields = settings(servo)
     state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
     before = yield from values(reader, servo, fields + state)
-    _require_unloaded(reader.name, servo.id, before, shut_down=shut_down)
+    yield from _require_unloaded(reader, servo, before, shut_down=shut_down)
     yield from _reboot(reader, servo.id)
     yield from let_go(reader, servo)
     return (yield from give_back(reader, servo, before))
@@ -84,15 +84,21 @@ def _may_return(servo: ServoCommandSettings, field: TableRegister, value: int) -
     return field.key != "goal_current" or 0 <= value <= most
 
 
-def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down: bool) -> None:
+def _require_unloaded(
+    reader: DynamixelReader, servo: ServoCommandSettings, state: Mapping[str, int], *, shut_down: bool
+) -> Script[None]:
     if state["torque_enable"] == 0:
         return
     if not shut_down:
         reason = "its torque is on and a restart would drop what it carries: disarm, then reboot"
-        raise DeviceRefused(name, id, "reboot", reason)
-    if state["hardware_error_status"] == 0:
-        reason = "its torque is on and its hardware error (70) is 0: nothing has shut it down; disarm first"
-        raise DeviceRefused(name, id, "reboot", reason)
+        raise DeviceRefused(reader.name, servo.id, "reboot", reason)
+    error = state["hardware_error_status"]
+    stops = error  # without the register, as a Y, every error does
+    if "shutdown" in servo.table:
+        stops &= (yield from reader.read(servo.id, "shutdown")).value
+    if stops == 0:
+        reason = f"its torque is on and its hardware error (70) is {error}: nothing has shut it down; disarm"
+        raise DeviceRefused(reader.name, servo.id, "reboot", reason)
 
 
 def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
