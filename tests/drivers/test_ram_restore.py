@@ -38,14 +38,25 @@ class Restarting(Servos):
         super().__init__(ids)
         self.boots_with: dict[int, tuple[int, int]] = {}
         self.broken: set[int] = set()  # addresses that ignore writes after the restart
+        self.lost: list[Instruction] = []  # the next of these does not arrive
+        self.tells = True  # a restart has a status
+        self.boot = 0  # pings without reply after a restart
 
     def _single(self, each: Packet) -> bytes:
+        if each.instruction in self.lost:
+            self.lost.remove(Instruction(each.instruction))
+            return b""
         answer = super()._single(each)
         if each.instruction == Instruction.REBOOT and each.id in self.memory:
             for address, (value, size) in (DEFAULTS | self.boots_with).items():
                 self.put(each.id, address, value, size)
             self.frozen[each.id] = self.broken
+            self.deaf_until[each.id] = self.boot
+            return answer if self.tells else b""
         return answer
+
+    def count(self, instruction: Instruction) -> int:
+        return [each.instruction for each in self.seen].count(instruction)
 
 
 def bench(mode: int = 3) -> Bench:
@@ -107,7 +118,8 @@ def test_values_read_before_a_reboot_are_unknown_after_it() -> None:
 
 
 def test_the_restored_registers_are_exactly_the_tested_ones() -> None:
-    assert set(KEYS) | {"led_red", "led_green", "led_blue"} == set(RESTORED)
+    of_a_y = {"velocity_ff_gain", "position_ff_gain", "profile_acceleration_time", "profile_time"}
+    assert set(KEYS) | {"led_red", "led_green", "led_blue"} | of_a_y == set(RESTORED)
 
 
 def test_a_servo_with_torque_is_not_restarted() -> None:
@@ -120,14 +132,28 @@ def test_a_servo_with_torque_is_not_restarted() -> None:
     assert bus.servos.get(HERE, 84, 2) == 640
 
 
-def test_a_restart_as_shut_down_is_refused_without_a_hardware_error() -> None:
-    # e-manual, Shutdown (63): torque is cleared and only a reboot restores it
+@pytest.mark.parametrize(("error", "shutdown"), [(0, 0x34), (0x01, 0x34), (0x20, 0x14), (0x20, 0)])
+def test_a_restart_as_shut_down_is_refused_without_an_error_that_shuts_down(
+    error: int, shutdown: int
+) -> None:
+    # e-manual, Shutdown (63): only an error that is set there clears torque; then only a reboot restores it
     bus = bench()
     bus.servos.put(HERE, 64, 1, 1)
-    with pytest.raises(DeviceRefused, match=r"hardware error \(70\) is 0: nothing has shut it down"):
+    bus.servos.put(HERE, 63, shutdown, 1)
+    bus.servos.put(HERE, 70, error, 1)
+    words = (
+        rf"id 2: reboot: its torque is on and its hardware error \(70\) is {error}: nothing has shut it down"
+    )
+    with pytest.raises(DeviceRefused, match=words):
         reboot(bus, shut_down=True)
-    assert Instruction.REBOOT not in [each.instruction for each in bus.servos.seen]
-    bus.servos.put(HERE, 70, 0x20, 1)
+    assert bus.servos.count(Instruction.REBOOT) == 0
+
+
+def test_a_restart_as_shut_down_is_done_for_one_error_of_those_that_shut_down() -> None:
+    bus = bench()
+    bus.servos.put(HERE, 64, 1, 1)
+    bus.servos.put(HERE, 63, 0x34, 1)
+    bus.servos.put(HERE, 70, 0x21, 1)
     reboot(bus, shut_down=True)
     assert (bus.servos.get(HERE, 64, 1), bus.servos.get(HERE, 70, 1)) == (0, 0)
 
@@ -161,6 +187,15 @@ def test_a_register_that_is_not_restored_is_reported_with_both_values() -> None:
     assert [(each.name, each.value) for each in found.restored] == [("LED", 1)]
 
 
+@pytest.mark.parametrize("changed", [{}, {84: 640}, {84: 640, 65: 1}])
+def test_only_the_registers_that_a_restart_changed_are_written(changed: dict[int, int]) -> None:
+    bus = bench()
+    for address, value in changed.items():
+        bus.servos.put(HERE, address, value, 1 if address == 65 else 2)
+    assert {each.address for each in reboot(bus).restored} == set(changed)
+    assert bus.servos.count(Instruction.WRITE) == len(changed)
+
+
 def test_a_current_that_is_a_goal_is_not_given_back() -> None:
     bus = bench(mode=0)
     bus.servos.put(HERE, 102, 300, 2)
@@ -185,10 +220,71 @@ def test_a_cap_comes_back_only_within_the_cap_of_its_mode(stood: int, stands: in
     assert [was for _, was in found.differing] == ([] if stood == stands else [stood])
 
 
+def test_one_lost_order_does_not_leave_on_the_torque_of_a_start() -> None:
+    bus = bench()
+    bus.servos.boots_with = {64: (1, 1)}
+    bus.servos.lost = [Instruction.WRITE]
+    reboot(bus)
+    assert bus.servos.get(HERE, 64, 1) == 0
+
+
+def test_a_servo_that_does_not_switch_off_its_torque_gets_two_orders() -> None:
+    bus = bench()
+    bus.servos.boots_with = {64: (1, 1)}
+    bus.servos.broken = {64}
+    with pytest.raises(DeviceRefused, match="cut its supply"):
+        reboot(bus)
+    assert bus.servos.count(Instruction.WRITE) == 2
+
+
+# e-manual, Status Return Level (68): at 1 a servo replies to pings and reads alone
+@pytest.mark.parametrize("boot", [1, 299])
+def test_settings_come_back_after_a_restart_without_status(boot: int) -> None:
+    bus = bench()
+    bus.servos.tells = False
+    bus.servos.boot = boot
+    bus.servos.put(HERE, 84, 640, 2)
+    assert [each.value for each in reboot(bus).restored] == [640]
+    assert bus.servos.get(HERE, 84, 2) == 640
+    assert bus.servos.count(Instruction.REBOOT) == 1
+    assert bus.servos.count(Instruction.PING) == boot + 1
+
+
+def test_a_restart_with_a_status_is_not_repeated() -> None:
+    bus = bench()
+    reboot(bus)
+    assert (bus.servos.count(Instruction.REBOOT), bus.servos.count(Instruction.PING)) == (1, 1)
+
+
+def test_a_restart_that_did_not_arrive_is_ordered_again() -> None:
+    bus = bench()
+    bus.servos.lost = [Instruction.REBOOT]
+    bus.servos.put(HERE, 84, 640, 2)
+    bus.servos.put(HERE, 116, 1234, 4)
+    assert [each.value for each in reboot(bus).restored] == [640]
+    assert bus.servos.get(HERE, 116, 4) == DEFAULTS[116][0]
+
+
+def test_a_servo_that_never_restarts_is_no_reply_and_keeps_its_settings() -> None:
+    bus = bench()
+    bus.servos.lost = [Instruction.REBOOT] * 2
+    bus.servos.put(HERE, 84, 640, 2)
+    begun = bus.clock.now()
+    with pytest.raises(NoReply, match=r"no reply to reboot from \[2\]") as error:
+        reboot(bus)
+    assert error.value.waited == pytest.approx(bus.clock.now() - begun)
+    assert bus.servos.get(HERE, 84, 2) == 640
+
+
 def test_a_servo_that_does_not_come_back_is_no_reply() -> None:
     bus = bench()
-    bus.servos.deaf_until = {HERE: 10_000}
-    with pytest.raises(NoReply, match="after a reboot"):
+    bus.servos.boot = 300
+    bus.run(bus.reader.collect(bus.ids, 120, 27))
+    begun = bus.clock.now()
+    with pytest.raises(NoReply, match=r"no reply to 300 pings after a reboot from \[2\]") as error:
         reboot(bus)
+    assert error.value.waited == pytest.approx(bus.clock.now() - begun)
+    assert bus.reader.registers.tick[bus.ids.index(HERE)] == -1
+    assert bus.servos.count(Instruction.PING) == 300
     with pytest.raises(KeyError, match="has no id 9"):
         bus.run(bus.writer.reboot(9))

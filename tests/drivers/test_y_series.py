@@ -121,6 +121,34 @@ def test_damping_lowers_output_and_p_gain() -> None:
     assert rig.host.servos["position_p_gain"][0] == 6_283_185 // 8
 
 
+@pytest.mark.parametrize("level", [1, 2])
+def test_a_restart_gives_back_gains_profile_times_and_status_level(level: int) -> None:
+    rig = YRig([R099])
+    wanted = {
+        "position_p_gain": 777,
+        "velocity_ff_gain": 123,
+        "position_ff_gain": 45,
+        "profile_acceleration_time": 67,
+        "profile_time": 89,
+        "status_return_level": level,
+    }
+    for name, value in wanted.items():
+        rig.beside(rig.writer.write(1, name, value))
+    assert rig.beside(rig.writer.reboot(1)).differing == ()
+    assert {name: rig.beside(rig.reader.read(1, name)).value for name in wanted} == wanted
+    assert not rig.energised().any()
+
+
+def test_a_servo_that_cannot_ignore_an_error_is_restarted_as_shut_down_by_any() -> None:
+    rig = YRig([R099])
+    rig.host.servos.registers.put("torque_enable", 1)
+    with pytest.raises(DeviceRefused, match="nothing has shut it down"):
+        rig.beside(rig.writer.reboot(1, shut_down=True))
+    rig.host.servos.registers.put("hardware_error_status", 5)
+    rig.beside(rig.writer.reboot(1, shut_down=True))
+    assert not rig.energised().any()
+
+
 def test_a_wrong_mode_is_refused() -> None:
     rig = YRig([R099])
     rig.host.servos.registers.put("operating_mode", 1)

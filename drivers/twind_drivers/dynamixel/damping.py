@@ -14,6 +14,7 @@ from twind_drivers.dynamixel.servo_command_settings import Rows, ServoCommandSet
 from twind_drivers.half_duplex.soft_gain import soft_gain
 
 SHARE = 0.3  # share of the output, or of the current cap in mode 5, that is left; 1 would not sink slowly
+ORDERS = 2  # times that the order is sent to a servo that does not confirm it
 
 
 def damp(
@@ -21,27 +22,30 @@ def damp(
 ) -> Script[tuple[int, ...]]:
     """Make the servos soft; return the ids of those that did not confirm it. A silent servo raises nothing.
 
-    `pwm`: PWM limit by id, counts.
+    Who does not confirm it gets the order again: it has no reply, and one packet may be lost. `pwm`: PWM
+    limit by id, counts.
     """
-    moving = [servo for servo in servos if not servo.mode.rests_at_zero]
-    caps = rows(moving, lambda servo: (servo.register_span(servo.capped_by), cap_of(servo, pwm)))
-    gains = rows(moving, lambda servo: (servo.layout.gains, soft(servo)))
-    if moving:
-        yield GroupWriteBatch((*writes(caps), *writes(gains)))
-    unconfirmed: set[int] = set()
-    for wanted in (caps, gains):
-        unconfirmed |= yield from _differing(reader, wanted)
-    return tuple(sorted(unconfirmed))
+    stiff = [servo for servo in servos if not servo.mode.rests_at_zero]
+    for _ in range(ORDERS):
+        caps = rows(stiff, lambda servo: (servo.register_span(servo.capped_by), cap_of(servo, pwm)))
+        gains = rows(stiff, lambda servo: (servo.layout.gains, soft(servo)))
+        if stiff:
+            yield GroupWriteBatch((*writes(caps), *writes(gains)))
+        bad: set[int] = set()
+        for wanted in (caps, gains):
+            bad |= yield from _differing(reader, wanted)
+        stiff = [servo for servo in stiff if servo.id in bad]
+    return tuple(sorted(servo.id for servo in stiff))
 
 
 def cap_of(servo: ServoCommandSettings, pwm: Mapping[int, int]) -> bytes:
     """Return the softened output cap of one servo as little-endian register bytes.
 
-    It is `SHARE` of the present cap (or of the PWM limit in `pwm`), at least 1. The register is goal PWM or,
-    in mode 5, goal current.
+    It is `SHARE` of the present cap (or of the PWM limit in `pwm`), at least 1 and never raised. The register
+    is goal PWM or, in mode 5, goal current.
     """
     whole = pwm[servo.id] if servo.cap is None else servo.cap
-    return max(1, int(SHARE * whole)).to_bytes(2, "little", signed=True)
+    return min(whole, max(1, int(SHARE * whole))).to_bytes(2, "little", signed=True)
 
 
 def soft(servo: ServoCommandSettings) -> bytes:

@@ -106,7 +106,7 @@ def check_cap(where: str, table: ControlTable, mode: OperatingMode, cap: int | N
 
 
 def block(table: ControlTable, *names: str) -> RegisterBlock:
-    """Return the block from the first of `names` to the end of the last. Raises KeyError."""
+    """Return the block from the first of `names` to the end of the last. Raises InvalidInput."""
     first = table[names[0]]
     last = table[names[-1]]
     return RegisterBlock(first.address, last.end - first.address)

@@ -28,12 +28,17 @@ RESTORED = (
     "position_p_gain",
     "feedforward_2nd_gain",
     "feedforward_1st_gain",
+    "velocity_ff_gain",  # of a Y, as the next three
+    "position_ff_gain",
+    "profile_acceleration_time",
+    "profile_time",
     "goal_pwm",
     "goal_current",
     "profile_acceleration",
     "profile_velocity",
 )
 OFF = ("torque_enable", "bus_watchdog")  # registers that must read 0 afterwards
+ORDERS = 2  # times that a restart or a 0 is sent until it has an effect: one packet may be lost
 
 
 def restart(
@@ -42,12 +47,12 @@ def restart(
     """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
 
     `shut_down`: torque enable reads on, but the hardware error (70) has switched the output off. Refused if
-    that error reads 0: a restart would then drop the load.
+    that error reads 0, or if Shutdown (63) ignores it: a restart would then drop the load.
     """
     fields = settings(servo)
     state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
     before = yield from values(reader, servo, fields + state)
-    _require_unloaded(reader.name, servo.id, before, shut_down=shut_down)
+    yield from _require_unloaded(reader, servo, before, shut_down=shut_down)
     yield from _reboot(reader, servo.id)
     yield from let_go(reader, servo)
     return (yield from give_back(reader, servo, before))
@@ -79,30 +84,46 @@ def _may_return(servo: ServoCommandSettings, field: TableRegister, value: int) -
     return field.key != "goal_current" or 0 <= value <= most
 
 
-def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down: bool) -> None:
+def _require_unloaded(
+    reader: DynamixelReader, servo: ServoCommandSettings, state: Mapping[str, int], *, shut_down: bool
+) -> Script[None]:
     if state["torque_enable"] == 0:
         return
     if not shut_down:
         reason = "its torque is on and a restart would drop what it carries: disarm, then reboot"
-        raise DeviceRefused(name, id, "reboot", reason)
-    if state["hardware_error_status"] == 0:
-        reason = "its torque is on and its hardware error (70) is 0: nothing has shut it down; disarm first"
-        raise DeviceRefused(name, id, "reboot", reason)
+        raise DeviceRefused(reader.name, servo.id, "reboot", reason)
+    error = state["hardware_error_status"]
+    stops = error  # without the register, as a Y, every error does
+    if "shutdown" in servo.table:
+        stops &= (yield from reader.read(servo.id, "shutdown")).value
+    if stops == 0:
+        reason = f"its torque is on and its hardware error (70) is {error}: nothing has shut it down; disarm"
+        raise DeviceRefused(reader.name, servo.id, "reboot", reason)
 
 
 def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
-    """Reboot the device and wait until it is back on the bus."""
-    reply = yield RebootRequest(id)
-    if id not in reply.error:
-        raise NoReply(reader.name, (id,), reply.waited, "reboot")
-    reader.slow.forget(id)
-    waited = reply.waited
-    for _ in range(BOOT_ATTEMPTS):
-        reply = yield PingRequest(id)
+    """Reboot the device and wait until it is back on the bus. Raises NoReply.
+
+    The status of the order may be lost, or not be sent (status return level 1). Then a ping without reply
+    shows that the device restarts; without any the order itself was lost.
+    """
+    waited = 0.0
+    for _ in range(ORDERS):
+        reply = yield RebootRequest(id)
+        reader.slow.forget(id)
         waited += reply.waited
-        if id in reply.data:
+        restarts = id in reply.error
+        for _ in range(BOOT_ATTEMPTS):
+            reply = yield PingRequest(id)
+            waited += reply.waited
+            if id in reply.data:
+                break
+            restarts = True
+        else:
+            raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+        if restarts:
             return
-    raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+    raise NoReply(reader.name, (id,), waited, "reboot")
 
 
 def let_go(reader: DynamixelReader, servo: ServoCommandSettings) -> Script[None]:
@@ -113,12 +134,14 @@ def let_go(reader: DynamixelReader, servo: ServoCommandSettings) -> Script[None]
     fields = [servo.table[name] for name in OFF]
     state = yield from values(reader, servo, fields)
     for field in fields:
-        if state[field.key]:
-            yield WriteRequest({servo.id: bytes(field.size)}, field.address)
-            left = (yield from reader.read(servo.id, field.key)).value
+        left = state[field.key]
+        for _ in range(ORDERS):
             if left:
-                reason = f"reads {left} and cannot be switched off: cut its supply"
-                raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
+                yield WriteRequest({servo.id: bytes(field.size)}, field.address)
+                left = (yield from reader.read(servo.id, field.key)).value
+        if left:
+            reason = f"reads {left} and cannot be switched off: cut its supply"
+            raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
 
 
 def values(

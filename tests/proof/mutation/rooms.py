@@ -371,6 +371,21 @@ ROOMS = (
         ),
     ),
     Room(
+        "modes",
+        (
+            "drivers/twind_drivers/dynamixel/damping.py",
+            "drivers/twind_drivers/dynamixel/ram_restore.py",
+            "drivers/twind_drivers/dynamixel/operating_modes.py",
+        ),
+        (
+            "tests/drivers/test_damping.py",
+            "tests/drivers/test_ram_restore.py",
+            "tests/drivers/test_operating_mode_rules.py",
+            "tests/drivers/test_operating_modes.py",
+            "tests/drivers/test_y_series.py",
+        ),
+    ),
+    Room(
         "homing",
         ("twind/motion/endstop_search.py",),
         (
