@@ -88,10 +88,6 @@ def test_a_register_that_was_not_read_refuses(register: str) -> None:
         (set_to(homing_offset=-1025), "homing_offset (20) is -1025"),
         (set_to(secondary_shadow_id=0), "secondary_shadow_id (12) is 0: it obeys goals for id 0 too; with"),
         (set_to(secondary_shadow_id=252), "secondary_shadow_id (12) is 252"),
-        (
-            set_to(secondary_id=3),
-            "secondary_id (12) is 3: it obeys goals for id 3 too; with torque off write 255",
-        ),
         (set_to(operating_mode=4), "operating_mode (11) is 4, position mode is 3: with torque off write 3"),
         (
             lambda d: replace(d, model_number=1030, model_name="XM430-W210"),

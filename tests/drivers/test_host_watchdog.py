@@ -1,6 +1,7 @@
 """The watchdog that a driver keeps for devices without one."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -56,6 +57,64 @@ def test_a_device_that_gets_no_goals_does_not_trip() -> None:
     watchdog.record(ALL, 0.0)
     watchdog.record(FIRST, 0.1)
     watchdog.record(ALL, 0.5)
+    assert registers.watchdog.tolist() == [-1, -1]
+
+
+@pytest.mark.parametrize(("rate_hz", "limit"), [(1000.0, 0.1), (100.0, 0.1), (20.0, 0.175), (10.0, 0.35)])
+def test_the_limit_is_a_tenth_of_a_second_and_at_a_low_rate_three_and_a_half_readings(
+    rate_hz: float, limit: float
+) -> None:
+    assert HostWatchdog(SlowRegisterValues.unknown(2), 1.0 / rate_hz).limit == pytest.approx(limit, rel=1e-12)
+
+
+def test_silence_of_just_the_limit_is_not_too_long() -> None:
+    watchdog, registers = make()
+    watchdog.record(ALL, 0.0)
+    watchdog.record(FIRST, watchdog.limit)
+    assert watchdog.overdue.tolist() == [False, False]
+    watchdog.record(ALL, watchdog.limit)
+    assert registers.watchdog.tolist() == [-1, -1]
+
+
+def test_a_device_that_was_silent_from_the_first_reading_on_is_overdue_too() -> None:
+    watchdog, registers = make()
+    watchdog.record(FIRST, 5.0)
+    watchdog.record(FIRST, 5.05)
+    assert watchdog.overdue.tolist() == [False, False]
+    watchdog.record(FIRST, 5.11)
+    assert watchdog.overdue.tolist() == [False, True]
+    watchdog.record(ALL, 5.12)
+    assert registers.watchdog.tolist() == [-1, TRIPPED]
+
+
+def test_the_registers_change_while_a_device_is_overdue_and_at_its_return_and_then_no_more() -> None:
+    """By the version the writer chooses anew who gets goals, and the loop takes over the registers."""
+    watchdog, registers = make()
+    for step in range(20):
+        watchdog.record(ALL, step * 0.01)
+    assert registers.version == 0
+    watchdog.record(FIRST, 0.25)
+    assert registers.version == 0, "it is silent, and not yet for long"
+    watchdog.record(FIRST, 0.3)
+    overdue = registers.version
+    assert overdue > 0
+    watchdog.record(ALL, 0.31)
+    tripped = registers.version
+    assert tripped > overdue
+    watchdog.record(ALL, 0.32)
+    assert registers.version == tripped
+
+
+def test_a_silent_device_that_gets_no_goals_any_more_is_overdue_no_longer() -> None:
+    watchdog, registers = make()
+    watchdog.record(ALL, 0.0)
+    for now in (0.1, 0.2):
+        watchdog.record(FIRST, now)
+    assert watchdog.overdue.tolist() == [False, True]
+    watchdog.watched = FIRST
+    watchdog.record(FIRST, 0.21)
+    assert watchdog.overdue.tolist() == [False, False]
+    watchdog.record(ALL, 0.22)
     assert registers.watchdog.tolist() == [-1, -1]
 
 

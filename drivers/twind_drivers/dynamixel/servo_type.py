@@ -10,7 +10,7 @@ from msgspec import Meta
 from twind.config.actuator_types import DeviceWarning, ExpectedDevice, TypeSpec, lag_of
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel import servo_check
-from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
 from twind_drivers.dynamixel.servo_limits import full_counts
 from twind_drivers.virtual.dynamixel_motor_figures import motor_figures, stand_in
@@ -51,8 +51,12 @@ class ServoType(TypeSpec):
     BUS: ClassVar[str] = KIND
 
     @property
+    def _table(self) -> ControlTable:
+        return table(number_of(self.device))
+
+    @property
     def _facts(self) -> ModelCapabilities:
-        return table(number_of(self.device)).facts
+        return self._table.facts
 
     @property
     def effort_lsb_nm(self) -> float:
@@ -77,7 +81,7 @@ class ServoType(TypeSpec):
 
     def refuse_registers(self, registers: Mapping[str, int]) -> Iterator[str]:
         """Yield each value outside the bounds of its register in the control table."""
-        known = table(number_of(self.device))
+        known = self._table
         for key, value in registers.items():
             if not known[key].takes(value):
                 low, high = known[key].bounds
@@ -127,7 +131,7 @@ class ServoType(TypeSpec):
     @property
     def stiffness_nm_per_rad(self) -> float:
         """Stall torque and P gain give it; NaN for a model whose page prints no stall torque."""
-        known = table(number_of(self.device))
+        known = self._table
         counts_per_rad = self.ticks_per_turn / math.tau
         output = counts_per_rad / motor_figures(known).divisor / known["pwm_limit"].bounds[1]
         return self._strength[0] * output * self.gains.p
@@ -145,7 +149,7 @@ class ServoType(TypeSpec):
     @property
     def _strength(self) -> tuple[float, float]:
         """Stall torque (N·m) and speed without load (rad/s) at the usual supply; NaN: not known."""
-        known = table(number_of(self.device))
+        known = self._table
         figures = motor_figures(known)
         return (math.nan, math.nan) if stand_in(known) is not None else figures.at(figures.nominal)[:2]
 
@@ -166,7 +170,7 @@ class ServoType(TypeSpec):
     @property
     def gain_limits(self) -> Mapping[str, float]:
         """P, I and D, as registers hold them."""
-        known = table(number_of(self.device))
+        known = self._table
         return {key: float(known[f"position_{key}_gain"].bounds[1]) for key in ("p", "i", "d")}
 
     def with_gains(self, gains: Mapping[str, float]) -> "ServoType":
@@ -175,8 +179,8 @@ class ServoType(TypeSpec):
 
     def unfit(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[str]:
         """Yield what its registers rule out."""
-        return servo_check.unfit(joint, device, self._facts)
+        return servo_check.unfit(joint, device, self._table)
 
     def doubts(self, joint: ExpectedDevice, device: IdentifiedDevice) -> Iterator[DeviceWarning]:
         """Yield warnings about its registers."""
-        return servo_check.doubts(joint, device, self.return_delay_us)
+        return servo_check.doubts(joint, device, self._table, self.return_delay_us)

@@ -221,6 +221,20 @@ ROOMS = (
         ),
     ),
     Room(
+        "hostwatchdog",
+        ("drivers/twind_drivers/half_duplex/host_watchdog.py",),
+        ("tests/drivers/test_host_watchdog.py",),
+    ),
+    Room(
+        "servocheck",
+        ("drivers/twind_drivers/dynamixel/servo_check.py",),
+        (
+            "tests/drivers/test_servo_check.py",
+            "tests/config/test_device_check.py",
+            "tests/config/test_device_check_twins.py",
+        ),
+    ),
+    Room(
         "unwatched",
         (
             "drivers/twind_drivers/dynamixel2_unwatched/unwatched_packets.py",
