@@ -64,7 +64,7 @@ class CanCyclicRead:
         self.silent: Bools | None = None  # (m,) silent for 0.1 s before the last reading; None: nobody
         self._first = np.inf  # s, of the first request
         self.cycle = 0  # number of requests
-        self._sure = False  # no actuator is suspect or parked
+        self._sure = False  # no actuator is suspect, so none is parked
         self._everyone: Bools = np.ones(m, np.bool_)
         self._everyone.setflags(write=False)
         self._request_all = CanTransaction(*fleet.make_position_request())
@@ -76,10 +76,7 @@ class CanCyclicRead:
         """Return the request that goes beside the commands of `commanded` (m,)."""
         self._first = min(self._first, now)
         self.cycle = self.cycle + 1
-        silent = ~(commanded & self.fleet.replies)
-        if not silent.any():
-            return self.nothing
-        return self.make_cyclic_request(silent, now)
+        return self.make_cyclic_request(~(commanded & self.fleet.replies), now)
 
     def make_cyclic_request(self, silent: Bools, now: float) -> CanTransaction:
         """Return a request for the positions of at least the actuators `silent` (m,)."""
@@ -92,13 +89,8 @@ class CanCyclicRead:
         if knock is None or not now - self._first >= KNOCK:
             return request
         knocked = knock.rows & silent & ~self.energised
-        if not knocked.any():
-            return request
-        frames = knock.frames
-        own = frames if knocked.all() else frames[knocked[self.fleet.commanded_rows(frames)]]
-        return CanTransaction(
-            joined([request.frames, own]), request.expect + np.where(self.fleet.replies, knocked, 0)
-        )
+        own = knock.frames[knocked[self.fleet.commanded_rows(knock.frames)]]
+        return CanTransaction(joined([request.frames, own]), request.expect + knocked)
 
     # --------------------------------------------------------------------------- in
 
@@ -134,7 +126,6 @@ class CanCyclicRead:
 
     def _take_complete_reading(self, feedback: GroupFeedback, now: float) -> None:
         """Update the state after a healthy reading: one answer of each, none suspect or parked before."""
-        self.attendance.record_complete_reply()
         if self.energised.any():
             self._bar(now)
         self.place = feedback.position
@@ -144,16 +135,16 @@ class CanCyclicRead:
     def _look(self, feedback: GroupFeedback, now: float) -> tuple[Bools, Bools]:
         """Return the actuators (m,) whose answer is believed, and those that the reading waited for."""
         expect = self._line.expect
-        answered = (expect > 0) & (feedback.count >= expect)
-        spoke = (feedback.count > 0) & ((expect == 0) | ~self.fleet.replies)  # sent by itself
-        there = (answered | spoke) & ~np.isnan(feedback.position) & ~np.isnan(feedback.velocity)
+        self._line.spoke |= feedback.count > 0  # those of an exact transaction are not in it
+        complete = (feedback.count >= expect) | ~self.fleet.replies
+        there = complete & ~np.isnan(feedback.position) & ~np.isnan(feedback.velocity)
         self._prove(feedback, expect, there)
         believed: Bools = there & self.proven
         self._bar(now)
         self.place = np.where(believed, feedback.position, self.place)
-        self._received_at[self._line.spoke | believed] = now
-        waited = self._attend(believed, expect > 0, now)
-        self._sure = bool(self.proven.all()) and not self.attendance.parked
+        self._received_at[self._line.spoke] = now
+        waited = self._attend(expect > 0, now)
+        self._sure = bool(self.proven.all())
         return believed, waited
 
     def _prove(self, feedback: GroupFeedback, expect: Ints, there: Bools) -> None:
@@ -181,16 +172,14 @@ class CanCyclicRead:
         if self._line.dead(now):
             self.barred |= self.energised
 
-    def _attend(self, believed: Bools, could: Bools, now: float) -> Bools:
+    def _attend(self, could: Bools, now: float) -> Bools:
         """Return the actuators (m,) that this reading waited for; update the presence for the next one."""
-        waited: Bools = self.attendance.asked & (could | believed | (self.fleet.answers > 0))
+        waited: Bools = self.attendance.asked & (could | (self.fleet.answers > 0))
         replied = self._line.heard.count > 0
         self.attendance.record_missing_reply(replied, could & self.attendance.asked, now)
         if self.attendance.parked:
             for row in np.flatnonzero(self._line.spoke & ~self.attendance.asked).tolist():
                 self.attendance.back(row, now)
-        elif could.any() and replied[could].all():
-            self.attendance.record_complete_reply()
         self._line.asked = self.attendance.asked
         self._line.spoke.fill(False)
         return waited

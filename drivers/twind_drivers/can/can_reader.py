@@ -243,7 +243,7 @@ class CanReader:
         """Return the upper bound of a transaction's bus time (s), its timeout excluded."""
         try:
             if isinstance(query, PingRequest | ReadRequest):
-                return self.line.span(self._transaction(query, -inf))
+                return self.line.span(self._transaction(query, inf))
             return self.line.span(ordering(self.fleet, query))
         except (BusError, ValueError, KeyError):  # `begin` raises it to the caller
             return 0.0

@@ -294,6 +294,15 @@ ROOMS = (
         ),
     ),
     Room(
+        "canread",
+        ("drivers/twind_drivers/can/can_cyclic_read.py",),
+        (
+            "tests/drivers/test_can_cyclic_read.py",
+            "tests/drivers/test_can_silence.py",
+            "tests/drivers/test_can_command_frames.py",
+        ),
+    ),
+    Room(
         "follow",
         ("twind/safety/follow_bounds.py",),
         ("tests/safety/test_follow_bounds.py",),
