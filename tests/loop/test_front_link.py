@@ -409,6 +409,16 @@ def test_a_command_forwarded_before_the_death_of_a_front_is_still_executed(
     assert end.commands(1.02) == []
 
 
+def test_a_command_of_the_tick_in_which_a_hung_front_is_killed_is_still_executed(
+    front: Front, end: FrontLink
+) -> None:
+    front.send(link.EStop(ticket=1, client=2))
+    front.is_overdue = True
+    end.supervise_front(1.0)
+    assert front.socket is None and end.lost
+    assert [type(each.command) for each in end.commands(1.01)] == [link.EStop]
+
+
 def test_an_e_stop_behind_a_flood_of_a_front_that_died_is_still_executed(
     front: Front, end: FrontLink
 ) -> None:

@@ -128,6 +128,7 @@ class FrontLink:
                 write_line(
                     2, "warning", "twind: the front sends no heartbeat, or takes nothing: it is killed"
                 )
+                self._last_words = self.commands(now)  # of this tick, as below
             self._discard_front(now)
             if behind:  # without a front no reader would ever empty the queue
                 self._queue.clear()
