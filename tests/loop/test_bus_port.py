@@ -267,6 +267,22 @@ def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
     assert str(task.error) == "first"
 
 
+def test_a_script_that_fails_inside_fails_the_tick_once_and_is_no_success_afterwards(
+    world: TwoBuses, port: BusPort
+) -> None:
+    def script() -> Script[None]:
+        yield PingRequest(1)
+        raise IndexError("a bug")
+
+    task = port.run(script())
+    with pytest.raises(IndexError):
+        world.tick(count=3)
+    assert task.done
+    assert "a bug" in str(task.error)
+    world.tick(count=3)
+    assert port.tasks == []
+
+
 # ------------------------------------------------------------------------------------- read-only
 
 

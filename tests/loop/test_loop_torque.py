@@ -187,6 +187,34 @@ def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
     assert armed.call(link.Arm).error is None
 
 
+def test_torque_that_arming_switches_on_goes_off_when_writing_is_inhibited(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    ticket = live.send(link.Arm)
+    while not live.register("torque_enable").any():
+        live.ticks(1)
+    assert live.loop.condition.state is RobotState.ARMING
+    inhibit(live.loop, Finding(ReasonCode.INTERNAL, message="a bug"), live.clock.now())
+    live.ticks(50)
+    assert (live.register("torque_enable") == 0).all()
+    assert live.loop.condition.state is RobotState.INHIBITED and not live.loop.torque.energising
+    what = live.replies(ticket)[-1].parameters["what"]
+    assert what == "arming was ended by INTERNAL: a bug"
+
+
+def test_torque_that_was_found_on_stays_when_writing_is_inhibited_during_its_arming(armed: Rig) -> None:
+    armed.loop = armed.born(Mode.LIVE)
+    armed.connect()
+    armed.lease()
+    armed.send(link.Arm)
+    while armed.loop.condition.state is not RobotState.ARMING:
+        armed.ticks(1)
+    inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
+    armed.ticks(50)
+    assert (armed.register("torque_enable") == 1).all()
+    assert torque_inherited(armed.loop)
+
+
 def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None:
     inhibit(armed.loop, Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.loop.condition.stop_wanted = True

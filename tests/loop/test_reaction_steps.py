@@ -452,9 +452,13 @@ def test_an_inhibit_ends_a_way_down_but_not_torque_that_is_going_off(
 
 
 @pytest.mark.parametrize("switching", [False, True])
-def test_an_inhibit_always_ends_an_arming(rig: ReactionRig, switching: bool) -> None:
+def test_an_inhibit_ends_an_arming_and_torque_that_it_switches_on_goes_off(
+    rig: ReactionRig, switching: bool
+) -> None:
     rig.own(Priority.ARM, waits)
     if switching:
         rig.torque.begin_energising()
     inhibit(rig, BUG, 50.0)
-    assert rig.procedures.rank is None
+    assert rig.procedures.rank is (Priority.DISARM if switching else None)
+    assert rig.hardware.log.count("torque False") == switching
+    assert rig.hardware.quiet_until == (-np.inf if switching else 50.0 + QUIET)

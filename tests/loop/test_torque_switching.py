@@ -58,6 +58,19 @@ def test_a_device_that_stays_silent_is_asked_for_a_second_then_left_unconfirmed(
     assert (rig.torque.energising, rig.torque.unconfirmed) == (False, True)
 
 
+@pytest.mark.parametrize("error", [KeyError(7), ValueError("a bug")])
+def test_torque_off_is_repeated_after_an_error_of_a_driver_and_then_left_unconfirmed(
+    rig: ProcedureRig, error: Exception
+) -> None:
+    rig.hardware.failing["torque False"] = [error]
+    switch_off(rig)
+    assert not rig.torque.unconfirmed
+    rig.hardware.failing["torque False"] = [error] * 1000
+    with pytest.raises(BusError, match="failed inside"):
+        switch_off(rig)
+    assert (rig.torque.energising, rig.torque.unconfirmed) == (False, True)
+
+
 def test_after_exactly_a_second_nothing_is_repeated(rig: ProcedureRig) -> None:
     rig.hardware.failing["torque False"] = [SILENT] * 1000
     body = torque_switching.switch_torque_off(rig)

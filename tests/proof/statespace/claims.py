@@ -137,7 +137,7 @@ class Claims:
         returned = waits and bool(self._world.hardware.open.all()) and bool((on & ~torque.held).any())
         self.returned = self.returned + 1 if returned else 0
         pending = torque.unconfirmed or (torque.pending_restore and self.returned <= GRACE)
-        pending = pending or (torque.energising and (rank is not None or torque.inhibited))
+        pending = pending or (torque.energising and rank is not None)
         if (on & ~torque.held & ~self.found).any() and not pending:
             raise ClaimBroken(f"torque of this daemon without an owner, in state {state}")
         if state is _S.ARMED and not torque.armed:

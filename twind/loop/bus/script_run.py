@@ -33,6 +33,12 @@ class ScriptRun(Generic[T]):
             self.error = error.with_traceback(None)
             self.done = True
             self.request = None
+        except Exception as error:
+            # It fails this tick. Sent on once more, the script would count as ended well.
+            self.error = BusError(f"failed inside: {error!r}")
+            self.done = True
+            self.request = None
+            raise
 
     def cancel(self, error: BusError) -> None:
         """End the script from outside: the port was lost, or a more urgent script came."""

@@ -7,6 +7,7 @@ that lets the queue fill is killed and started anew; its queue is dropped with i
 import array
 import os
 import socket
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -127,11 +128,13 @@ class FrontLink:
                 write_line(
                     2, "warning", "twind: the front sends no heartbeat, or takes nothing: it is killed"
                 )
+                self._last_words = self.commands(now)  # of this tick, as below
             self._discard_front(now)
             if behind:  # without a front no reader would ever empty the queue
                 self._queue.clear()
         if self.front.reap():
-            self._last_words = self.commands(now)  # an e-stop that the front still passed on must not be lost
+            # an e-stop that the front still passed on must not be lost, however many commands precede it
+            self._last_words = self._take(now, sys.maxsize)
             self._discard_front(now)
             write_line(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
@@ -171,9 +174,13 @@ class FrontLink:
 
     def commands(self, now: float) -> list[ReceivedCommand]:
         """Return the commands of the front since the last tick, oldest first."""
+        return self._take(now, PER_TICK)
+
+    def _take(self, now: float, most: int) -> list[ReceivedCommand]:
+        """Return the commands kept from a front that died and those in the pipe, `most` of them."""
         taken = self._last_words
         self._last_words = []
-        while self.front.socket is not None and len(taken) < PER_TICK:
+        while self.front.socket is not None and len(taken) < most:
             try:
                 incoming = self._receive(self.front.socket)
             except BlockingIOError:

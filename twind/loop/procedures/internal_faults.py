@@ -34,7 +34,7 @@ def inhibit(context: ProcedureContext, finding: Finding, now: float) -> None:
     """
     context.torque.inhibit()
     context.condition.latch(finding)  # first: the procedures that it ends report this cause
-    if context.procedures.rank is Priority.ARM or not context.torque.energising:
+    if not context.torque.energising:
         context.procedures.abandon()
     if context.procedures.rank is None:
         context.torque.end_damping()
@@ -43,3 +43,5 @@ def inhibit(context: ProcedureContext, finding: Finding, now: float) -> None:
     context.hardware.hold(False)
     context.hardware.quiet_until = now + QUIET
     context.condition.change(RobotEvent.INHIBIT, stop="inhibit")
+    if context.procedures.rank is Priority.ARM:  # it may have switched torque on, which nobody would own
+        context.procedures.own(Priority.DISARM, lambda: give_up(context))

@@ -89,11 +89,13 @@ def switch_torque_off(context: ProcedureContext) -> Steps:
     while True:
         try:
             yield from all_of(context.hardware.torque(False))
-        except BusError:
+        except (BusError, KeyError, ValueError) as error:
             if not context.hardware.writers or not context.clock.now() < until:
                 # devices that are still on show it in their registers, and are reported as inherited
                 context.torque.leave_unconfirmed()
-                raise
+                if isinstance(error, BusError):
+                    raise
+                raise BusError(f"torque off failed inside: {error!r}") from None
             yield
         else:
             context.torque.confirm_off()
