@@ -238,7 +238,7 @@ def test_a_servo_that_does_not_switch_off_its_torque_gets_two_orders() -> None:
 
 
 # e-manual, Status Return Level (68): at 1 a servo replies to pings and reads alone
-@pytest.mark.parametrize("boot", [1, 299])
+@pytest.mark.parametrize("boot", [2, 299])
 def test_settings_come_back_after_a_restart_without_status(boot: int) -> None:
     bus = bench()
     bus.servos.tells = False
@@ -262,6 +262,16 @@ def test_a_restart_that_did_not_arrive_is_ordered_again() -> None:
     bus.servos.put(HERE, 84, 640, 2)
     bus.servos.put(HERE, 116, 1234, 4)
     assert [each.value for each in reboot(bus).restored] == [640]
+    assert bus.servos.get(HERE, 116, 4) == DEFAULTS[116][0]
+
+
+def test_one_ping_without_reply_is_no_sign_of_a_restart() -> None:
+    bus = bench()
+    bus.servos.lost = [Instruction.REBOOT, Instruction.PING]
+    bus.servos.put(HERE, 84, 640, 2)
+    bus.servos.put(HERE, 116, 1234, 4)
+    assert [each.value for each in reboot(bus).restored] == [640]
+    assert bus.servos.count(Instruction.REBOOT) == 2
     assert bus.servos.get(HERE, 116, 4) == DEFAULTS[116][0]
 
 

@@ -188,3 +188,16 @@ def test_ram_that_a_servo_restores_at_boot_gives_a_warning(
     warnings = list(joint.type.doubts(joint, found(model, {"startup_configuration": 2})))
     assert warnings == [DeviceWarning(text, 2.0, 0.0)]
     assert list(joint.type.doubts(joint, found(model, {"startup_configuration": 1}))) == []
+
+
+def test_a_servo_of_any_model_in_place_of_another_is_refused_for_its_model_alone(
+    joints: Mapping[str, JointSpec], tmp_path: Path
+) -> None:
+    """Registers of another model have other addresses, or are not there."""
+    expected = [*joints.values(), load_robot(serial_arm_of(tmp_path, "dynamixel2", "MX-64", GAINS)).joints[0]]
+    for joint in expected:
+        for model in {*joints, "MX-64"} - {joint.type.device}:
+            device = found(model, {"startup_configuration": 2})
+            (reason,) = joint.type.unfit(joint, device)
+            assert f"the robot file says {joint.type.device}" in reason
+            assert not [each for each in joint.type.doubts(joint, device) if "startup" in each.message]

@@ -38,6 +38,7 @@ RESTORED = (
     "profile_velocity",
 )
 OFF = ("torque_enable", "bus_watchdog")  # registers that must read 0 afterwards
+SILENT = 2  # pings without reply that show a restart without status: one may be lost
 ORDERS = 2  # times that a restart or a 0 is sent until it has an effect: one packet may be lost
 
 
@@ -97,31 +98,35 @@ def _require_unloaded(
     if "shutdown" in servo.table:
         stops &= (yield from reader.read(servo.id, "shutdown")).value
     if stops == 0:
-        reason = f"its torque is on and its hardware error (70) is {error}: nothing has shut it down; disarm"
+        at = servo.table["hardware_error_status"].address
+        reason = (
+            f"its torque is on and its hardware error ({at}) is {error}: nothing has shut it down; disarm"
+        )
         raise DeviceRefused(reader.name, servo.id, "reboot", reason)
 
 
 def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
     """Reboot the device and wait until it is back on the bus. Raises NoReply.
 
-    The status of the order may be lost, or not be sent (status return level 1). Then a ping without reply
-    shows that the device restarts; without any the order itself was lost.
+    The status of the order may be lost, or not be sent (status return level 1). Then two pings without reply
+    show that the device restarts, which takes 0.1 s: two readings at 20 Hz. Else the order itself was lost.
     """
     waited = 0.0
     for _ in range(ORDERS):
         reply = yield RebootRequest(id)
         reader.slow.forget(id)
         waited += reply.waited
-        restarts = id in reply.error
-        for _ in range(BOOT_ATTEMPTS):
+        ordered = id in reply.error
+        silent = 0
+        while silent < BOOT_ATTEMPTS:
             reply = yield PingRequest(id)
             waited += reply.waited
             if id in reply.data:
                 break
-            restarts = True
+            silent += 1
         else:
             raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
-        if restarts:
+        if ordered or silent >= SILENT:
             return
     raise NoReply(reader.name, (id,), waited, "reboot")
 

@@ -128,7 +128,10 @@ def _shadowing(settings: Mapping[str, int], known: ControlTable) -> Iterator[str
 def doubts(
     joint: ExpectedDevice, device: IdentifiedDevice, known: ControlTable, described: int
 ) -> Iterator[DeviceWarning]:
-    """Yield warnings: a return delay above the `described` one (µs), RAM from a backup, no own limits."""
+    """Yield warnings: a return delay above the `described` one (µs), RAM from a backup, no own limits.
+
+    `known`: table of the model that the joint needs; a device of another model may have other registers.
+    """
     register = device.settings.get("return_delay_time")
     if register is not None and 2 * register > described:
         remedy = f"`twindctl register write {joint.bus} {joint.id} return_delay_time {described // 2}`"
@@ -138,7 +141,7 @@ def doubts(
         )
         yield DeviceWarning(text, 2.0 * register, float(described))
     startup = device.settings.get("startup_configuration", 0)
-    if startup & RAM_AT_BOOT:
+    if startup & RAM_AT_BOOT and device.model_name == known.model:
         where = _place("startup_configuration", known)
         text = f"{where} is {startup}: bit 1, RAM from its backup at boot; write 0"
         yield DeviceWarning(text, float(startup), 0.0)

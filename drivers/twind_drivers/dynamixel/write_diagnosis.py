@@ -51,7 +51,8 @@ def _state(
         with suppress(NoReply, DeviceRefused):  # without a reply the values read before serve
             yield from reader.collect((servo.id,), block.address, block.size)  # kept in `registers`
     if state.fault[place] > 0:
-        return [f"hardware error {state.fault[place]:#04x} (register 70): find the cause, then reboot it"]
+        at = servo.table["hardware_error_status"].address
+        return [f"hardware error {state.fault[place]:#04x} (register {at}): find the cause, then reboot it"]
     return ["its bus watchdog has tripped"] if state.watchdog[place] == TRIPPED else []
 
 
@@ -63,7 +64,8 @@ def _mode(
         return []
     name = MODES[mode].name if mode in MODES else "not driven here"
     wanted = f"{servo.mode.number} ({servo.mode.name})"
-    return [f"operating mode (11) is {mode} ({name}), {wanted} is needed: disarm, then write register 11"]
+    at = servo.table["operating_mode"].address
+    return [f"operating mode ({at}) is {mode} ({name}), {wanted} is needed: disarm, then write register {at}"]
 
 
 def _limits(

@@ -18,8 +18,9 @@ from twind_drivers.servo_tools.doctor.servo_settings import WRITE, calibration_o
 from twind_drivers.slow_read_rate import upkeep_stride
 
 SECOND_OFF = 252  # above it the second id is off
-# Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).
+# Bits of drive mode, startup configuration and shutdown (e-manual).
 REVERSE = 1
+SLAVE = 2
 TIME_PROFILE = 4
 TORQUE_BY_GOAL = 8
 TORQUE_AT_BOOT = 1
@@ -35,7 +36,8 @@ def _second_id(_: CheckContext, servo: SurveyedServo, __: JointSpec) -> Found:
         value = servo.values.get(name, SECOND_OFF + 1)
         if value <= SECOND_OFF:
             command = format_command(servo, name, 255)
-            yield DoctorFinding("SECOND_ID", servo.thing, f"{name} (12) is {value}", "255, off", command)
+            text = f"{_place(servo, name)} is {value}"
+            yield DoctorFinding("SECOND_ID", servo.thing, text, "255, off", command)
 
 
 def _unwatched(_: CheckContext, servo: SurveyedServo, __: JointSpec) -> Found:
@@ -71,7 +73,7 @@ def _level(context: CheckContext, servo: SurveyedServo, _: JointSpec) -> Found:
         yield DoctorFinding(
             "STATUS_LEVEL",
             servo.thing,
-            f"status return level (68) is {level}",
+            f"{_place(servo, 'status_return_level')} is {level}",
             "2",
             format_command(servo, "status_return_level", 2),
             offer_fix(context, servo, "status_return_level", 2),
@@ -83,19 +85,19 @@ def _mode(_: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Found:
     wanted = joint.operating_mode
     if mode is not None and mode != wanted:
         command = format_command(servo, "operating_mode", wanted)
-        text = f"operating mode (11) is {mode}"
+        text = f"{_place(servo, 'operating_mode')} is {mode}"
         yield DoctorFinding("OPERATING_MODE", servo.thing, text, f"{wanted}", command)
     offset = servo.values.get("homing_offset", 0)
     most = joint.type.homing_offset_limit
     if most is not None and abs(offset) > most and joint.mode == "position":
         command = format_command(servo, "homing_offset", 0)
-        text = f"homing offset (20) is {offset}: position mode ignores it"
+        text = f"{_place(servo, 'homing_offset')} is {offset}: position mode ignores it"
         yield DoctorFinding("OPERATING_MODE", servo.thing, text, "0", command)
 
 
 def _drive(context: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Found:
     drive = servo.values.get("drive_mode", 0)
-    text = f"drive mode (10) is {drive}"
+    text = f"{_place(servo, 'drive_mode')} is {drive}"
     if drive & TORQUE_BY_GOAL:
         wanted = drive & ~TORQUE_BY_GOAL
         command = format_command(servo, "drive_mode", wanted)
@@ -111,6 +113,11 @@ def _drive(context: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Fou
             command,
             severity=Severity.WARNING,
         )
+    if drive & SLAVE:
+        wanted = drive & ~SLAVE
+        command = format_command(servo, "drive_mode", wanted)
+        what = f"{text}: a slave follows the cable of another servo, not its goals"
+        yield DoctorFinding("REGISTER_DIFFERS", servo.thing, what, f"{wanted}", command)
     entry = calibration_of(context, joint)
     adopted = entry is not None and entry.device.drive_mode & REVERSE
     if drive & REVERSE and (entry is None or adopted):  # else CALIBRATION_CHANGED reports it
@@ -130,7 +137,7 @@ def _startup(_: CheckContext, servo: SurveyedServo, __: JointSpec) -> Found:
     if startup & (TORQUE_AT_BOOT | RAM_RESTORED):
         severity = Severity.FAULT if startup & TORQUE_AT_BOOT else Severity.WARNING
         command = format_command(servo, "startup_configuration", 0)
-        text = f"startup configuration (60) is {startup}"
+        text = f"{_place(servo, 'startup_configuration')} is {startup}"
         yield DoctorFinding("TORQUE_AT_BOOT", servo.thing, text, "0", command, severity=severity)
 
 
@@ -159,7 +166,7 @@ def _cap(_: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Found:
     limit = servo.values.get("current_limit")
     if cap is not None and limit is not None and 0 < limit < cap:
         amperes = f"{limit * joint.type.current_lsb_a:.2f} A"
-        text = f"current limit (38) is {limit}, {amperes}"
+        text = f"{_place(servo, 'current_limit')} is {limit}, {amperes}"
         advice = (
             f"lower `current_limit_a` of type {joint.type.name} to {amperes}; "
             f"only where the joint needs {cap} counts, write that to its current_limit, with torque off"
@@ -175,7 +182,7 @@ def _mask(_: CheckContext, servo: SurveyedServo, joint: JointSpec) -> Found:
     lacks = [name for bit, name in PROTECTION.items() if not mask & bit]
     if lacks:
         wanted = mask | sum(PROTECTION)
-        text = f"shutdown (63) is {mask}: not for {' and '.join(lacks)}"
+        text = f"{_place(servo, 'shutdown')} is {mask}: not for {' and '.join(lacks)}"
         command = format_command(servo, "shutdown", wanted)
         yield DoctorFinding("SHUTDOWN_MASK", servo.thing, text, f"{wanted}", command)
 
@@ -217,6 +224,13 @@ def _is_outdated(servo: SurveyedServo) -> bool:
     known = _table(servo)
     least = None if known is None else known.facts.fast_from
     return least is not None and servo.firmware is not None and servo.firmware < least
+
+
+def _place(servo: SurveyedServo, register: str) -> str:
+    """Name a register with its address in this servo."""
+    known = _table(servo)
+    field = None if known is None else known.fields.get(register)
+    return register.replace("_", " ") + ("" if field is None else f" ({field.address})")
 
 
 def _table(servo: SurveyedServo) -> ControlTable | None:
