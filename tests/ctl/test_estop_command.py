@@ -35,7 +35,7 @@ class EStopClient(AbstractContextManager["EStopClient"]):
         (
             None,
             "torque unknown",
-            "next: `twindctl reset`; where it is refused, `twindctl status` shows the steps",
+            "next: keep clear until `twindctl status` shows no silent joint, then `twindctl reset`",
         ),
     ],
 )

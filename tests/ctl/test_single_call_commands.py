@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 
 from twind.command_line import verb
+from twind.ctl import single_call_commands
 from twind.ctl.single_call_commands import DISARM, MARK, RESET
+from twind.robot.recovery_steps import UNKNOWN
 
 OPTIONS = argparse.Namespace(socket=None, json=False, codes=[])
 
@@ -50,11 +52,24 @@ def test_an_end_without_an_episode_says_so(
 
 
 @pytest.mark.parametrize(
-    ("state", "text"), [("disconnected", "no robot is connected"), ("connected", "state connected")]
+    ("state", "mode", "torque_on", "text"),
+    [
+        ("disconnected", "live", None, "no robot is connected"),
+        ("connected", "live", False, "state connected"),
+        ("connected", "mirror", None, "state connected"),
+        ("connected", "live", None, f"state connected; {UNKNOWN}"),
+    ],
 )
-def test_a_reset_says_that_it_is_done(
-    state: str, text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_reset_says_that_it_is_done_and_when_torque_is_not_known(
+    state: str,
+    mode: str,
+    torque_on: bool | None,
+    text: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(verb, "operator", lambda _: CallClient({"state": state}))
+    status = {"mode": mode, "armed": False, "inherited": False, "torque_on": torque_on}
+    client = CallClient({"state": state, "status": status})
+    monkeypatch.setattr(single_call_commands, "operator", lambda _: client)
     assert RESET.run(OPTIONS) == 0
     assert capsys.readouterr().out == f"reset: done; {text}\n"

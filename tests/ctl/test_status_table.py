@@ -54,6 +54,42 @@ def test_a_simulated_robot_shows_no_bus_no_latency_and_no_missing_connection() -
     assert "simulated" not in render(answer | {"state": "fault"}).splitlines()[0]
 
 
+def silent_joint(torque: bool | None, age_ms: float | None) -> dict[str, Any]:
+    world = StateCache(briefing())
+    world.take(overview(100.0))
+    world.take(tick(100.0, 1))
+    joint: dict[str, Any] = msgspec.json.decode(world.joints())[0]
+    return joint | {"name": "elbow", "heard": False, "torque": torque, "age_ms": age_ms}
+
+
+@pytest.mark.parametrize("age", [None, 501.0])
+def test_a_joint_that_does_not_reply_is_named_without_a_latch_and_so_is_unknown_torque(
+    age: float | None,
+) -> None:
+    """An acknowledged fault is no longer shown, and its servo may still hold torque."""
+    answer = status(None) | {"mode": "live", "state": "connected", "faults": []}
+    for torque, more in ((None, f": {UNKNOWN}"), (False, "")):
+        text = render(answer, [silent_joint(torque, age)], table=False)
+        assert f"silent   1 joints (elbow){more}" in text.splitlines()
+        assert "age ms" not in text, "the table is only printed when it was asked for"
+    mirror = answer | {"mode": "mirror"}
+    assert "silent   1 joints (elbow)" in render(mirror, [silent_joint(None, age)]).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("changes", "age"),
+    [
+        ({}, 499.0),
+        ({"state": "disconnected"}, None),
+        ({"state": "identifying"}, None),
+        ({"mode": "sim"}, None),
+    ],
+)
+def test_no_joint_is_called_silent_before_it_could_reply(changes: dict[str, Any], age: float | None) -> None:
+    answer = status(None) | {"mode": "live", "state": "connected", "faults": []} | changes
+    assert not [line for line in status_lines(answer, [silent_joint(None, age)]) if line.startswith("silent")]
+
+
 def test_a_bus_without_a_port_names_the_option() -> None:
     answer = status(None)
     answer["buses"][0] |= {"connected": False, "port": None}

@@ -46,5 +46,5 @@ def test_a_stopped_robot_is_refused_at_once_with_its_state_and_the_next_commands
 def test_joints_that_did_not_move_get_one_line_not_a_table() -> None:
     still = [JointGap(name, 10, 0.0, 0.0, None, None, None) for name in ("pan", "tilt")]
     (line,) = gap.table_lines(still, "; the robot is connected, not armed: `twindctl arm`")
-    assert line.startswith("no joint moved enough to compare: play a motion")
+    assert line.startswith("no joint moved enough to compare: meanwhile play a motion")
     assert line.endswith("rad; the robot is connected, not armed: `twindctl arm`")

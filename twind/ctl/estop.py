@@ -37,7 +37,7 @@ def _run(options: argparse.Namespace) -> int:
 def reset_after_estop(state: str, *, torque_off: bool | None) -> str:
     """Return the next step after an e-stop: a reset is refused while torque is on. None: unknown."""
     if torque_off is None:
-        return "`twindctl reset`; where it is refused, `twindctl status` shows the steps"
+        return "keep clear until `twindctl status` shows no silent joint, then `twindctl reset`"
     return THEN.join(reset_steps(state, (ReasonCode.ESTOP,), torque_on=not torque_off))
 
 

@@ -19,7 +19,8 @@ from twind.command_line.verb import (
     show,
     write_register,
 )
-from twind.robot.modes import RobotState
+from twind.robot.modes import Mode, RobotState
+from twind.robot.recovery_steps import UNKNOWN, reported_torque
 
 GOES_ON = (
     "\nthe daemon goes on disarming: the robot moves to its rest pose, then torque is off; "
@@ -76,6 +77,17 @@ def _reset_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codes", nargs="*", metavar="CODE", help="faults to acknowledge (default: all)")
 
 
+def _reset(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Reset", codes=options.codes or None)
+        status = client.call("GetStatus")["status"]
+    torque = ""
+    if status["mode"] == Mode.LIVE and answer["state"] != RobotState.DISCONNECTED:
+        torque = f"; {UNKNOWN}" if reported_torque(status) is None else ""
+    show(options, answer, f"reset: done; {_state(answer)}{torque}")
+    return DONE
+
+
 def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     begin = kinds.add_parser("begin", help="begin an episode")
@@ -123,11 +135,7 @@ RESET = FunctionVerb(
     "drive",
     "Acknowledge latched faults.",
     _reset_arguments,
-    one_call(
-        "Reset",
-        lambda _, answer: f"reset: done; {_state(answer)}",
-        lambda options: {"codes": options.codes or None},
-    ),
+    _reset,
 )
 STOP = FunctionVerb(
     "drive",

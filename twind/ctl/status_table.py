@@ -20,17 +20,18 @@ from twind.robot.recovery_steps import THEN, UNKNOWN, reported_torque, reset_ste
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 UNWATCHED = "if the daemon dies, they drive on to their last goal and hold it"
 SHOWN = 3  # names in one line
+SILENT = 500.0  # ms without a reply after which a joint is named; its torque is unknown by then
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
 
-def render(status: StatusMessage, joints: Sequence[JointMessage] | None = None) -> str:
-    """Text of a status, and the joints as a table."""
+def render(status: StatusMessage, joints: Sequence[JointMessage] | None = None, *, table: bool = True) -> str:
+    """Text of a status, with the joints that do not reply; `table`: and all joints as a table."""
     simulated = status["mode"] == Mode.SIM
-    table = ["", *joint_lines(joints, simulated=simulated)] if joints else []
-    return "\n".join([*status_lines(status), *table])
+    rows = ["", *joint_lines(joints, simulated=simulated)] if joints and table else []
+    return "\n".join([*status_lines(status, joints or ()), *rows])
 
 
-def status_lines(status: StatusMessage) -> list[str]:
+def status_lines(status: StatusMessage, joints: Sequence[JointMessage] = ()) -> list[str]:
     """One line each for the robot, its buses and the loop; faults last, with remedies."""
     loop = status["loop"]
     lease = status["lease"]
@@ -51,9 +52,9 @@ def status_lines(status: StatusMessage) -> list[str]:
         lines += _bus_lines(bus, simulated=status["mode"] == Mode.SIM)
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
+    lines += _silent_lines(status, joints)
     if unwatched := status.get("unwatched"):
-        names = f"{', '.join(unwatched[:SHOWN])}{', ...' if len(unwatched) > SHOWN else ''}"
-        lines.append(f"watchdog none in {len(unwatched)} joints ({names}): {UNWATCHED}")
+        lines.append(f"watchdog none in {len(unwatched)} joints ({_names(unwatched)}): {UNWATCHED}")
     if status.get("bodiless"):
         lines.append("model    joints without bodies: neither collision nor torque is judged")
     if status.get("supply_relay") is not None:
@@ -65,6 +66,23 @@ def status_lines(status: StatusMessage) -> list[str]:
     lines += gap_lines(status.get("gap"))
     lines += [f"stream   {text}" for text in map(stream_text, status.get("streams") or ())]
     return [*lines, *_fault_lines(status)]
+
+
+def _names(names: Sequence[str]) -> str:
+    """Format the first names of many."""
+    return f"{', '.join(names[:SHOWN])}{', ...' if len(names) > SHOWN else ''}"
+
+
+def _silent_lines(status: StatusMessage, joints: Sequence[JointMessage]) -> list[str]:
+    """Format which joints of an identified robot do not reply: after a reset nothing else reports them."""
+    if status["mode"] == Mode.SIM or status["state"] in (RobotState.DISCONNECTED, RobotState.IDENTIFYING):
+        return []
+    silent = [joint for joint in joints if joint["age_ms"] is None or joint["age_ms"] > SILENT]
+    if not silent:
+        return []
+    unknown = status["mode"] == Mode.LIVE and any(joint["torque"] is None for joint in silent)
+    torque = f": {UNKNOWN}" if unknown else ""
+    return [f"silent   {len(silent)} joints ({_names([joint['name'] for joint in silent])}){torque}"]
 
 
 def state_text(mode: str, state: str) -> str:
@@ -210,8 +228,8 @@ def _status_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _print_status(options: argparse.Namespace) -> int:
     with observer(options) as client:
-        answer = client.call("GetStatus", joints=options.joints or None)
-    show(options, answer, render(answer["status"], answer.get("joints")))
+        answer = client.call("GetStatus", joints=options.joints or not options.json or None)
+    show(options, answer, render(answer["status"], answer.get("joints"), table=options.joints))
     return DONE
 
 

@@ -176,7 +176,9 @@ def _cells(figure: "GapFigure | None", quantity: str) -> tuple[str, str, str]:
 
 def _meaning(total: "GapFigure | None") -> str:
     if total is None or total.nrmse_spread is None:
-        return "no joint moved enough to compare: play a motion that moves each joint by some 0.1 rad"
+        return (
+            "no joint moved enough to compare: meanwhile play a motion that moves each joint by some 0.1 rad"
+        )
     text = f"the simulated positions miss the measured by {total.nrmse_spread:.1%} of their spread"
     if total.unexplained is None:
         return text
