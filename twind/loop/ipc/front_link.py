@@ -134,7 +134,7 @@ class FrontLink:
                 self._queue.clear()
         if self.front.reap():
             # an e-stop that the front still passed on must not be lost, however many commands precede it
-            self._last_words = self._take(now, sys.maxsize)
+            self._last_words = self.commands(now, sys.maxsize)
             self._discard_front(now)
             write_line(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
@@ -172,12 +172,8 @@ class FrontLink:
 
     # ----------------------------------------------------------------------------- in
 
-    def commands(self, now: float) -> list[ReceivedCommand]:
-        """Return the commands of the front since the last tick, oldest first."""
-        return self._take(now, PER_TICK)
-
-    def _take(self, now: float, most: int) -> list[ReceivedCommand]:
-        """Return the commands kept from a front that died and those in the pipe, `most` of them."""
+    def commands(self, now: float, most: int = PER_TICK) -> list[ReceivedCommand]:
+        """Return at most `most` commands since the last tick, oldest first, a dead front's last ones too."""
         taken = self._last_words
         self._last_words = []
         while self.front.socket is not None and len(taken) < most:
