@@ -34,8 +34,10 @@ class SerialTransaction:
     @property
     def size(self) -> int:
         """Bytes on the wire, both directions, nothing stuffed."""
-        requests = len(self.packet) + sum(len(each) for _, each in self.then)
-        return requests + (self.reply.expected if self.reply else 0)
+        size = len(self.packet) + (self.reply.expected if self.reply else 0)
+        for _, each in self.then:
+            size += len(each)
+        return size
 
 
 class HalfDuplexTransactor:
