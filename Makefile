@@ -65,13 +65,13 @@ campaigns: $(VENV)/.learn
 # learning needs, and the real rclpy where it can be had, is installed while what needs none of it looks at the sources.
 # The site of the documents is built by its tests (tests/docs/test_docs_site.py). Computing that has only what nobody
 # else wants fills the time that real processes sleep. Beside tests that speak over pseudo-terminals nothing computes;
-# three at once use 85 % of two cores and took 410 s, two 570 s. Tests whose claim is timing have the machine to
-# themselves. An end-to-end test that fails there runs once more, alone, at the end (tools/second_run.py).
+# three at once are hardly faster than two on two cores, and more of them fail. Tests whose claim is timing have the
+# machine to themselves. An end-to-end test that fails there runs once more, alone, at the end (tools/second_run.py).
 check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) --no-print-directory $(VENV)/.docs
 	$(MAKE) $(TWO) imports computed lived
-	$(BIN)/python tools/second_run.py first tests/end_to_end/wired -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python tools/second_run.py first tests/end_to_end/wired -n 2 --dist loadfile --no-loadscope-reorder
 	$(BIN)/python tools/second_run.py first tests/end_to_end/exclusive
 	$(BIN)/python tools/second_run.py again $(addprefix tests/end_to_end/,concurrent wired exclusive)
 

@@ -110,9 +110,14 @@ def go(client: Client, trajectory: dict[str, Any], seconds: float = PATIENCE) ->
 
 
 def rearm(client: Client) -> None:
-    """Torque again, after a latched fault."""
+    """Torque again, after a latched fault. Servos that a busy machine silenced are identified anew first."""
     client.call("Disarm")
     client.call("Reset")
+    until(
+        lambda: client.call("GetStatus")["status"]["state"] != "identifying",
+        PATIENCE,
+        "the robot is not identified again",
+    )
     arm(client)
 
 
