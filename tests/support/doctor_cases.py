@@ -13,7 +13,6 @@ LIMP = (  # nobody has torque
     case("FENCE_TIGHT", 7, (44, 0), text="velocity_limit is 0"),
     case("CALIBRATION_CHANGED", 8, (48, 4000), text="max_position_limit is 4000"),
     case("REGISTER_DIFFERS", 9, (10, 4), text="is 4: profiles are times"),
-    case("REGISTER_DIFFERS", 9, (10, 2), text="is 2: a slave follows the cable of another servo"),
     case("SHUTDOWN_MASK", 9, (63, 17), text="overheating and overload"),
     case("REGISTER_DIFFERS", 10, (44, 150), text="velocity_limit is 150"),
     case("FENCE_TIGHT", 11, (52, 2048), text="are 2048.."),
