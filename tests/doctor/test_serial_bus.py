@@ -54,6 +54,7 @@ def test_unread_register_causes_no_finding(name: str) -> None:
         ("present_input_voltage", 115, 114, "VOLTAGE_DROP"),  # the others have 12.0 V
         ("present_temperature", 59, 60, "SERVO_ERROR"),
         ("status_return_level", 2, 1, "STATUS_LEVEL"),
+        ("drive_mode", 0, 2, "REGISTER_DIFFERS"),  # a slave
         ("velocity_limit", 1, 0, "FENCE_TIGHT"),
         ("pwm_limit", 1, 0, "FENCE_TIGHT"),
         ("current_limit", 1, 0, "FENCE_TIGHT"),
