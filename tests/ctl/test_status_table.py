@@ -70,10 +70,10 @@ def test_a_joint_that_does_not_reply_is_named_without_a_latch_and_so_is_unknown_
     answer = status(None) | {"mode": "live", "state": "connected", "faults": []}
     for torque, more in ((None, f": {UNKNOWN}"), (False, "")):
         text = render(answer, [silent_joint(torque, age)], table=False)
-        assert f"silent   1 joints (elbow){more}" in text.splitlines()
+        assert f"silent   1 of 1 joints (elbow){more}" in text.splitlines()
         assert "age ms" not in text, "the table is only printed when it was asked for"
     mirror = answer | {"mode": "mirror"}
-    assert "silent   1 joints (elbow)" in render(mirror, [silent_joint(None, age)]).splitlines()
+    assert "silent   1 of 1 joints (elbow)" in render(mirror, [silent_joint(None, age)]).splitlines()
 
 
 @pytest.mark.parametrize(

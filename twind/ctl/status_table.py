@@ -82,7 +82,8 @@ def _silent_lines(status: StatusMessage, joints: Sequence[JointMessage]) -> list
         return []
     unknown = status["mode"] == Mode.LIVE and any(joint["torque"] is None for joint in silent)
     torque = f": {UNKNOWN}" if unknown else ""
-    return [f"silent   {len(silent)} joints ({_names([joint['name'] for joint in silent])}){torque}"]
+    names = _names([joint["name"] for joint in silent])
+    return [f"silent   {len(silent)} of {len(joints)} joints ({names}){torque}"]
 
 
 def state_text(mode: str, state: str) -> str:

@@ -89,6 +89,8 @@ class CanCyclicRead:
         if knock is None or not now - self._first >= KNOCK:
             return request
         knocked = knock.rows & silent & ~self.energised
+        if not knocked.any():  # in each tick of an armed robot with other actuators that are read
+            return request
         own = knock.frames[knocked[self.fleet.commanded_rows(knock.frames)]]
         return CanTransaction(joined([request.frames, own]), request.expect + knocked)
 

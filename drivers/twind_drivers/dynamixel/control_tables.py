@@ -114,6 +114,10 @@ class ControlTable:
                 return field
         raise unknown_register(self.model, name, _nearest(key, self.fields))
 
+    def place(self, name: str) -> str:
+        """Return a register with its address in this model, for messages: "operating_mode (11)"."""
+        return f"{name} ({self[name].address})"
+
     @property
     def facts(self) -> ModelCapabilities:
         """Capabilities of the model. Raises KeyError for a model whose manual page has not been read."""

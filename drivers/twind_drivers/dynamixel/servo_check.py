@@ -40,12 +40,12 @@ def unfit(joint: ExpectedDevice, device: IdentifiedDevice, known: ControlTable) 
     if unread:
         yield (
             f"{', '.join(unread)} not read, so nothing is known of them: its answers were lost, or its "
-            f"{_place('status_return_level', known)} is 0 (answers pings only)"
+            f"{known.place('status_return_level')} is 0 (answers pings only)"
         )
     offset = settings.get("homing_offset", 0)
     most = known.facts.offset_limit
     if most is not None and abs(offset) > most and joint.mode == "position":
-        where = _place("homing_offset", known)
+        where = known.place("homing_offset")
         yield f"{where} is {offset}; beyond ±{most} position mode ignores it: write 0"
     yield from _geared(settings, known.facts.gear)
     yield from _without_force(settings, known)
@@ -58,17 +58,12 @@ def unfit(joint: ExpectedDevice, device: IdentifiedDevice, known: ControlTable) 
             yield f"{register} is {found_value}, the robot file says {wanted}"
 
 
-def _place(register: str, known: ControlTable) -> str:
-    """Name a register with its address in this model."""
-    return f"{register} ({known[register].address})"
-
-
 def _wrong_mode(joint: ExpectedDevice, settings: Mapping[str, int], known: ControlTable) -> Iterator[str]:
     """Another operating mode than the robot file names, or a cap that the servo does not take."""
     mode = settings.get("operating_mode")
     wanted = joint.operating_mode
     if mode is not None and mode != wanted:
-        where = _place("operating_mode", known)
+        where = known.place("operating_mode")
         yield (
             f"{where} is {mode}, {joint.mode} mode is {wanted}: with torque off write {wanted} to register "
             f"{known['operating_mode'].address}, then calibrate anew; or correct the robot file"
@@ -76,7 +71,7 @@ def _wrong_mode(joint: ExpectedDevice, settings: Mapping[str, int], known: Contr
     limit = settings.get("current_limit")
     cap = joint.current_cap
     if cap is not None and mode is not None and (limit is None or limit < cap):
-        where = _place("current_limit", known)
+        where = known.place("current_limit")
         yield (
             f"{where} is {limit}, current_limit_a of the robot file asks for {cap}: "
             f"lower current_limit_a, or raise register {known['current_limit'].address}"
@@ -95,7 +90,7 @@ def _without_force(settings: Mapping[str, int], known: ControlTable) -> Iterator
     """A limit of 0 on what gives force: preparing sets the goal register to it, and torque reads on."""
     for register in ("pwm_limit", "current_limit") if known.facts.caps_current else ("pwm_limit",):
         if settings.get(register) == 0:
-            yield f"{_place(register, known)} is 0: with torque on it would take goals, and not move"
+            yield f"{known.place(register)} is 0: with torque on it would take goals, and not move"
 
 
 def _driven_otherwise(settings: Mapping[str, int], known: ControlTable) -> Iterator[str]:
@@ -103,10 +98,10 @@ def _driven_otherwise(settings: Mapping[str, int], known: ControlTable) -> Itera
     drive = settings.get("drive_mode", 0)
     for bit, why in DRIVE_BITS.items():
         if drive & bit:
-            yield f"{_place('drive_mode', known)} is {drive}: {why}"
+            yield f"{known.place('drive_mode')} is {drive}: {why}"
     startup = settings.get("startup_configuration", 0)  # older firmware has no such register
     if startup & TORQUE_AT_BOOT:
-        where = _place("startup_configuration", known)
+        where = known.place("startup_configuration")
         yield f"{where} is {startup}: bit 0, torque on at boot, must be 0"
 
 
@@ -118,7 +113,7 @@ def _shadowing(settings: Mapping[str, int], known: ControlTable) -> Iterator[str
     for register in SECONDARY:
         value = settings.get(register, OFF)
         if value <= MAX_ID:
-            where = _place(register, known)
+            where = known.place(register)
             yield (
                 f"{where} is {value}: it obeys goals for id {value} too; "
                 f"with torque off write {OFF}, off, to register {known[register].address}"
@@ -142,7 +137,7 @@ def doubts(
         yield DeviceWarning(text, 2.0 * register, float(described))
     startup = device.settings.get("startup_configuration", 0)
     if startup & RAM_AT_BOOT and device.model_name == known.model:
-        where = _place("startup_configuration", known)
+        where = known.place("startup_configuration")
         text = f"{where} is {startup}: bit 1, RAM from its backup at boot; write 0"
         yield DeviceWarning(text, float(startup), 0.0)
     if not joint.type.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)

@@ -25,25 +25,23 @@ class ScriptRun(Generic[T]):
             self.request = next(self.script) if reply is None else self.script.send(reply)
         except StopIteration as stop:
             self.result = stop.value
-            self.done = True
-            self.request = None
+            self._end()
         except (BusError, KeyError, ValueError) as error:
             # The traceback is dropped: it would keep every frame alive, and the collector is off in this
             # process.
-            self.error = error.with_traceback(None)
-            self.done = True
-            self.request = None
+            self._end(error.with_traceback(None))
         except Exception as error:
             # It fails this tick. Sent on once more, the script would count as ended well.
-            self.error = BusError(f"failed inside: {error!r}")
-            self.done = True
-            self.request = None
+            self._end(BusError(f"failed inside: {error!r}"))
             raise
 
     def cancel(self, error: BusError) -> None:
         """End the script from outside: the port was lost, or a more urgent script came."""
         if not self.done:
             self.script.close()
-            self.error = error
-            self.done = True
-            self.request = None
+            self._end(error)
+
+    def _end(self, error: BusError | KeyError | ValueError | None = None) -> None:
+        self.error = error
+        self.done = True
+        self.request = None

@@ -227,10 +227,9 @@ def _is_outdated(servo: SurveyedServo) -> bool:
 
 
 def _place(servo: SurveyedServo, register: str) -> str:
-    """Name a register with its address in this servo."""
+    """Return a register that was read, with its address in this servo."""
     known = _table(servo)
-    field = None if known is None else known.fields.get(register)
-    return register.replace("_", " ") + ("" if field is None else f" ({field.address})")
+    return register if known is None else known.place(register)
 
 
 def _table(servo: SurveyedServo) -> ControlTable | None:
