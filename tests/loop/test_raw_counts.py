@@ -86,3 +86,9 @@ def test_an_actuator_that_does_not_answer_keeps_its_last_values(reported: list[b
     assert raw.ticks.tolist() == [7, 8, 3]
     assert raw.effort == pytest.approx([70.0, 80.0 if reported is None else np.nan, 30.0], nan_ok=True)
     assert raw.age(3.0) == pytest.approx([0.998, 0.998, 1.998])
+
+
+def test_before_the_first_answer_nothing_is_known() -> None:
+    raw = RawCounts(COUNT)
+    assert raw.age(5.0).tolist() == [np.inf] * COUNT
+    assert np.isnan(raw.effort).all()
