@@ -22,7 +22,10 @@ from twind_drivers.device_presence import FIRST, MISSES, PROBE
 
 SHORTER = 8  # number of lengths that distinguish late replies
 PROOFS = 2  # short replies in a row after which no older one is under way
-WINDOW = 1.0  # s: `MISSES` failures within it park the sensor, else each would cost the tick its timeout
+# Failures within `WINDOW` s that park a sensor which replies in between. Each costs a tick the timeout, a
+# parked one a balancing robot its attitude: on a machine that stalls, 3 in a second were usual.
+OFTEN = 10
+WINDOW = 1.0
 LATE = 1.0  # s: a reply later than this counts as foreign
 RAREST = 16.0  # s, longest time between probes of a sensor that spoils servo readings; it doubles up to this
 
@@ -57,7 +60,8 @@ class Sensor:
         self._owed: list[tuple[float, int]] = []  # time (s) and bytes of requests whose reply may still come
         self._proofs = 0  # short replies since the last miss
         self._longest = 0.0  # s, longest time that a late reply took
-        self._failures: deque[float] = deque(maxlen=MISSES)  # s, the last ones
+        self._failures: deque[float] = deque(maxlen=OFTEN)  # s, the last ones
+        self._missed = 0  # replies in a row
         self._failed_at = -inf
         self._parked = False
         self._due = -inf  # s, of the next probe of a parked one
@@ -104,6 +108,7 @@ class Sensor:
             self._fail(now)
             return None
         self._parked = False
+        self._missed = 0
         if now - self._failed_at > max(WINDOW, self._pause):
             self._pause = FIRST
             self._most = PROBE
@@ -139,6 +144,7 @@ class Sensor:
         """Drop expected replies after the port was closed."""
         self._requested = None
         self._parked = False
+        self._missed = 0
         self._owed.clear()
         self._failures.clear()
 
@@ -151,8 +157,9 @@ class Sensor:
     def _fail(self, now: float) -> None:
         self._failures.append(now)
         self._failed_at = now
-        often = len(self._failures) == MISSES and now - self._failures[0] < WINDOW
-        if often and not self._parked:
+        self._missed += 1
+        often = len(self._failures) == OFTEN and now - self._failures[0] < WINDOW
+        if (often or self._missed == MISSES) and not self._parked:
             self._parked = True
             self._rest(now)
 

@@ -161,6 +161,17 @@ def test_a_robot_whose_imu_falls_silent_stands_and_says_so() -> None:
     assert robot.engine.standing and robot.now < 10.0
 
 
+@pytest.mark.parametrize(("age", "steps"), [(0.1, 4), (0.11, 0)])
+def test_readings_of_a_tenth_of_a_second_balance_a_walk(age: float, steps: int) -> None:
+    """A machine that stalls reads the IMU so late a few times in ten seconds: no reason to end a walk."""
+    robot = StandInRobot(lambda now: reading(age=age if now > 0.5 else 0.01))
+    if steps:
+        assert robot.walk().steps >= steps
+    else:
+        with pytest.raises(MotionFailed, match="IMU fell silent"):
+            robot.walk()
+
+
 def test_a_command_that_becomes_too_fast_ends_the_walk_in_its_stance() -> None:
     robot = StandInRobot(lambda now: reading())
     with pytest.raises(InvalidInput, match="forward"):

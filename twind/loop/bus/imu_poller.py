@@ -10,7 +10,7 @@ from math import isfinite
 import numpy as np
 
 from twind.config.robot_spec import ImuSpec
-from twind.loop.bus.bus_port import PATIENCE, BusPort
+from twind.loop.bus.bus_port import SOON, BusPort
 from twind.robot.arrays import Floats, every
 from twind.robot.attitude import Attitude, G, Quaternion, conjugate, matrix, product, unit
 from twind.robot.joint_state import Imu
@@ -88,13 +88,13 @@ class ImuPoller:
 
         Raises PortError.
 
-        Without room it is requested after `PATIENCE` ticks anyway, as the slow registers are.
+        Without room it is requested after `SOON` ticks anyway: a robot balances by it.
         """
         reader = port.reader
         port.beside = self.trouble(now)
         if reader is None or port.resting or port.hurried:
             return False
-        if now + reader.span(self._sensor.query) > end and self._waited < PATIENCE:
+        if now + reader.span(self._sensor.query) > end and self._waited < SOON:
             self._waited += 1
             return False
         self._waited = 0
