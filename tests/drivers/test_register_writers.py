@@ -13,7 +13,16 @@ import pytest
 from tests.support.dynamixel1_rig import QUICK, Dynamixel1Rig
 from tests.support.feetech_rig import FeetechRig
 from tests.support.unwatched_rig import UnwatchedRig
-from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, ReadRequest, WireRangeError, WriteRequest
+from twind_drivers.bus import (
+    DeviceRefused,
+    NoReply,
+    PingRequest,
+    ReadRequest,
+    RebootRequest,
+    RequestReply,
+    WireRangeError,
+    WriteRequest,
+)
 from twind_drivers.device_registers import RestartResult
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel1.dynamixel1_writer import Dynamixel1Writer
@@ -354,12 +363,19 @@ def test_a_servo_that_was_restarted_is_prepared_anew_before_torque(make: Callabl
     assert rig.energised().all()
 
 
-def restarted(rig: Any, script: Any, *, on: bool = False) -> None:
-    """Run the restart of servo 2 without a cyclic reading beside it; `on`: it comes back with torque."""
+def restarted(rig: Any, script: Any, *, on: bool = False, lost: int = 0) -> None:
+    """Run the restart of servo 2 without a cyclic reading beside it; the first `lost` orders do not arrive.
+
+    `on`: it comes back with torque.
+    """
     order = next(script)
     with suppress(StopIteration):
         while True:
-            reply = rig.transact(order)
+            if isinstance(order, RebootRequest) and lost > 0:
+                lost -= 1
+                reply = RequestReply({}, {}, 0.001, 0)
+            else:
+                reply = rig.transact(order)
             rig.clock.sleep_until(rig.clock.now() + 0.01)
             if on and isinstance(order, PingRequest) and 2 in reply.data:
                 rig.servos.put(1, "torque_enable", 1)
@@ -382,6 +398,16 @@ def test_an_error_alone_is_no_reason_to_restart_a_servo_whose_torque_reads_on(
     rig = shut_down(make)
     with pytest.raises(DeviceRefused, match="its torque is on"):
         rig.perform(rig.writer.reboot(2))
+
+
+@pytest.mark.parametrize("make", [feetech, xl])  # a PRO clears torque enable when it shuts down: nothing to see
+def test_an_order_to_restart_that_was_lost_goes_again_and_two_are_no_restart(make: Callable[[], Any]) -> None:
+    rig = shut_down(make)
+    with pytest.raises(NoReply, match="reboot"):
+        restarted(rig, rig.writer.reboot(2, shut_down=True), lost=2)
+    assert rig.servos.get(1, "torque_enable") == 1
+    restarted(rig, rig.writer.reboot(2, shut_down=True), lost=1)
+    assert rig.servos.get(1, "torque_enable") == 0
 
 
 @pytest.mark.parametrize("make", [feetech, xl, pro])

@@ -7,13 +7,12 @@ are not restored: a caller that needs torque prepares for it anew.
 
 from collections.abc import Mapping
 
-from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, RebootRequest, Script, WriteRequest
+from twind_drivers.bus import DeviceRefused, Script, WriteRequest
 from twind_drivers.device_registers import RegisterAddress, RestartResult
 from twind_drivers.dynamixel.control_tables import TableRegister
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings
-
-BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz; a servo is off the bus some 0.1 s
+from twind_drivers.half_duplex.register_restart import reboot
 
 RESTORED = (
     "led",
@@ -38,8 +37,7 @@ RESTORED = (
     "profile_velocity",
 )
 OFF = ("torque_enable", "bus_watchdog")  # registers that must read 0 afterwards
-SILENT = 2  # pings without reply that show a restart without status: one may be lost
-ORDERS = 2  # times that a restart or a 0 is sent until it has an effect: one packet may be lost
+ORDERS = 2  # times that a 0 is sent until it has an effect: one packet may be lost
 
 
 def restart(
@@ -54,7 +52,7 @@ def restart(
     state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
     before = yield from values(reader, servo, fields + state)
     yield from _require_unloaded(reader, servo, before, shut_down=shut_down)
-    yield from _reboot(reader, servo.id)
+    yield from reboot(reader, servo.id)
     yield from let_go(reader, servo)
     return (yield from give_back(reader, servo, before))
 
@@ -103,32 +101,6 @@ def _require_unloaded(
             f"its torque is on and its hardware error ({at}) is {error}: nothing has shut it down; disarm"
         )
         raise DeviceRefused(reader.name, servo.id, "reboot", reason)
-
-
-def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
-    """Reboot the device and wait until it is back on the bus. Raises NoReply.
-
-    The status of the order may be lost, or not be sent (status return level 1). Then two pings without reply
-    show that the device restarts, which takes 0.1 s: two readings at 20 Hz. Else the order itself was lost.
-    """
-    waited = 0.0
-    for _ in range(ORDERS):
-        reply = yield RebootRequest(id)
-        reader.slow.forget(id)
-        waited += reply.waited
-        ordered = id in reply.error
-        silent = 0
-        while silent < BOOT_ATTEMPTS:
-            reply = yield PingRequest(id)
-            waited += reply.waited
-            if id in reply.data:
-                break
-            silent += 1
-        else:
-            raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
-        if ordered or silent >= SILENT:
-            return
-    raise NoReply(reader.name, (id,), waited, "reboot")
 
 
 def let_go(reader: DynamixelReader, servo: ServoCommandSettings) -> Script[None]:

@@ -2,8 +2,11 @@
 
 from twind_drivers.bus import DeviceRefused, NoReply, PingRequest, RebootRequest, Script
 from twind_drivers.half_duplex.register_reader import RegisterReader
+from twind_drivers.half_duplex.serial_reader import SerialReader
 
-BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz
+BOOT_ATTEMPTS = 300  # pings after a reboot before NoReply: 3 s at 100 Hz; a servo is off the bus some 0.1 s
+SILENT = 2  # pings without reply that show a restart without status: one may be lost
+ORDERS = 2  # times that a restart is sent until it has an effect: one packet may be lost
 
 
 def require_unloaded(bus: RegisterReader, id: int, *, shut_down: bool) -> Script[None]:
@@ -17,13 +20,27 @@ def require_unloaded(bus: RegisterReader, id: int, *, shut_down: bool) -> Script
         raise DeviceRefused(bus.name, id, "reboot", reason)
 
 
-def restart(bus: RegisterReader, id: int) -> Script[None]:
-    """Restart the device and wait for its reply. Raises NoReply."""
-    waited = (yield RebootRequest(id)).waited
-    bus.slow.forget(id)
-    for _ in range(BOOT_ATTEMPTS):
-        reply = yield PingRequest(id)
+def reboot(bus: SerialReader | RegisterReader, id: int) -> Script[None]:
+    """Restart the device and wait until it is back on the bus. Raises NoReply.
+
+    The status may be lost, or not be sent (status return level 1; Feetech). Then two pings without
+    reply show that the device restarts, which takes 0.1 s: two readings at 20 Hz. Else the order was lost.
+    """
+    waited = 0.0
+    for _ in range(ORDERS):
+        reply = yield RebootRequest(id)
+        bus.slow.forget(id)
         waited += reply.waited
-        if id in reply.data:
+        ordered = id in reply.error
+        silent = 0
+        while silent < BOOT_ATTEMPTS:
+            reply = yield PingRequest(id)
+            waited += reply.waited
+            if id in reply.data:
+                break
+            silent += 1
+        else:
+            raise NoReply(bus.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+        if ordered or silent >= SILENT:
             return
-    raise NoReply(bus.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+    raise NoReply(bus.name, (id,), waited, "reboot")

@@ -28,7 +28,7 @@ from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalEncoder, GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
 from twind_drivers.half_duplex.register_reader import RegisterReader
-from twind_drivers.half_duplex.register_restart import require_unloaded, restart
+from twind_drivers.half_duplex.register_restart import reboot, require_unloaded
 from twind_drivers.half_duplex.register_table import MappedRegister, spans_of
 from twind_drivers.half_duplex.register_write_check import RegisterWriteCheck
 from twind_drivers.single_device import SingleDeviceControl
@@ -255,7 +255,7 @@ class RegisterWriter:
         self._full.pop(id, None)
         self._soft.discard(id)
         self._on[self._index[id]] = False
-        yield from restart(self._bus, id)
+        yield from reboot(self._bus, id)
         yield from self._write(id, self._bus.table(id)["torque_enable"], 0)
         return RestartResult()
 
