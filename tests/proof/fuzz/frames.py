@@ -14,9 +14,10 @@ from tests.proof.fuzz.fuzz_target import FuzzTarget
 from tests.proof.fuzz.mangle import mangled, pieces
 from tests.support.loop_stand_in import NAMES, StandIn
 from twind import link
+from twind.front.reload_queue import ANSWER, READING
 from twind.protocol import CONTROL, SERVICE, idl, load
 
-PATIENCE = 5.0  # s in which a connection is answered or closed
+PATIENCE = READING + ANSWER  # s in which a connection is answered or closed: the longest is Reload
 QUIET = 0.5  # s without a word before something happens that is told to whoever watches
 NOTHING: dict[str, list[object]] = {"refusals": [], "warnings": [], "changes": []}
 GROWTH = 96 << 20  # bytes that the front may grow from its first thousand frames on
