@@ -400,7 +400,7 @@ def test_an_error_alone_is_no_reason_to_restart_a_servo_whose_torque_reads_on(
         rig.perform(rig.writer.reboot(2))
 
 
-@pytest.mark.parametrize("make", [feetech, xl])  # a PRO clears torque enable when it shuts down: nothing to see
+@pytest.mark.parametrize("make", [feetech, xl])  # a PRO that shuts down reads torque off
 def test_an_order_to_restart_that_was_lost_goes_again_and_two_are_no_restart(make: Callable[[], Any]) -> None:
     rig = shut_down(make)
     with pytest.raises(NoReply, match="reboot"):

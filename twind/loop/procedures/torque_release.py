@@ -16,13 +16,14 @@ from twind.loop.procedures.joint_verification import JointVerificationState
 from twind.loop.procedures.lowering import USUAL, SettleProfile, lower
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Priority, Procedure, Steps
-from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible
+from twind.loop.procedures.torque_readback import torque_off, torque_on, torque_possible, torque_reported
 from twind.loop.procedures.torque_switching import error_text, say_unconfirmed, switch_torque_off
 from twind.loop.procedures.torque_takeover import take_over
 from twind.loop.process.service_notify import Notifier
 from twind.robot.fall_settings import FallReaction
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
+from twind.robot.recovery_steps import torque_text
 from twind.safety.state_machine import RobotEvent
 from twind.twin.twin import Twin
 from twind_drivers.bus import BusError
@@ -109,7 +110,11 @@ class TorqueRelease:
         try:
             yield from self.release(Finding(ReasonCode.NOT_ARMED, message="the robot was disarmed"))
         except BusError as error:  # `inherited` and `torque` report the devices that are still on
-            failed = CallFailure("BusFailed", {"bus": "", "message": error_text(context, error)})
+            torque = torque_text(torque_reported(context))
+            if torque_on(context):
+                torque += ": `twindctl disarm` again, or switch the power off"
+            message = f"torque off is not confirmed: {error_text(context, error)}; {torque}"
+            failed = CallFailure("BusFailed", {"bus": "", "message": message})
         context.condition.change_if(RobotEvent.SETTLED)
         return failed or self._disarmed()
 
