@@ -241,7 +241,10 @@ def test_a_disarm_that_a_device_does_not_confirm_names_it_and_the_robot_counts_a
 ) -> None:
     rig.hardware.failing["torque False"] = [SILENT] * 1000
     outcome = disarmed(rig)
-    message = f"torque off is not confirmed: {SILENT} (toe); torque is on: `twindctl disarm` again, or switch the power off"
+    message = (
+        f"torque off is not confirmed: {SILENT} (toe); torque is on: `twindctl disarm` again, "
+        "or switch the power off"
+    )
     assert outcome == CallFailure("BusFailed", {"bus": "", "message": message})
     assert rig.condition.state == "connected"
 

@@ -320,7 +320,9 @@ def _play(client: Client, folder: str, name: str, motions: Motions) -> None:
         if last["phase"] == "succeeded":
             print(f"played    {name}: {tracking.text()}")
             return
-        print(f"held      {name}: ended {last['phase']}; this machine kept the daemon waiting, see its log")
+        print(
+            f"held      {name}: ended {last['phase']}; this machine kept the daemon waiting: {folder}/twind.log"
+        )
         _go_to_start(client, motion)
     raise Rejected(f"motion {name} did not come to its end in {TRIES} tries")
 

@@ -144,7 +144,7 @@ def _reset_texts(status: StatusMessage) -> list[str]:
 def latency_text(status: StatusMessage) -> str:
     """Format the latency of a whole reading: now, mean, largest, violations."""
     now, mean, most = map(_ms, (status["latency_ms"], status["latency_avg_ms"], status["latency_max_ms"]))
-    return f"now {now}, mean {mean}, max {most}; {status['violations']} violations"
+    return f"now {now}, mean {mean}, max {most}; violations {status['violations']}"
 
 
 def loop_text(loop: LoopMessage) -> str:

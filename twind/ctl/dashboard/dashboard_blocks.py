@@ -235,7 +235,7 @@ def _latency(status: Answer) -> list[Span]:
     return [
         (f"now {milli(status['latency_ms'])} ms", ""),
         (f"mean {milli(status['latency_avg_ms'])}, max {milli(status['latency_max_ms'])} ms", ""),
-        (f"{'! ' if violations else ''}{violations} violations", "warn" if violations else ""),
+        (f"{'! ' if violations else ''}violations {violations}", "warn" if violations else ""),
         ("" if skew is None else f"between buses {skew:.1f} ms", "dim"),
     ]
 
