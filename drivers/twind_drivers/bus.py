@@ -145,6 +145,13 @@ class SlowRegisterValues:
         self.torque[rows] = -1
         self.version += 1
 
+    def trip(self, rows: Bools) -> None:
+        """Set the watchdog of devices `rows` (m,) to tripped, as if each had reported it."""
+        news = rows & (self.watchdog != TRIPPED)
+        if news.any():
+            self.watchdog[news] = TRIPPED
+            self.version += 1
+
     @classmethod
     def unknown(cls, count: int) -> "SlowRegisterValues":
         """Return the values of `count` devices before their first reading."""

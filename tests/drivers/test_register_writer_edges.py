@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from tests.support.servos_without_watchdog import MAKERS, contents, feetech, ignores_writes, mx, run, xl
-from twind_drivers.bus import DeviceRefused, NoReply, ReadRequest, RebootRequest, WireRangeError, WriteRequest
+from twind_drivers.bus import (
+    DeviceRefused,
+    NoReply,
+    ReadRequest,
+    RebootRequest,
+    SlowRegisterValues,
+    WireRangeError,
+    WriteRequest,
+)
 
 FIRST = np.array([True, False])
 
@@ -382,3 +390,11 @@ def test_a_restarted_servo_counts_as_limp_and_one_that_then_refuses_is_named(mak
     ignores_writes(rig, 1)
     with pytest.raises(DeviceRefused, match="id 2"):
         rig.beside(rig.writer.prepare(here))
+
+
+def test_a_watchdog_that_trips_is_news_once() -> None:
+    registers = SlowRegisterValues.unknown(2)
+    for rows, version in (([False, False], 0), ([False, True], 1), ([False, True], 1), ([True, True], 2)):
+        registers.trip(np.array(rows))
+        assert registers.version == version
+    assert registers.watchdog.tolist() == [255, 255]

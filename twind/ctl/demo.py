@@ -320,9 +320,8 @@ def _play(client: Client, folder: str, name: str, motions: Motions) -> None:
         if last["phase"] == "succeeded":
             print(f"played    {name}: {tracking.text()}")
             return
-        print(
-            f"held      {name}: ended {last['phase']}; this machine kept the daemon waiting: {folder}/twind.log"
-        )
+        why = f"this machine kept the daemon waiting: {folder}/twind.log"
+        print(f"held      {name}: ended {last['phase']}; {why}")
         _go_to_start(client, motion)
     raise Rejected(f"motion {name} did not come to its end in {TRIES} tries")
 

@@ -23,7 +23,6 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.device_registers import RegisterAddress, RestartResult
-from twind_drivers.flags import some
 from twind_drivers.half_duplex.goal_bounds import bounds_of
 from twind_drivers.half_duplex.goal_words import GoalEncoder, GoalWords
 from twind_drivers.half_duplex.half_duplex_transactor import SerialTransaction
@@ -93,11 +92,10 @@ class RegisterWriter:
         self._line.goals = b""
         registers = self._bus.registers
         if registers.version != self._version:
-            self._version = registers.version
             self._dropped |= self._on & (registers.torque == 0)
             self._on &= ~self._dropped
-            if some(self._dropped):
-                registers.watchdog[self._dropped & (registers.torque == 1)] = TRIPPED
+            registers.trip(self._dropped & (registers.torque == 1))
+            self._version = registers.version
             well = (registers.torque == 1) & (registers.watchdog != TRIPPED) & ~self._bus.watchdog.overdue
             chosen = self._led & self._on & well
             if np.flatnonzero(chosen).tolist() != self._goals.places:
