@@ -364,8 +364,10 @@ def test_a_port_that_was_closed_begins_anew() -> None:
     miss(sensor, 0.04)
     miss(sensor, 0.05)
     sensor.forget()
-    miss(sensor, 0.06)
-    assert not sensor.parked, "two misses were those of another port"
+    for now in (0.06, 0.061, 0.062):
+        assert not sensor.parked, "two misses were those of another port"
+        miss(sensor, now)
+    assert sensor.parked
     sensor.spoil(0.07)
     sensor.forget()
     assert not sensor.parked
