@@ -193,13 +193,26 @@ def test_a_servo_that_is_in_another_mode_by_then_gets_no_torque(prepared: bool) 
 
 def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
     bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    bus.servos.put(HERE, 102, 500, 2)
     alone, kept = driven(bus)
     assert bus.servos.get(HERE, 102, 2) == CAP
     bus.writer.end_single_device()
-    bus.servos.put(HERE, 102, 500, 2)
-    kept.ram["goal_current"] = 500  # type: ignore[attr-defined]
     bus.run(alone.give_back(kept))
     assert bus.servos.get(HERE, 11, 1) == 5 and bus.servos.get(HERE, 64, 1) == 0
+    assert bus.servos.get(HERE, 102, 2) == 500
+
+
+def test_a_goal_current_of_power_on_above_the_cap_of_its_mode_does_not_fail_its_restoring() -> None:
+    """It is the current limit then. `prepare` sets the cap anew; until then that of the search stays."""
+    bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    bus.servos.put(HERE, 102, LIMITS[38], 2)
+    alone, kept = driven(bus)
+    bus.writer.end_single_device()
+    restored = bus.run(alone.give_back(kept))
+    assert [(each.name, each.value, was) for each, was in restored.differing] == [
+        ("Goal Current", CAP, LIMITS[38])
+    ]
+    assert bus.servos.get(HERE, 102, 2) == CAP and bus.servos.get(HERE, 64, 1) == 0
 
 
 def test_a_write_refused_by_the_servo_is_reported_with_its_register() -> None:
@@ -209,6 +222,13 @@ def test_a_write_refused_by_the_servo_is_reported_with_its_register() -> None:
     bus.servos.error[HERE] = 7  # Access Error
     with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\) = 5"):
         bus.run(alone.enter_current_mode(kept))
+
+
+def test_what_a_search_changes_is_described_with_the_former_mode() -> None:
+    bus = bench(modes=[3, 4, 3])
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    left = alone.describe_leftovers(bus.run(alone.look()))
+    assert left == "Operating Mode (11) 5 (was 4) and gains, profile and Goal Current of a search"
 
 
 def test_a_time_based_profile_is_left_out() -> None:
