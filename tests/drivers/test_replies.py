@@ -154,6 +154,15 @@ def test_alerts_and_errors_are_kept() -> None:
     assert not reply.heard[0]
 
 
+def test_an_alert_alone_drops_no_data_of_a_common_reply() -> None:
+    rows = [(p.ALERT if id == 7 else 0, id, block(id)) for id in IDS]
+    reply = FastSyncReadReply(IDS, SIZE)
+    assert give(reply, b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1)))
+    assert reply.error.tolist() == [0, p.ALERT, 0, 0]
+    assert reply.heard.all() and reply.answered.all() and reply.whole
+    check_data(reply)
+
+
 MANY = tuple(range(1, 25))
 
 
