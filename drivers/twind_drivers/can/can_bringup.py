@@ -193,7 +193,7 @@ def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
     """Write the torque limits that read otherwise: one that holds is not set under torque for nothing."""
     for family, rows in own.fleet.families:
         parameter = family.parameters.get(LIMIT)
-        if parameter is None or not parameter.writable:
+        if parameter is None:
             continue
         data = {
             own.reader.ids[row]: encode(parameter, float(limits[row]))
