@@ -122,8 +122,9 @@ class SingleServoControl:
             raise self._make_refusal(
                 "hardware error (70)", f"is {ram['hardware_error_status']:#04x}: find the cause"
             )
-        if eeprom["drive_mode"] & FOREIGN:
-            raise self._make_refusal("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
+        drive = eeprom.get("drive_mode", 0)  # a gripper has no such register
+        if drive & FOREIGN:
+            raise self._make_refusal("Drive Mode (10)", f"is {drive}: bits 1 and 3 must be 0")
         return SavedSettings(eeprom, ram)
 
     def describe_leftovers(self, kept: SavedSettings) -> str:
@@ -144,7 +145,8 @@ class SingleServoControl:
 
         Raises DeviceRefused, NoReply, WireRangeError.
         """
-        timed = kept.eeprom["drive_mode"] & TIMED  # the profile would be a time, not a speed: none is used
+        # the profile would be a time, not a speed: none is used
+        timed = kept.eeprom.get("drive_mode", 0) & TIMED
         gains = {
             f"position_{key}_gain": int.from_bytes(self._servo.gains[at : at + 2], "little")
             for at, key in ((0, "d"), (2, "i"), (4, "p"))
