@@ -304,7 +304,7 @@ class FastSyncReadReply:
     def _keep(self, count: int) -> bool:
         self._settled = True
         self.whole = count == len(self.ids)
-        used = 8 + count * (self.size + 4) if count else 0
+        used = 8 + count * (self.size + 4)
         if used < self._got:
             self._drop(used, self._got)
         if self.strays:

@@ -418,7 +418,7 @@ ROOMS = (
     Room(
         "replies",
         ("drivers/twind_drivers/dynamixel/replies.py",),
-        ("tests/drivers/test_replies.py",),
+        ("tests/drivers/test_replies.py", "tests/drivers/test_reply_edges.py"),
     ),
     Room(
         "entry",
