@@ -6,47 +6,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.examples import examples
+from tests.support.reply_rig import IDS, SIZE, block, check_data, fast, give, plain
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 from twind_drivers.half_duplex.pending_reply import PendingReply
-
-IDS = (3, 7, 4, 250)
-SIZE = 10
-
-
-def block(id: int) -> bytes:
-    return bytes((id + k) % 250 for k in range(SIZE))
-
-
-def plain(ids: tuple[int, ...] = IDS, error: int = 0) -> bytes:
-    return b"".join(p.status(id, error, block(id)) for id in ids)
-
-
-def fast(count: int = len(IDS)) -> bytes:
-    rows = [(0, id, block(id)) for id in IDS[:count]]
-    return b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))
-
-
-def give(reply: PendingReply, data: bytes, chunk: int = 4096) -> bool:
-    """All of `data` in chunks; was it done before the last was taken?"""
-    reply.start()
-    done = False
-    while data and not done:
-        room = reply.receive_buffer()
-        count = min(chunk, len(room), len(data))
-        assert count > 0
-        room[:count] = data[:count]
-        done = reply.take(count)
-        data = data[count:]
-    reply.end()
-    return done
-
-
-def check_data(reply: PendingReply) -> None:
-    for place, id in enumerate(reply.ids):
-        wanted = block(id) if reply.heard[place] else bytes(SIZE)
-        assert reply.data[place].tobytes() == wanted
 
 
 @pytest.fixture(params=["plain", "fast"])
@@ -152,6 +116,15 @@ def test_alerts_and_errors_are_kept() -> None:
     assert reply.error.tolist() == [0x87, 0, 0, 0]
     assert reply.answered.all()
     assert not reply.heard[0]
+
+
+def test_an_alert_alone_drops_no_data_of_a_common_reply() -> None:
+    rows = [(p.ALERT if id == 7 else 0, id, block(id)) for id in IDS]
+    reply = FastSyncReadReply(IDS, SIZE)
+    assert give(reply, b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1)))
+    assert reply.error.tolist() == [0, p.ALERT, 0, 0]
+    assert reply.heard.all() and reply.answered.all() and reply.whole
+    check_data(reply)
 
 
 MANY = tuple(range(1, 25))

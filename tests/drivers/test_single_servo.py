@@ -7,8 +7,17 @@ from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import LIMITS, Bench
 from tests.support.examples import examples
-from twind_drivers.bus import DeviceRefused, GroupWriteBatch, WireRangeError, WriteRequest
-from twind_drivers.dynamixel.single_servo import SingleServoControl
+from twind_drivers.bus import (
+    DeviceRefused,
+    GroupWriteBatch,
+    ReadRequest,
+    RequestReply,
+    WireRangeError,
+    WriteRequest,
+)
+from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.dynamixel.packet import Instruction
+from twind_drivers.dynamixel.single_servo import SavedSettings, SingleServoControl
 
 HERE = 2
 OTHER = 3
@@ -33,12 +42,18 @@ def bench(**more: object) -> Bench:
     return bus
 
 
-def driven(bus: Bench) -> tuple[SingleServoControl, object]:
-    """Entered, bounded, prepared, with torque."""
-    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+def entered(bus: Bench, profile: int = PROFILE) -> tuple[SingleServoControl, SavedSettings]:
+    """In its mode, and bounded."""
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=profile)
     kept = bus.run(alone.look())
     bus.run(alone.enter_current_mode(kept))
     alone.set_goal_limits(1500, 2500)
+    return alone, kept
+
+
+def driven(bus: Bench) -> tuple[SingleServoControl, SavedSettings]:
+    """Entered, bounded, prepared, with torque."""
+    alone, kept = entered(bus)
     bus.run(alone.prepare(kept, 2000))
     bus.run(alone.energise())
     return alone, kept
@@ -99,11 +114,33 @@ def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
     bus.writer.goals(np.full(3, 2000))
 
 
+@pytest.mark.parametrize("id", [HERE, OTHER])
+@pytest.mark.parametrize("goal", [-1, 0, 1])
+def test_before_its_window_is_known_no_goal_of_any_servo_passes(id: int, goal: int) -> None:
+    bus = bench()
+    bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    with pytest.raises(WireRangeError) as refused:
+        bus.writer.begin(WriteRequest({id: goal.to_bytes(4, "little", signed=True)}, 116), 0.0)
+    error = refused.value
+    assert (error.id, error.value, error.lower, error.upper) == (id, goal, 0, -1)
+
+
+def test_a_refused_goal_leaves_none_pending() -> None:
+    bus = bench()
+    alone, _ = driven(bus)
+    alone.goal(2100)
+    with pytest.raises(WireRangeError):
+        alone.goal(2501)
+    bus.cycle()
+    assert bus.servos.get(HERE, 116, 4) == 2000
+
+
 def test_before_its_window_is_known_no_goal_leaves() -> None:
     bus = bench()
     alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
-    with pytest.raises(WireRangeError):
+    with pytest.raises(WireRangeError) as refused:
         alone.goal(2000)
+    assert (refused.value.lower, refused.value.upper) == (0, -1)
     with pytest.raises(WireRangeError):
         bus.run(alone.prepare(bus.run(alone.look()), 2000))
 
@@ -179,10 +216,7 @@ def test_a_servo_that_does_not_take_a_register_gets_no_torque(address: int) -> N
 @pytest.mark.parametrize("prepared", [False, True])
 def test_a_servo_that_is_in_another_mode_by_then_gets_no_torque(prepared: bool) -> None:
     bus = bench()
-    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
-    kept = bus.run(alone.look())
-    bus.run(alone.enter_current_mode(kept))
-    alone.set_goal_limits(1500, 2500)
+    alone, kept = entered(bus)
     if prepared:
         bus.run(alone.prepare(kept, 2000))
     bus.servos.put(HERE, 11, 3, 1)
@@ -193,22 +227,158 @@ def test_a_servo_that_is_in_another_mode_by_then_gets_no_torque(prepared: bool) 
 
 def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
     bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    bus.servos.put(HERE, 102, 500, 2)
     alone, kept = driven(bus)
     assert bus.servos.get(HERE, 102, 2) == CAP
     bus.writer.end_single_device()
-    bus.servos.put(HERE, 102, 500, 2)
-    kept.ram["goal_current"] = 500  # type: ignore[attr-defined]
     bus.run(alone.give_back(kept))
     assert bus.servos.get(HERE, 11, 1) == 5 and bus.servos.get(HERE, 64, 1) == 0
+    assert bus.servos.get(HERE, 102, 2) == 500
 
 
-def test_a_write_refused_by_the_servo_is_reported_with_its_register() -> None:
+def test_a_goal_current_of_power_on_above_the_cap_of_its_mode_does_not_fail_its_restoring() -> None:
+    """It is the current limit then. `prepare` sets the cap anew; until then that of the search stays."""
+    bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    bus.servos.put(HERE, 102, LIMITS[38], 2)
+    alone, kept = driven(bus)
+    bus.writer.end_single_device()
+    restored = bus.run(alone.give_back(kept))
+    assert [(each.name, each.value, was) for each, was in restored.differing] == [
+        ("Goal Current", CAP, LIMITS[38])
+    ]
+    assert bus.servos.get(HERE, 102, 2) == CAP and bus.servos.get(HERE, 64, 1) == 0
+
+
+def test_a_mode_that_is_not_taken_is_refused_when_it_is_entered() -> None:
+    bus = bench()
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    bus.servos.frozen[HERE] = {11}
+    with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\): wrote 5, reads 3"):
+        bus.run(alone.enter_current_mode(bus.run(alone.look())))
+
+
+def test_a_write_without_status_is_judged_by_its_value_read_back() -> None:
+    bus = bench()
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    script = alone.enter_current_mode(bus.run(alone.look()))
+    assert next(script) == WriteRequest({HERE: bytes((5,))}, 11)
+    assert script.send(RequestReply({}, {}, 0.0, 0)) == ReadRequest((HERE,), 11, 1)
+    with pytest.raises(StopIteration):
+        script.send(RequestReply({HERE: bytes((5,))}, {HERE: 0}, 0.0, 0))
+
+
+def test_gains_are_those_of_the_writer_and_profile_and_force_are_not_those_of_before() -> None:
+    bus = bench(gains=[(1, 2, 3), (0x0321, 0x0123, 0x0213), (1, 2, 3)])
+    bus.servos.put(HERE, 100, 300, 2)
+    driven(bus)
+    assert [bus.servos.get(HERE, address, 2) for address in (84, 82, 80)] == [0x0321, 0x0123, 0x0213]
+    assert bus.servos.get(HERE, 100, 2) == LIMITS[36]
+    assert bus.servos.get(HERE, 108, 4) == 0
+
+
+def test_the_watchdog_is_cleared_before_the_goal_and_armed_after_it() -> None:
+    bus = bench()
+    driven(bus)
+    written = [each.params for each in bus.servos.seen if each.instruction == Instruction.WRITE]
+    places = [int.from_bytes(params[:2], "little") for params in written]
+    assert places[:2] == [11, 98] and written[1][2:] == b"\0"
+    assert places.index(116) < places.index(98, 2) < places.index(64)
+
+
+def test_a_servo_whose_torque_comes_on_during_preparation_is_refused() -> None:
+    bus = bench()
+    alone, kept = entered(bus)
+    bus.servos.put(HERE, 64, 1, 1)
+    with pytest.raises(DeviceRefused, match=r"Torque Enable \(64\): wrote 0, reads 1"):
+        bus.run(alone.prepare(kept, 2000))
+
+
+@pytest.mark.parametrize(("address", "size", "name"), [(102, 2, "Goal Current"), (98, 1, "Bus Watchdog")])
+def test_torque_is_refused_to_a_servo_that_lost_its_cap_or_its_watchdog(
+    address: int, size: int, name: str
+) -> None:
+    """It restarted after its preparation."""
+    bus = bench()
+    alone, kept = entered(bus)
+    bus.run(alone.prepare(kept, 2000))
+    bus.servos.put(HERE, address, 0, size)
+    with pytest.raises(DeviceRefused, match=rf"{name} \({address}\): wrote \d+, reads 0"):
+        bus.run(alone.energise())
+
+
+def test_torque_counts_as_unknown_from_its_order_on() -> None:
+    bus = bench()
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    bus.reader.registers.torque[:] = 0
+    script = alone.energise()
+    assert next(script) == ReadRequest((HERE,), 11, 1)
+    assert script.send(RequestReply({HERE: bytes((5,))}, {HERE: 0}, 0.0, 0)) == WriteRequest(
+        {HERE: b"\1"}, 64
+    )
+    assert bus.reader.registers.torque.tolist() == [0, -1, 0]
+
+
+def test_beside_a_cap_that_stays_another_difference_is_an_error() -> None:
+    bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    alone, kept = driven(bus)
+    bus.writer.end_single_device()
+    bus.servos.frozen[HERE] = set(range(112, 116))
+    with pytest.raises(DeviceRefused, match=rf"Profile Velocity \(112\): was 55, reads {PROFILE}"):
+        bus.run(alone.give_back(kept))
+
+
+def test_a_profile_that_its_register_does_not_hold_is_refused_before_torque() -> None:
+    bus = bench()
+    alone, kept = entered(bus, 10**6)
+    with pytest.raises(ValueError, match="1000000"):
+        bus.run(alone.prepare(kept, 2000))
+    assert bus.servos.get(HERE, 112, 4) == 55
+
+
+def test_a_gripper_without_drive_mode_is_driven_and_restored() -> None:
+    gripper = 35074
+    bus = Bench(
+        models=[1020, gripper, 1020],
+        modes=[3, 5, 3],
+        current_caps=[None, 500, None],
+        gains=[(1, 2, 3)] * 3,
+        lower=np.array([1000, 0, 1000]),
+        upper=np.array([3000, 1150, 3000]),
+    )
+    profile = table(gripper)["profile_velocity"]
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    kept = bus.run(alone.look())
+    alone.set_goal_limits(100, 200)
+    bus.run(alone.prepare(kept, 150))
+    bus.run(alone.energise())
+    assert bus.servos.get(HERE, profile.address, profile.size) == PROFILE
+    bus.writer.end_single_device()
+    bus.run(alone.give_back(kept))
+    assert bus.servos.get(HERE, profile.address, profile.size) == 0
+
+
+@pytest.mark.parametrize("error", [1, 7])
+def test_a_write_refused_by_the_servo_is_reported_with_its_register(error: int) -> None:
     bus = bench()
     alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
-    bus.servos.error[HERE] = 7  # Access Error
+    bus.servos.error[HERE] = error  # Result Fail, Access Error
     with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\) = 5"):
         bus.run(alone.enter_current_mode(kept))
+
+
+def test_what_a_search_changes_is_described_with_the_former_mode() -> None:
+    bus = bench(modes=[3, 4, 3])
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    left = alone.describe_leftovers(bus.run(alone.look()))
+    assert left == "Operating Mode (11) 5 (was 4) and gains, profile and Goal Current of a search"
+
+
+def test_a_reversed_servo_is_driven_with_its_profile_as_a_speed() -> None:
+    bus = bench()
+    bus.servos.put(HERE, 10, 1, 1)
+    driven(bus)
+    assert bus.servos.get(HERE, 112, 4) == PROFILE
 
 
 def test_a_time_based_profile_is_left_out() -> None:

@@ -112,6 +112,9 @@ class ScriptedHardware:
             task.done = True
         self._tasks.clear()
 
+    def access(self, *, read: bool, write: bool) -> None:
+        self.log.append(f"access read {read} write {write}")
+
     def clear(self) -> None:
         self.log.append("clear")
 

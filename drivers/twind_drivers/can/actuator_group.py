@@ -161,6 +161,9 @@ class ActuatorGroup:
 
     def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
         """Frames needed beside the commands (m,): see `ActuatorFamily.gains`. Raises WireRangeError."""
+        if rows is not None:  # of the others no value is sent, but it must be one of their field
+            kp = np.where(rows, kp, self.ranges.kp)
+            kd = np.where(rows, kd, self.ranges.kd)
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 

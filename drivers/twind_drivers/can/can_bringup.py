@@ -5,6 +5,7 @@ the power, so it is written before each torque-on.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import count
 
 import numpy as np
 
@@ -20,11 +21,12 @@ from twind_drivers.bus import (
     WriteRequest,
 )
 from twind_drivers.can.actuator_family import FamilyRegister
+from twind_drivers.can.can_torque import BEATS
 from twind_drivers.can.command_frames import CanCommandEncoder
 from twind_drivers.can.register_access import STATE, decode, encode, read_register
 
 WATCHDOG = 0.1  # s without a command after which an actuator releases by itself; none: it holds for ever ...
-BEATS = 2  # ... commands due in that time, so that one lost command does not release the joint
+DUE = 2  # ... commands due in that time, so that one lost command does not release the joint
 MODES = ("mode", "run_mode")  # registers of the commands that an actuator accepts
 LIMIT = "torque_limit"
 TRIES = 3  # requests before NoReply: one lost frame is no missing actuator
@@ -78,7 +80,8 @@ def _prepared(
     watched = yield from _watch(own, required, there)
     own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
     if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
-        yield GroupWriteBatch((own.gains(there),))
+        gains = own.gains(there)
+        yield GroupWriteBatch((gains, gains))  # no actuator reports them, and one frame may be lost
     own.hold(ticks)
 
 
@@ -123,13 +126,16 @@ def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[N
     yield GroupWriteBatch((own.order(ticks, there), *own.clear_faults(faulty)))
     replied = np.zeros(len(there), np.bool_)
     waited = 0.0
-    for _ in range(TRIES):
-        if not (state.fault[faulty] > 0).any():
+    for look in count():
+        left = faulty & (state.fault > 0)
+        if not left.any():
             return
-        reply = yield ReadRequest(tuple(own.by_id(faulty)), STATE, 3)
+        # One that acknowledges nothing reports its faults by its heartbeat alone, some reads later.
+        if look >= (BEATS if (left & ~own.fleet.replies).any() else TRIES):
+            break
+        reply = yield ReadRequest(tuple(own.by_id(left)), STATE, 3)
         replied = replied | own.rows(reply.data)
         waited = waited + reply.waited
-    left = faulty & (state.fault > 0)
     if (left & ~replied).any():
         raise NoReply(own.reader.name, own.by_id(left & ~replied), waited, "read of its faults")
     row = int(np.argmax(left))
@@ -169,10 +175,10 @@ def _watch(own: CanCommandEncoder, required: Bools, there: Bools) -> Script[Bool
 
 def _require_rate(own: CanCommandEncoder, id: int) -> None:
     rate = own.reader.rate_hz
-    if rate * WATCHDOG < BEATS:
+    if rate * WATCHDOG < DUE:
         reason = (
             f"runs out after {WATCHDOG} s, and at {rate:g} Hz a command comes every {1.0 / rate:.3f} s: "
-            f"{BEATS / WATCHDOG:g} Hz are needed"
+            f"{DUE / WATCHDOG:g} Hz are needed"
         )
         raise DeviceRefused(own.reader.name, id, "watchdog", reason)
 
@@ -187,7 +193,7 @@ def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
     """Write the torque limits that read otherwise: one that holds is not set under torque for nothing."""
     for family, rows in own.fleet.families:
         parameter = family.parameters.get(LIMIT)
-        if parameter is None or not parameter.writable:
+        if parameter is None:
             continue
         data = {
             own.reader.ids[row]: encode(parameter, float(limits[row]))
@@ -225,12 +231,12 @@ def write_and_read_back(
     Raises DeviceRefused for the first that reads otherwise, NoReply.
     """
     ids = list(data)
-    count = own.reader.at_once
+    size = own.reader.at_once
     left = dict(data)
     for _ in range(TRIES):
         wanted = list(left)
-        for first in range(0, len(wanted), count):
-            yield WriteRequest({id: left[id] for id in wanted[first : first + count]}, parameter.address)
+        for first in range(0, len(wanted), size):
+            yield WriteRequest({id: left[id] for id in wanted[first : first + size]}, parameter.address)
         found = yield from collect(own, wanted, parameter)
         left = {id: each for id, each in left.items() if found[id] != each}
         if not left:

@@ -65,7 +65,7 @@ def give_back(
     fallen = yield from values(reader, servo, fields)
     changed = [field for field in fields if fallen[field.key] != before[field.key]]
     for field in changed:
-        if _may_return(servo, field, before[field.key]):
+        if may_return(servo, field, before[field.key]):
             yield WriteRequest({servo.id: field.encode(before[field.key])}, field.address)
     after = (yield from values(reader, servo, fields)) if changed else fallen
     return _compare(fields, before, fallen, after)
@@ -77,7 +77,7 @@ def settings(servo: ServoCommandSettings) -> list[TableRegister]:
     return [servo.table[name] for name in names]
 
 
-def _may_return(servo: ServoCommandSettings, field: TableRegister, value: int) -> bool:
+def may_return(servo: ServoCommandSettings, field: TableRegister, value: int) -> bool:
     """Return False for a goal current above the cap of mode 5; `prepare` sets that register anew."""
     most = field.bounds[1] if servo.cap is None else servo.cap
     return field.key != "goal_current" or 0 <= value <= most

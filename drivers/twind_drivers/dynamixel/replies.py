@@ -289,19 +289,22 @@ class FastSyncReadReply:
         there = self._bytes[9 : self.expected : self._stride] if self._got >= self.expected else b""
         if there == self._wanted and tuple(map(umts, self._covered)) == self._unpack_crcs(self._bytes):
             return len(self.ids)
-        stride = self._stride
-        for place, id in enumerate(self.ids):
-            end = 8 + (place + 1) * stride
-            if end > self._got or self._bytes[end - stride + 1] != id:
-                return place
-            if crc16(self._view[: end - 2]) != int.from_bytes(self._view[end - 2 : end], "little"):
-                return place
-        return len(self.ids)
+        place = 0
+        while self._is_intact(place):
+            place += 1
+        return place
+
+    def _is_intact(self, place: int) -> bool:
+        """Return True if that block is there with its id and CRC. Never True for all of them here."""
+        end = 8 + (place + 1) * self._stride
+        if end > self._got or self._bytes[end - self._stride + 1] != self.ids[place]:
+            return False
+        return crc16(self._view[: end - 2]) == int.from_bytes(self._view[end - 2 : end], "little")
 
     def _keep(self, count: int) -> bool:
         self._settled = True
         self.whole = count == len(self.ids)
-        used = 8 + count * (self.size + 4) if count else 0
+        used = 8 + count * (self.size + 4)
         if used < self._got:
             self._drop(used, self._got)
         if self.strays:

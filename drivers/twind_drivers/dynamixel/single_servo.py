@@ -18,7 +18,7 @@ from twind_drivers.dynamixel.command_packet_check import CommandPacketCheck
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.goal_packets import GoalPacket
 from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, block, check_cap, fences, mode_of
-from twind_drivers.dynamixel.ram_restore import give_back, let_go, settings, values
+from twind_drivers.dynamixel.ram_restore import give_back, let_go, may_return, settings, values
 from twind_drivers.dynamixel.servo_command_settings import ServoCommandSettings
 
 # bits of Drive Mode (10)
@@ -122,8 +122,9 @@ class SingleServoControl:
             raise self._make_refusal(
                 "hardware error (70)", f"is {ram['hardware_error_status']:#04x}: find the cause"
             )
-        if eeprom["drive_mode"] & FOREIGN:
-            raise self._make_refusal("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
+        drive = eeprom.get("drive_mode", 0)  # a gripper has no such register
+        if drive & FOREIGN:
+            raise self._make_refusal("Drive Mode (10)", f"is {drive}: bits 1 and 3 must be 0")
         return SavedSettings(eeprom, ram)
 
     def describe_leftovers(self, kept: SavedSettings) -> str:
@@ -144,7 +145,8 @@ class SingleServoControl:
 
         Raises DeviceRefused, NoReply, WireRangeError.
         """
-        timed = kept.eeprom["drive_mode"] & TIMED  # the profile would be a time, not a speed: none is used
+        # the profile would be a time, not a speed: none is used
+        timed = kept.eeprom.get("drive_mode", 0) & TIMED
         gains = {
             f"position_{key}_gain": int.from_bytes(self._servo.gains[at : at + 2], "little")
             for at, key in ((0, "d"), (2, "i"), (4, "p"))
@@ -179,8 +181,9 @@ class SingleServoControl:
     def give_back(self, kept: SavedSettings) -> Script[RestartResult]:
         """Switch torque and watchdog off, restore mode and RAM settings, read them back, compare EEPROM.
 
-        The mode comes before the RAM settings, which its change resets. Raises NoReply; DeviceRefused naming
-        the difference.
+        The mode comes before the RAM settings, which its change resets. A goal current above the cap of
+        mode 5, as a servo has it at power-on, stays as the search left it: `prepare` sets that register
+        anew. Raises NoReply; DeviceRefused naming the difference.
         """
         table = self._was.table
         yield from let_go(self._reader, self._was)
@@ -194,6 +197,8 @@ class SingleServoControl:
                 reason = f"was {kept.eeprom[field.key]}, reads {after[field.key]}: write it back"
                 raise self._make_refusal(f"{field.name} ({field.address})", reason)
         for register, was in restored.differing:
+            if not may_return(self._was, table[register.name], was):
+                continue
             reason = f"was {was}, reads {register.value}: write it back"
             raise self._make_refusal(f"{register.name} ({register.address})", reason)
         return restored

@@ -281,12 +281,14 @@ ROOMS = (
             "drivers/twind_drivers/can/command_frame_check.py",
             "drivers/twind_drivers/can/can_writer.py",
             "drivers/twind_drivers/can/can_torque.py",
+            "drivers/twind_drivers/can/can_bringup.py",
         ),
         (
             "tests/drivers/test_can_commands.py",
             "tests/drivers/test_can_command_frames.py",
             "tests/drivers/test_command_frame_check.py",
             "tests/drivers/test_can_writer.py",
+            "tests/drivers/test_can_bringup.py",
             "tests/drivers/test_can_torque.py",
             "tests/drivers/test_can_torque_orders.py",
             "tests/drivers/test_can_bus.py",
@@ -406,6 +408,27 @@ ROOMS = (
             "tests/drivers/test_operating_mode_rules.py",
             "tests/drivers/test_operating_modes.py",
             "tests/drivers/test_y_series.py",
+        ),
+    ),
+    Room(
+        "singleservo",
+        ("drivers/twind_drivers/dynamixel/single_servo.py",),
+        ("tests/drivers/test_single_servo.py",),
+    ),
+    Room(
+        "replies",
+        ("drivers/twind_drivers/dynamixel/replies.py",),
+        ("tests/drivers/test_replies.py", "tests/drivers/test_reply_edges.py"),
+    ),
+    Room(
+        "entry",
+        (
+            "twind/loop/procedures/mode_entry.py",
+            "twind/loop/procedures/gate_input.py",
+        ),
+        (
+            "tests/loop/test_mode_entry.py",
+            "tests/loop/test_gate_input.py",
         ),
     ),
     Room(

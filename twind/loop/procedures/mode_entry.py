@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twind.loop.procedures.procedure_context import ProcedureContext
-from twind.robot.modes import Mode, RobotState
+from twind.robot.modes import Mode
 from twind.safety.state_machine import LATCHED, RobotEvent
 from twind.telemetry.command_latency import CommandLatencyTracer
 from twind.twin.twin import Twin
@@ -28,7 +28,7 @@ class ModeEntry:
         robot.restart(None)
         self._way.forget()
         context.hardware.access(read=mode is not Mode.SIM, write=mode is Mode.LIVE)
-        if mode is Mode.SIM and condition.state not in (RobotState.DISCONNECTED, *LATCHED):
+        if mode is Mode.SIM and condition.state not in LATCHED:
             condition.change(RobotEvent.PORT_LOST)
         context.executor.idle()
         if mode is not Mode.LIVE:
