@@ -98,3 +98,17 @@ def test_braking_joints_stop_close_to_where_the_limit_lets_them() -> None:
 def test_a_velocity_that_is_no_number_counts_as_standing() -> None:
     unknown = Reference(np.zeros(2), np.array([np.nan, np.inf]), np.zeros(2))
     assert settle(unknown, np.array([0.2, 0.0]), limits()).time.tolist() == [1.0]
+
+
+def test_a_velocity_that_is_gone_within_rounding_counts_as_standing() -> None:
+    nearly = Reference(np.zeros(2), np.array([2e-9, 0.0]), np.zeros(2))
+    assert settle(nearly, np.array([0.2, 0.0]), limits(acceleration=1000.0)).time.tolist() == [1.0]
+
+
+def test_a_robot_that_brakes_onto_its_rest_pose_gets_points_apart_in_time() -> None:
+    """With no time left for a way that has no length."""
+    moving = Reference(np.zeros(1), np.array([1.0]), np.zeros(1))
+    braked = settle(moving, np.zeros(1), limits(1)).position[0]
+    way = settle(moving, braked, limits(1), 0.01)
+    assert (np.diff(way.time) > 0.0).all()
+    assert way.time[-1] == pytest.approx(way.time[0] + 0.005)

@@ -17,7 +17,6 @@ BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: round
 LARGE = 0.1
 LEAST = 1.0
 SHORT = 0.25
-MOVING = 1e-9  # rad/s: slower counts as standing
 GRID = 0.005  # s: braking joints come to rest on this grid, so that no two points are closer
 # a way that brakes too late is stretched until it does not
 STRETCH = 1.1
@@ -45,11 +44,13 @@ def settle(
     """
     require_braking(limits.acceleration)
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
-    if (np.abs(velocity) <= MOVING).all():
+    # s (n,) until each joint rests: whole steps of the grid, none where less is left than rounding
+    stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
+    if not stops.any():
         lasts = _lasts(reference.position, rest_position, limits, seconds, speed)
         zero = np.zeros((1, len(rest_position)))
         return Trajectory(np.array([lasts]), rest_position[None, :].copy(), zero[0] == 0.0, zero, zero)
-    return _braking_first(reference.position, velocity, rest_position, limits, seconds, speed)
+    return _braking_first(reference.position, velocity, stops, rest_position, limits, seconds, speed)
 
 
 def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float) -> float:
@@ -62,7 +63,7 @@ def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, spee
         return max(by_speed, sqrt(by_force))
 
     shortest = (LEAST if float(distance.max(initial=0.0)) > LARGE else SHORT) * SPEED / speed
-    lasts = max(least(MOST), min(max(shortest, least(speed)), seconds))
+    lasts = max(least(MOST), min(max(shortest, least(speed)), seconds), GRID)
     for _ in range(TRIES):
         if _brakes_in_time(start, end, lasts, limits):
             break
@@ -87,13 +88,18 @@ def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimit
 
 
 def _braking_first(
-    place: Floats, velocity: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float
+    place: Floats,
+    velocity: Floats,
+    stops: Floats,
+    end: Floats,
+    limits: JointLimits,
+    seconds: float,
+    speed: float,
 ) -> Trajectory:
-    """Return the motion of moving joints: each brakes evenly until an instant of the grid, then the way.
+    """Return the motion of moving joints: each brakes evenly until its instant in `stops`, then the way.
 
     Braking is exact as cubics between those instants.
     """
-    stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
     instants = np.unique(stops[stops > 0.0])
     s = np.minimum(instants[:, None], stops)
     share = s / np.maximum(stops, GRID)

@@ -349,6 +349,11 @@ ROOMS = (
         ),
     ),
     Room(
+        "failsafe",
+        ("twind/loop/procedures/failsafe.py",),
+        ("tests/loop/test_failsafe_steps.py", "tests/loop/test_headless_link.py"),
+    ),
+    Room(
         "reactions",
         (
             "twind/loop/tick/reactions.py",
@@ -379,6 +384,11 @@ ROOMS = (
             "tests/motion/test_limp_joints.py",
             "tests/motion/test_setpoint_stream.py",
         ),
+    ),
+    Room(
+        "layers",
+        ("twind/motion/motion_layers.py", "twind/motion/settle.py"),
+        ("tests/motion/test_motion_layers.py", "tests/motion/test_settle.py"),
     ),
     Room(
         "writer",
