@@ -75,7 +75,6 @@ class FailsafeRun:
         self._identity = identity
         self._release = release
         self._notifier = notifier
-        self._refused = ""
         self._stopped = False
 
     def begin(self) -> None:
