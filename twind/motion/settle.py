@@ -21,7 +21,9 @@ GRID = 0.005  # s: braking joints come to rest on this grid, so that no two poin
 # a way that brakes too late is stretched until it does not
 STRETCH = 1.1
 TRIES = 60
-SAMPLES = 400  # points of the way at which braking is checked
+# points of the way at which braking is checked, from its middle to CLOSE (share of its time) before the end
+SAMPLES = 400
+CLOSE = 1e-4
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
 # rad/s, of the brake rule (BRAKE_DISTANCE): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 EDGE = 0.05
@@ -79,8 +81,12 @@ def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
 
 
 def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimits) -> bool:
-    """Check the brake rule on the way, sampled, towards the limit that each joint moves to."""
-    u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SAMPLES))  # dense at the ends, where the rule bites
+    """Check the brake rule on the way, sampled, towards the limit that each joint moves to.
+
+    The first half has the same speeds as the second one and more room. Samples are the denser the closer
+    they are to the end: between two of them the speed changes by less than the margin of `MOST`.
+    """
+    u = 1.0 - np.geomspace(CLOSE, 0.5, SAMPLES)
     position, speed = _way(start, end, u)
     room = np.where(end >= start, limits.hard_upper - position, position - limits.hard_lower)
     allowed = np.sqrt(2.0 * limits.acceleration * np.maximum(room, 0.0)) - MARGIN
