@@ -1,9 +1,12 @@
 """Devices and buses that fail while torque that was found on is taken over, on scripted buses."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from tests.support.procedure_rig import ProcedureRig
+from tests.support.procedure_rig import BROKEN, SILENT, ProcedureRig
 from twind.loop.procedures.torque_takeover import take_over
 from twind_drivers.bus import BusError, DeviceRefused, PortError, PortErrorCause
 
@@ -90,3 +93,31 @@ def test_a_bus_lost_at_the_take_over_does_not_keep_the_others_from_being_lowered
         "DEVICE_MISSING",
         "lowered although a device did not answer: upper: the adapter was unplugged",
     )
+
+
+@pytest.mark.parametrize("silence", [SILENT, LOST])
+def test_a_silent_device_hides_no_refusal_on_another_bus(rig: ProcedureRig, silence: BusError) -> None:
+    """That bus is not prepared: its devices would get goals that they ignore."""
+    rig.found()
+    prepare = rig.hardware.prepare
+    errors = [[silence, REFUSED], [silence, None]]
+
+    def prepare_each(*given: Any) -> Any:
+        return [replace(prepare(*given)[0], error=error, done=True) for error in errors.pop(0)]
+
+    rig.hardware.prepare = prepare_each
+    assert taken(rig)
+    assert errors == []
+    [event] = rig.book.events
+    assert event.message.startswith(f"lowered although a device did not answer: {silence}")
+
+
+def test_a_silent_device_hides_no_defect_on_another_bus(rig: ProcedureRig) -> None:
+    rig.found()
+    prepare = rig.hardware.prepare
+    rig.hardware.prepare = lambda *given: [
+        replace(prepare(*given)[0], error=error, done=True) for error in (SILENT, BROKEN)
+    ]
+    with pytest.raises(BusError, match="broken"):
+        taken(rig)
+    assert not rig.torque.armed

@@ -6,12 +6,14 @@ be held without a step gets no goal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from math import isfinite
 
 import numpy as np
 
 from twind.loop.bus.bus_wait import all_of
+from twind.loop.bus.script_run import ScriptRun
 from twind.loop.procedures.procedure_context import ProcedureContext
 from twind.loop.procedures.procedure_runner import Steps
 from twind.loop.procedures.torque_readback import found_limp, torque_on
@@ -83,24 +85,31 @@ def _prepare(context: ProcedureContext, here: Floats, located: Bools, whole: boo
     context.executor.idle()
     context.hardware.clear()
     refusing = np.zeros_like(located)
-    while True:
-        try:
-            yield from all_of(context.hardware.prepare(here, located))
-        except DeviceRefused as error:
-            device = _joints_of(context, error) & located
-            left = located & ~(device & refusing)
-            if whole or not some(device) or not some(left):
-                raise
-            if some(left != located):
-                _say_not_lowered(context, error)
-            located = left
-            refusing |= device
-            continue
-        except (NoReply, PortError) as error:  # the other devices took it over
-            if whole:
-                raise
+    while (error := (yield from _gravest(context.hardware.prepare(here, located)))) is not None:
+        if whole or not isinstance(error, DeviceRefused | NoReply | PortError):
+            raise error
+        if not isinstance(error, DeviceRefused):  # the other devices took it over
             _say_not_lowered(context, error)
-        return
+            return
+        device = _joints_of(context, error) & located
+        left = located & ~(device & refusing)
+        if not some(device) or not some(left):
+            raise error
+        if some(left != located):
+            _say_not_lowered(context, error)
+        located = left
+        refusing |= device
+
+
+def _gravest(tasks: Sequence[ScriptRun[None]]) -> Generator[None, float, Exception | None]:
+    """Wait for all tasks; return an error other than silence first, as a bus with such a one is not prepared.
+
+    None: there is no error.
+    """
+    with suppress(BusError, KeyError, ValueError):
+        yield from all_of(tasks)
+    errors = [task.error for task in tasks if task.error is not None]
+    return min(errors, key=lambda each: isinstance(each, NoReply | PortError), default=None)
 
 
 def _joints_of(context: ProcedureContext, error: DeviceRefused) -> Bools:
