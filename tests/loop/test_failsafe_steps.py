@@ -490,6 +490,20 @@ def test_a_robot_whose_joints_are_not_judged_yet_is_left_alone() -> None:
     assert why(rig) == ""
 
 
+def test_a_silent_device_whose_turn_is_doubted_does_not_keep_a_carried_robot_from_being_lowered() -> None:
+    """Its bus stays identified, and no identification tells more; one that runs may."""
+    rig = FailsafeRig()
+    rig.verified.unjudged = np.array([False, False, True])
+    rig.age(0.0, 0.0, 0.1)
+    assert why(rig) == "torque is on, and of toe the positions are not known yet"
+    rig.age(0.0, 0.0, 0.101)
+    assert why(rig) == ""
+    rig.hardware.ports[0].link = PortState.IDENTIFYING
+    assert why(rig) == ""
+    rig.hardware.ports[1].link = PortState.IDENTIFYING
+    assert why(rig) == "torque is on, and of toe the positions are not known yet"
+
+
 def test_joints_of_a_closed_bus_do_not_keep_a_carried_robot_from_being_lowered() -> None:
     rig = FailsafeRig()
     rig.unplug()

@@ -196,13 +196,17 @@ def why_left(context: ProcedureContext, identity: IdentificationState) -> str:
 
 
 def _unjudged(context: ProcedureContext, identity: IdentificationState) -> Bools:
-    """Return joints (n,) that may have torque, and whose devices are still being identified.
+    """Return joints (n,) that may have torque, and whose positions are about to be known.
 
-    Not those of devices that are missing, or whose bus is closed.
+    Their devices answer, or their bus is being identified. Not those of devices that it has missed.
     """
-    found: Bools = identity.verified.unjudged & context.hardware.open & (torque_known(context) != 0)
-    found[[each.joint for each in _not_identified(identity) if each.joint is not None]] = False
-    return found
+    soon: Bools = context.robot.measured.age <= FRESH
+    for port in context.hardware.ports:
+        if port.link is Stage.IDENTIFYING:
+            soon |= context.robot.joints.on_bus(port.name)
+    soon[[each.joint for each in _not_identified(identity) if each.joint is not None]] = False
+    soon &= identity.verified.unjudged & context.hardware.open & (torque_known(context) != 0)
+    return soon
 
 
 def _not_identified(identity: IdentificationState) -> list[Finding]:
