@@ -345,6 +345,22 @@ def test_the_fail_safe_drops_no_robot_whose_devices_are_still_being_identified_a
         assert np.array_equal(rig.counts, before)
 
 
+@pytest.mark.slow
+def test_a_bus_that_is_lost_at_the_take_over_does_not_keep_the_arms_from_being_lowered() -> None:
+    with given_up("h24-mixed") as rig:
+        safe = failsafe_of(rig)
+        safe.begin()
+        while rig.loop.procedures.rank is None:
+            rig.ticks(1)
+        rig.ticks(1)
+        assert not rig.loop.torque.armed
+        rig.virtual["r_leg"].faults.unplug()
+        while not rig.loop.condition.finished:
+            rig.ticks(1)
+        assert "not known of r_hip_yaw" in safe.left
+        assert off_rest(rig) < 0.1
+
+
 def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_as_it_is() -> None:
     with given_up(support="free") as rig:
         safe = failsafe_of(rig)
